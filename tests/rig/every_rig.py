@@ -1,7 +1,8 @@
-"""Every rig that can run here, each with the example display on it."""
+"""Every rig that can run here, each with the example display on it; and the one that TACTUATOR_RIG names."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
@@ -11,11 +12,13 @@ from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import emulated_rig, in_process_rig, open_rig
+from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
 from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.board.emulated_ports import socket_board
 from tests.rig.guard.guarded import designed
+from tests.rig.own_rig import installed_example
 
 SEED = 1
 
@@ -53,8 +56,9 @@ class Lossy(InProcess):
 
 
 @contextmanager
-def _simulated(display: Display) -> Iterator[SimulatedRig]:
-    yield SimulatedRig(display, SEED)
+def _example(display: Display) -> Iterator[Rig]:
+    with installed_example() as name, open_rig(name, display, SEED) as rig:
+        yield rig
 
 
 def _lossy(display: Display) -> BoardRig:
@@ -78,11 +82,14 @@ BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {
     "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, SEED),
     "board:socket": _at_a_socket,
 }
-RIGS: dict[str, Callable[[Display], AbstractContextManager[SimulatedRig | BoardRig]]] = {
-    "simulated": _simulated,
+RIGS: dict[str, Callable[[Display], AbstractContextManager[Rig]]] = {
+    "simulated": lambda display: SimulatedRig(display, SEED),
     **BOARDS,
     "emulated:mps2-an386": lambda display: emulated_rig("mps2-an386", display, SEED),
+    "docs/rig.md": _example,
 }
+if "TACTUATOR_RIG" in os.environ:
+    RIGS[os.environ["TACTUATOR_RIG"]] = lambda display: open_rig(os.environ["TACTUATOR_RIG"], display, SEED)
 
 
 def begin(rig: BoardRig) -> None:

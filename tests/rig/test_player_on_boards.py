@@ -60,7 +60,7 @@ def test_play__free_board__pause_and_stop_ramp_within_100_ms_and_the_board_rests
 
 
 def test_play__free_board__sensor_fails__is_told_and_the_board_rests(rig, reference):
-    rig.finger(rig.channels[0]).break_sensor("open")
+    rig.break_sensor(rig.channels[0], "open")
     with pytest.raises(RigFault, match="sensor open"):
         play_reference(rig, reference)
     assert rig.status().at_rest

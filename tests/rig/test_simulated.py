@@ -67,7 +67,8 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
     public = {name for name in dir(SimulatedRig(display())) if not name.startswith("_")}
     does = {"load", "play", "stream", "drive", "rest", "finger", "close"}
     learnt = {"weights"}  # the processor's own: it found them from command and position
-    tells = {"display", "rate_hz", "channels", "has_finger_ports", "began_at", "rows_played", "waits"}
+    tells = {"display", "rate_hz", "channels", "has_finger_ports", "began_at", "rows_played", "waits", "speed"}
+    tells |= {"without_sensor"}
     assert public == tells | learnt | does
     port = {name for name in dir(SimulatedRig(display()).finger("index")) if not name.startswith("_")}
     assert port == {"touch", "press", "attach", "detach"}

@@ -109,7 +109,7 @@ def test_free_board__sensor_fails_in_mid_stream__rests_and_is_told():
     with pytest.raises(RigFault, match="sensor open"):
         for count, _ in enumerate(rig.stream(noise(200) for _ in range(400))):
             if count == 5:
-                rig.finger("thumb").break_sensor("open")
+                rig.break_sensor("thumb", "open")
     assert rig.status().mode is Mode.FAULT
     assert rig.status().at_rest
 

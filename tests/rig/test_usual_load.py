@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.finger import usual_load
+from tactuator.rig.rig import usual_load
 
 
 def channels(*names):

@@ -8,16 +8,16 @@ with --sprung, where a spring of a tenth more is on the display than is told.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 
-from tactuator.arrays import FloatArray
 from tactuator.measure.finger import measure_finger
 from tactuator.model.controller import Controller
-from tactuator.rig.rig import DisplayRig, Rig, Trace
+from tactuator.rig.rig import Rig, Trace
 from witnesses.touch import felt
 from witnesses.touch.device import Device
 from witnesses.touch.fingers import one_mass
@@ -27,7 +27,7 @@ SECONDS = 60.0
 REST_S = 1.0
 
 
-class GeneratorRig(DisplayRig):
+class GeneratorRig(Rig):
     """Three devices of generator.c as far as the verb needs a rig, on which `fingers` lie, one a
     channel; none as long as it is empty."""
 
@@ -42,15 +42,24 @@ class GeneratorRig(DisplayRig):
             Device(felt.example(), place, own, 3 * self._seed + place) for place, own in enumerate(controller.channels)
         ]
 
-    def play(self, reference: FloatArray) -> Trace:
+    def play(self, reference: ArrayLike) -> Trace:
         """Play a reference (n, 3), threshold units."""
+        asked = np.asarray(reference, dtype=np.float64)
         played = [
             device.play(column, self.fingers[place : place + 1])
-            for place, (device, column) in enumerate(zip(self._devices, reference.T, strict=True))
+            for place, (device, column) in enumerate(zip(self._devices, asked.T, strict=True))
         ]
         command, read = (np.stack([getattr(one, name) for one in played], axis=1) for name in ("command_v", "read_v"))
         full = np.abs(command) >= felt.FULL_V
-        return Trace(self.rate_hz, self.channels, reference, command, read, full)
+        return Trace(self.rate_hz, self.channels, asked, command, read, full)
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Play block after block; time waits."""
+        return map(self.play, blocks)
+
+    def drive(self, command_v: ArrayLike) -> Trace:
+        """Refuse: the verb plays through the controller."""
+        raise NotImplementedError
 
     def rest(self) -> None:
         """Let a second pass in silence."""

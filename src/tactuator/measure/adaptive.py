@@ -4,6 +4,7 @@ finger lands.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -26,13 +27,8 @@ _BAND_HZ, _LINES = (5.0, 250.0), 16
 
 
 @runtime_checkable
-class LearningRig(Rig, Protocol):
-    """A rig that tells the weights which its channels have learnt of a finger."""
-
-    @property
-    def waits(self) -> bool:
-        """Return True where time stands still between blocks, so that weights are those at a block's end."""
-        ...
+class LearningRig(Protocol):
+    """A rig that tells the weights which its channels have learnt of a finger; at a block's end, where it waits."""
 
     def weights(self) -> FloatArray:
         """Return the weights of the finger's mass and of its damping with stiffness, (channels, 2)."""
@@ -71,16 +67,16 @@ def settle_weights(
     if not isinstance(rig, LearningRig):
         rig.play(reference)
         return tuple(Learnt(rig.channels[k], None, None) for k in adaptive)
-    told = _told(rig, reference)
-    return tuple(_learnt(rig.channels[k], told[:, k], rig.waits) for k in adaptive)
+    weights = _weights(rig, rig.weights, reference)
+    return tuple(_learnt(rig.channels[k], weights[:, k], rig.waits) for k in adaptive)
 
 
-def _told(rig: LearningRig, reference: FloatArray) -> FloatArray:
+def _weights(rig: Rig, weights: Callable[[], FloatArray], reference: FloatArray) -> FloatArray:
     """Play a reference and return the weights that were told meanwhile, one for each piece: (pieces, channels, 2)."""
     piece = round(_PIECE_S * rig.rate_hz)
     pieces = [reference[start : start + piece] for start in range(0, len(reference), piece)]
     traces = (rig.play(each) for each in pieces) if rig.waits else rig.stream(pieces)
-    return np.array([rig.weights() for _ in traces])
+    return np.array([weights() for _ in traces])
 
 
 def _learnt(channel: str, told: FloatArray, waits: bool) -> Learnt:

@@ -22,7 +22,6 @@ from scipy import fft
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
-from tactuator.rig.finger import TouchableRig
 from tactuator.rig.rig import Rig
 from tactuator.signals.spectra import Band, third_octave_bands
 
@@ -349,7 +348,7 @@ SETTLE_S = 0.5
 
 
 def felt_of(
-    rig: TouchableRig, references: Iterable[NDArray[np.float64]]
+    rig: Rig, references: Iterable[NDArray[np.float64]]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Play blocks (n, channels), threshold units, on a loaded rig; pairs (reference, displacement_mm) of each."""
     felt: list[list[NDArray[np.float64]]] = [[] for _ in rig.channels]
@@ -369,7 +368,7 @@ def felt_of(
             port.detach(feeler)
 
 
-def compare_felt(rig: TouchableRig, controller: Controller, reference: NDArray[np.float64]) -> FeltReport:
+def compare_felt(rig: Rig, controller: Controller, reference: NDArray[np.float64]) -> FeltReport:
     """Load `controller`, play `reference` (n, channels) from rest, and compare what was felt with what was asked."""
     rig.load(controller)
     comparison = FeltComparison(controller)

@@ -1,38 +1,38 @@
-"""Finger ports: the one way for a program to touch a display, press it, and feel what it does.
-
-Every rig whose display is simulated has one for each channel (`TouchableRig`).
-"""
+"""Finger ports: the one way for a program to touch a display, press it, and feel what it does."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.model.description import Channel
-from tactuator.rig.rig import Rig
 
 Feeler = Callable[[NDArray[np.float64]], None]
 
 
-class Finger(ABC):
+class Finger:
     """The finger port of one channel: touched by a load, pressed by a force, and felt.
 
-    Every rig whose display is simulated has one for each channel; a rig adds how a load gets there.
+    Every rig whose display is simulated has one for each channel. loads: that may touch, by name, None for none of
+    them; put: puts one of them on.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, loads: Sequence[str | None], put: Callable[[str | None], None]) -> None:
+        self._loads, self._put = loads, put
         self._feelers: list[Feeler] = []
         self._pressed_v: FloatArray = np.zeros(0)
 
-    @abstractmethod
     def touch(self, load: str | None) -> None:
-        """Put a load of the display file on, by name; None takes it off. Raises BadInput for a name not described."""
+        """Put a load of the display file on, by name; None takes it off. Position and velocity go on.
+
+        Raises BadInput for a name not described.
+        """
+        if load not in self._loads:
+            raise BadInput(f"load {load!r} is not described", f"{', '.join(name or 'none' for name in self._loads)}")
+        self._put(load)
 
     def press(self, force_v: ArrayLike) -> None:
         """Press with a force over the coming samples, shape (n,), in volts of command that would push as hard; then
@@ -85,55 +85,3 @@ def let_feel(fingers: Sequence[Finger], displacement_mm: FloatArray) -> None:
     for index, finger in enumerate(fingers):
         for feeler in finger._feelers:
             feeler(displacement_mm[:, index].copy())
-
-
-@runtime_checkable
-class TouchableRig(Rig, Protocol):
-    """A rig that may have finger ports which a program can reach: those of a simulated display."""
-
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True where the display is simulated; False where a finger goes onto it by hand."""
-        ...
-
-    def finger(self, channel: str) -> Finger:
-        """Return the finger port of a channel. Raises BadInput where the display is real."""
-        ...
-
-
-def touchable(rig: Rig, name: str) -> TouchableRig:
-    """Return the rig, on which a simulated subject can sit. Raises BadInput where the display is real."""
-    if not isinstance(rig, TouchableRig):
-        raise BadInput(f"simulated subjects at {name}", "at a rig whose display is simulated")
-    for channel in rig.channels:
-        rig.finger(channel)
-    return rig
-
-
-def usual_load(channels: Sequence[Channel]) -> str:
-    """Return the load that touches where nobody names one: "finger" where every channel has it, else the first load
-    that every channel has, "none" where no channel has any. Raises BadInput where the channels have none in common.
-    """
-    names = [[load.name for load in channel.loads] for channel in channels]
-    common = [name for name in names[0] if all(name in others for others in names)]
-    if not any(names):
-        return "none"
-    if not common:
-        raise BadInput("no load is on every channel", "--load with the name of one")
-    return "finger" if "finger" in common else common[0]
-
-
-def touch_all(rig: Rig, channels: Sequence[Channel], load: str) -> tuple[str, ...]:
-    """Put a load on every channel and return the names of the channels on which a person has to put it.
-
-    load: the name of a load of the display file, or "none". Raises BadInput for a load that a channel does not have.
-    """
-    if load == "none":
-        return ()
-    for channel in channels:
-        channel.load(load)
-    if not (isinstance(rig, TouchableRig) and rig.has_finger_ports):
-        return tuple(channel.name for channel in channels)
-    for channel in channels:
-        rig.finger(channel.name).touch(load)
-    return ()

@@ -4,24 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactuator.errors import BadInput
-from tactuator.rig.finger import Finger, TouchableRig
-from tactuator.rig.rig import Rig, Ticking, Trace, WrappedRig
-
-
-@runtime_checkable
-class Paced(Protocol):
-    """A rig that may be slower than it could be."""
-
-    @property
-    def speed(self) -> float | None:
-        """Return the speed of presentation, 1 being real time; None for a rig with a time of its own."""
-        ...
+from tactuator.rig.rig import Rig, Trace, WrappedRig
 
 
 class PacedRig(WrappedRig):
@@ -33,11 +20,6 @@ class PacedRig(WrappedRig):
         self._rows_played = 0
 
     @property
-    def began_at(self) -> int | None:
-        """Return the tick that the rig itself tells."""
-        return self._rig.began_at if isinstance(self._rig, Ticking) else None
-
-    @property
     def rows_played(self) -> int:
         """Return the number of rows of the stream for which the rig has waited."""
         return self._rows_played
@@ -46,17 +28,6 @@ class PacedRig(WrappedRig):
     def speed(self) -> float:
         """Return the speed of presentation: 1 is real time."""
         return self._speed
-
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True where the rig itself has a simulated display."""
-        return isinstance(self._rig, TouchableRig) and self._rig.has_finger_ports
-
-    def finger(self, channel: str) -> Finger:
-        """Return the finger port of a channel; BadInput where the display is real."""
-        if not isinstance(self._rig, TouchableRig):
-            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
-        return self._rig.finger(channel)
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play, and wait until the block would be over."""

@@ -1,15 +1,12 @@
-"""Rigs, under one protocol, and the trace of what they played: simulated, on boards, on sound cards, of other packages.
-
-What a rig may have besides is a protocol of its own: `Ticking` tells its time, `PartlyDeaf` has channels without
-sensor.
-"""
+"""Rigs, under one base, and the trace of what they played: simulated, on boards, on sound cards, of other packages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
-from tactuator.model.description import Display
+from tactuator.model.description import Channel, Display
+from tactuator.rig.finger import Finger
+from tactuator.runtime.simulation import block_samples, take_command, take_reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,112 +97,67 @@ def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ..
     return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-@runtime_checkable
-class Rig(Protocol):
-    """Something that runs a controller at a fixed rate on one or more channels.
+class Rig(ABC):
+    """Something that runs a controller on the channels of one display. Rigs inherit from it.
 
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
     """
 
+    def __init__(self, display: Display) -> None:
+        self._display = display
+        self._loaded = False
+        self._fingers: tuple[Finger, ...] = ()
+
+    @property
+    def display(self) -> Display:
+        """Return the display that the rig was made for."""
+        return self._display
+
     @property
     def rate_hz(self) -> float:
         """Return the sampling rate, hertz: `4000.0`."""
-        ...
+        return self._display.rate_hz
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Return the names of the channels in the order of every array's columns: `("index", "thumb", "middle")`."""
-        ...
+        return tuple(channel.name for channel in self._display.channels)
 
+    @abstractmethod
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
-        ...
 
+    @abstractmethod
     def play(self, reference: ArrayLike) -> Trace:
         """Play a reference (n, channels), threshold units, through the loaded controller. Raises BadInput if none is
         loaded.
         """
-        ...
 
+    @abstractmethod
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Play blocks of reference (n, channels), threshold units, one after another without a gap; yield the trace of
         every sample, in pieces as they come.
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
-        A piece may be empty: where time goes on, one comes whenever the rig has told of its time (Ticking).
+        A piece may be empty: where time goes on, one comes whenever the rig has told of its time (`rows_played`).
         Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
         `rest` ends it at once. Raises as `play` does, and DeviceFault if the stream ran dry: there is no silent gap.
         """
-        ...
 
+    @abstractmethod
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts: no controller, no computing delay."""
-        ...
 
+    @abstractmethod
     def rest(self) -> None:
         """Bring the output to rest."""
-        ...
 
-    def close(self) -> None:
-        """Bring the output to rest and let go of the device; nothing else may be called afterwards."""
-        ...
+    def close(self) -> None:  # noqa: B027
+        """Bring the output to rest and let go of the device; nothing else may be called afterwards.
 
-    def __enter__(self) -> Self:
-        """Return the rig itself, for the block."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the rig at the end of the block."""
-        ...
-
-
-@runtime_checkable
-class Ticking(Protocol):
-    """A rig that tells by its own clock when it began what it played last, and how far it has come since."""
-
-    @property
-    def began_at(self) -> int | None:
-        """Return the tick (sample of its run) of the first row of the last block or stream; None before the first."""
-        ...
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the stream that the rig has played, as far as it has told.
-
-        On a board whose time goes on that is more than the rows of which the trace has been read.
+        A rig that holds no device has nothing to do.
         """
-        ...
-
-
-@runtime_checkable
-class PartlyDeaf(Protocol):
-    """A rig that may have channels without a sensor."""
-
-    @property
-    def without_sensor(self) -> tuple[str, ...]:
-        """Return the names of the channels that have none: `("thumb",)`."""
-        ...
-
-
-def require_sensors(rig: Rig, names: Iterable[str]) -> None:
-    """Raise BadInput, naming the first, where one of the channels has no sensor."""
-    deaf = rig.without_sensor if isinstance(rig, PartlyDeaf) else ()
-    for name in names:
-        if name in deaf:
-            raise BadInput(
-                f"channel {name!r} has no sensor, and there is nothing to measure with",
-                "an input of the card ([sound] input), or `play`, which needs none",
-            )
-
-
-class ClosingRig:
-    """A rig as a context: it is closed at the end of the block. Rigs inherit from it."""
-
-    def close(self) -> None:
-        """Let go of the device; a rig that holds none has nothing to do."""
 
     def __enter__(self) -> Self:
         return self
@@ -213,49 +167,168 @@ class ClosingRig:
     ) -> None:
         self.close()
 
-
-class DisplayRig(ClosingRig):
-    """A rig made for one display, whose rate and channels it has."""
-
-    def __init__(self, display: Display) -> None:
-        self._display = display
+    # -- what a rig may have besides ----------------------------------------------------------------------------------
 
     @property
-    def display(self) -> Display:
-        """Return the display that the rig was made for."""
-        return self._display
+    def began_at(self) -> int | None:
+        """Return the tick (sample of its run) of the first row of the last block or stream, by the rig's own clock;
+        None before the first, and where it does not tell.
+        """
+        return None
 
     @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._display.rate_hz
+    def rows_played(self) -> int:
+        """Return the number of rows of the stream that the rig has played, as far as it has told.
+
+        On a board whose time goes on that is more than the rows of which the trace has been read.
+        """
+        return 0
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels, in the order of every array's columns."""
-        return tuple(channel.name for channel in self._display.channels)
+    def waits(self) -> bool:
+        """Return True where time stands still between blocks."""
+        return False
+
+    @property
+    def speed(self) -> float | None:
+        """Return the speed of presentation, 1 being real time; None for a rig with a time of its own."""
+        return None
+
+    @property
+    def without_sensor(self) -> tuple[str, ...]:
+        """Return the names of the channels that have no sensor: `("thumb",)`."""
+        return ()
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """Return True where the display is simulated; False where a finger goes onto it by hand."""
+        return bool(self._fingers)
+
+    def finger(self, channel: str) -> Finger:
+        """Return the finger port of a channel.
+
+        Raises BadInput if there is none of that name, or the display is real.
+        """
+        if not self._fingers:
+            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
+        return self._fingers[self._index(channel)]
+
+    # -- what every rig asks before it plays --------------------------------------------------------------------------
+
+    def _index(self, channel: str) -> int:
+        if channel not in self.channels:
+            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
+        return self.channels.index(channel)
+
+    def _require_controller(self) -> None:
+        if not self._loaded:
+            raise BadInput("no controller is loaded", "load one before playing a reference")
+
+    def _reference(self, reference: ArrayLike) -> FloatArray:
+        """Return a checked copy of a reference, (n, channels); what is beyond its range brings the output to rest."""
+        return self._checked(take_reference, reference, "reference")
+
+    def _command(self, command_v: ArrayLike) -> FloatArray:
+        return self._checked(take_command, command_v, "command")
+
+    def _checked(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> FloatArray:
+        rows = block_samples(samples, len(self.channels), name)
+        try:
+            return take(rows)
+        except BadInput:
+            self.rest()
+            raise
 
 
-class WrappedRig(ClosingRig):
-    """A rig around another, whose rate, channels, controller and rest it has."""
+class WrappedRig(Rig):
+    """A rig around another, whose display, controller, finger ports, time and rest it has."""
 
     def __init__(self, rig: Rig) -> None:
+        super().__init__(rig.display)
         self._rig = rig
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._rig.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels."""
-        return self._rig.channels
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, as the rig does."""
         self._rig.load(controller)
 
+    def play(self, reference: ArrayLike) -> Trace:
+        """Play a reference, as the rig does."""
+        return self._rig.play(reference)
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Stream blocks, as the rig does."""
+        return self._rig.stream(blocks)
+
+    def drive(self, command_v: ArrayLike) -> Trace:
+        """Drive the motors, as the rig does."""
+        return self._rig.drive(command_v)
+
     def rest(self) -> None:
         """Bring the output to rest."""
         self._rig.rest()
+
+    @property
+    def began_at(self) -> int | None:
+        """Return the tick that the rig itself tells."""
+        return self._rig.began_at
+
+    @property
+    def without_sensor(self) -> tuple[str, ...]:
+        """Return the names of the channels that have no sensor."""
+        return self._rig.without_sensor
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """Return True where the rig itself has a simulated display."""
+        return self._rig.has_finger_ports
+
+    def finger(self, channel: str) -> Finger:
+        """Return the finger port of a channel; BadInput where the display is real."""
+        return self._rig.finger(channel)
+
+
+def require_sensors(rig: Rig, names: Iterable[str]) -> None:
+    """Raise BadInput, naming the first, where one of the channels has no sensor."""
+    for name in names:
+        if name in rig.without_sensor:
+            raise BadInput(
+                f"channel {name!r} has no sensor, and there is nothing to measure with",
+                "an input of the card ([sound] input), or `play`, which needs none",
+            )
+
+
+def require_finger_ports(rig: Rig, name: str) -> None:
+    """Raise BadInput where no simulated subject can sit at the rig of that name, since its display is real."""
+    if not rig.has_finger_ports:
+        raise BadInput(f"simulated subjects at {name}", "at a rig whose display is simulated")
+    for channel in rig.channels:
+        rig.finger(channel)
+
+
+def usual_load(channels: Sequence[Channel]) -> str:
+    """Return the load that touches where nobody names one: "finger" where every channel has it, else the first load
+    that every channel has, "none" where no channel has any. Raises BadInput where the channels have none in common.
+    """
+    names = [[load.name for load in channel.loads] for channel in channels]
+    common = [name for name in names[0] if all(name in others for others in names)]
+    if not any(names):
+        return "none"
+    if not common:
+        raise BadInput("no load is on every channel", "--load with the name of one")
+    return "finger" if "finger" in common else common[0]
+
+
+def touch_all(rig: Rig, channels: Sequence[Channel], load: str) -> tuple[str, ...]:
+    """Put a load on every channel and return the names of the channels on which a person has to put it.
+
+    load: the name of a load of the display file, or "none". Raises BadInput for a load that a channel does not have.
+    """
+    if load == "none":
+        return ()
+    for channel in channels:
+        channel.load(load)
+    if not rig.has_finger_ports:
+        return tuple(channel.name for channel in channels)
+    for channel in channels:
+        rig.finger(channel.name).touch(load)
+    return ()

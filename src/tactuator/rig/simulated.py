@@ -1,43 +1,59 @@
-"""The simulated display as a rig: blind but for its sensor, and open to touch at its finger ports."""
+"""Rigs that a program computes, whose time stands still between blocks: the simulated display, and anybody's own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.rig import DisplayRig, Trace
-from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples, take_command, take_reference
+from tactuator.rig.rig import Rig, Trace
+from tactuator.runtime.simulation import Block, Simulation
 
 
-class FingerPort(Finger):
-    """The port at which a finger meets one channel: the only way to what it feels, and the only way to act on it."""
+class Device(Protocol):
+    """A display with its controller, as a program computes them: what a `ComputedRig` runs.
 
-    def __init__(self, simulation: Simulation, index: int) -> None:
-        super().__init__()
-        self._simulation = simulation
-        self._index = index
+    Arrays have a row for each sample and a column for each channel; what they hold has been checked. force_v: of the
+    fingers, volts of command that would push as hard; None where nothing presses.
+    """
 
-    def touch(self, load: str | None) -> None:
-        """Put a load of the display file on, by name; None takes it off. Position and velocity go on."""
-        self._simulation.touch(self._index, load)
+    def load(self, controller: Controller) -> None:
+        """Make the controller the one that runs, its states at rest; it has been found to be for the display."""
+
+    def play(self, reference: FloatArray, force_v: FloatArray | None) -> Block:
+        """Play a reference in threshold units through the controller. State carries on."""
+        ...
+
+    def drive(self, command_v: FloatArray, force_v: FloatArray | None) -> Block:
+        """Drive the motors with a command in volts: no controller, no computing delay. State carries on."""
+        ...
+
+    def rest(self) -> None:
+        """Set output and controller states to zero; no time passes."""
+
+    def touch(self, channel: int, load: str | None) -> None:
+        """Put a load of that channel on, None: take it off. Position and velocity go on."""
 
 
-class SimulatedRig(DisplayRig):
-    """The simulated `display` as a rig. The same seed gives the same numbers."""
+class ComputedRig(Rig):
+    """The rig of a `device` that computes `display`: it checks what comes, keeps time, presses and lets feel."""
 
-    def __init__(self, display: Display, seed: int = 0) -> None:
+    def __init__(self, display: Display, device: Device) -> None:
         super().__init__(display)
-        self._simulation = Simulation(display, seed)
+        self._device = device
         self._began_at: int | None = None
         self._ticks = 0
-        self._ports = tuple(FingerPort(self._simulation, index) for index in range(len(display.channels)))
+        self._fingers = tuple(
+            Finger((None, *(load.name for load in channel.loads)), partial(device.touch, index))
+            for index, channel in enumerate(display.channels)
+        )
 
     @property
     def began_at(self) -> int | None:
@@ -49,21 +65,30 @@ class SimulatedRig(DisplayRig):
         """Return the number of samples played since the last block or stream began."""
         return 0 if self._began_at is None else self._ticks - self._began_at
 
+    @property
+    def waits(self) -> bool:
+        """Return True: time stands still between blocks."""
+        return True
+
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
-        self._simulation.load(controller)
+        controller.require_runs(self._display)
+        self._device.load(controller)
+        self._loaded = True
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play a reference (n, channels), threshold units, through the loaded controller; state carries on.
 
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
-        own = self._taken(take_reference, reference, "reference")
-        self._began_at, self._ticks = self._ticks, self._ticks + len(own)
-        return self._trace(self._simulation.play(own, take_forces(self._ports, len(own))), own)
+        self._require_controller()
+        rows = self._reference(reference)
+        forces_v = self._begin(len(rows))
+        return self._trace(self._device.play(rows, forces_v), rows)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Play blocks as `Rig.stream` does: each block is asked for when the one before has been played."""
+        self._require_controller()
         began_at = self._ticks
         for block in blocks:
             trace = self.play(block)
@@ -75,45 +100,32 @@ class SimulatedRig(DisplayRig):
 
         Raises BadInput, the output at rest, for a command that is not finite.
         """
-        rows = self._taken(take_command, command_v, "command")
-        self._began_at, self._ticks = self._ticks, self._ticks + len(rows)
-        block = self._simulation.drive(rows, take_forces(self._ports, len(rows)))
-        return self._trace(block, np.zeros(block.command_v.shape))
+        rows = self._command(command_v)
+        forces_v = self._begin(len(rows))
+        return self._trace(self._device.drive(rows, forces_v), np.zeros(rows.shape))
 
     def rest(self, settle_s: float = 1.0) -> None:
         """Set output and controller states to zero, and let `settle_s` seconds pass for the display to come to rest."""
-        self._simulation.rest()
+        self._device.rest()
         if settle_s > 0.0:
-            self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._ports))))
+            self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._fingers))))
 
-    @property
-    def waits(self) -> bool:
-        """Return True: time stands still between blocks."""
-        return True
+    def _begin(self, count: int) -> FloatArray | None:
+        self._began_at, self._ticks = self._ticks, self._ticks + count
+        return take_forces(self._fingers, count)
+
+    def _trace(self, block: Block, reference: FloatArray) -> Trace:
+        let_feel(self._fingers, block.displacement_mm)
+        return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)
+
+
+class SimulatedRig(ComputedRig):
+    """The simulated `display` as a rig, blind but for its sensor. The same seed gives the same numbers."""
+
+    def __init__(self, display: Display, seed: int = 0) -> None:
+        self._simulation = Simulation(display, seed)
+        super().__init__(display, self._simulation)
 
     def weights(self) -> FloatArray:
         """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
         return self._simulation.weights()
-
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True, since the display is simulated."""
-        return True
-
-    def finger(self, channel: str) -> FingerPort:
-        """Return the finger port of a channel. Raises BadInput if there is none of that name."""
-        if channel not in self.channels:
-            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
-        return self._ports[self.channels.index(channel)]
-
-    def _taken(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> FloatArray:
-        rows = block_samples(samples, len(self._ports), name)
-        try:
-            return take(rows)
-        except BadInput:
-            self.rest()
-            raise
-
-    def _trace(self, block: SimulatedBlock, reference: FloatArray) -> Trace:
-        let_feel(self._ports, block.displacement_mm)
-        return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)

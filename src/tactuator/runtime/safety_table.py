@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from enum import IntEnum
 
 import numpy as np
@@ -96,7 +96,10 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class ChannelSafety:
-    """Limits, weighting and plant of one channel; units as in core/board/safety.h. weighting_sos: (2, 6)."""
+    """Limits, plant and weighting of one channel, in the order and units of core/board/safety.h.
+
+    weighting_sos: (2, 6).
+    """
 
     converter: Converter
     position_code_max: int
@@ -117,9 +120,12 @@ class ChannelSafety:
 
 @dataclass(frozen=True, eq=False)
 class SafetyTable:
-    """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared
-    (and weighed) every `turns` ticks; travel_share: of the reference into its slow part, a tick; lock_ticks: how long a
-    sensor or travel fault keeps from a clear; lock_faults: how many of them keep from another run."""
+    """Of a whole board, in the order of core/board/safety.h.
+
+    lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared (and weighed) every `turns`
+    ticks; travel_share: of the reference into its slow part, a tick; lock_ticks: how long a sensor or travel fault
+    keeps from a clear; lock_faults: how many of them keep from another run.
+    """
 
     rate_hz: float
     delay_samples: int
@@ -137,25 +143,15 @@ class SafetyTable:
 
 
 def safety_bytes(table: SafetyTable) -> bytes:
-    """Return the table as a board takes it. Raises BadInput for a delay that boards do not have (0), and if the core
-    would refuse it.
+    """Return the table as a board takes it (core/board/safety.h). Raises BadInput for a delay that boards do not have
+    (0), and if the core would refuse it.
     """
     if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
-    body = struct.pack(
-        "<fiiiiiiifii",
-        table.rate_hz,
-        max(1, min(255, round(256.0 * table.lateness_max))),
-        table.silence_ticks,
-        table.soft_start_ticks,
-        table.fade_ticks,
-        table.ramp_ticks,
-        table.quick_ticks,
-        table.turns,
-        table.travel_share,
-        table.lock_ticks,
-        table.lock_faults,
-    ) + b"".join(_channel_bytes(channel) for channel in table.channels)
+    rate_hz, _, lateness_max, *ticks, _ = (getattr(table, field.name) for field in fields(table))
+    lateness = max(1, min(255, round(256.0 * lateness_max)))
+    body = struct.pack("<fiiiiiiifii", rate_hz, lateness, *ticks)
+    body += b"".join(_channel_bytes(channel) for channel in table.channels)
     head = struct.pack("<4sHBBI", b"TACS", 2, len(table.channels), table.delay_samples, 12 + len(body) + 4)
     content = sealed(head + body)
     refusal = check_safety(content, len(table.channels))
@@ -171,35 +167,12 @@ def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
 
 
 def _channel_bytes(channel: ChannelSafety) -> bytes:
-    converter, observer = channel.converter, channel.observer
+    converter = channel.converter
     if np.shape(channel.weighting_sos)[0] != lib.TACT_WEIGHTING_COUNT:
         raise BadInput(f"weighting has {len(channel.weighting_sos)} sections", f"{lib.TACT_WEIGHTING_COUNT}")
     sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_COUNT, "weighting")
-    return (
-        struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)
-        + struct.pack("<ii", channel.position_code_max, channel.frozen_ticks)
-        + struct.pack(
-            "<12f",
-            channel.stop_max_v,
-            channel.stop_lead,
-            channel.command_max_v,
-            channel.reference_max,
-            channel.comfort_max,
-            channel.disagreement_v,
-            channel.reversal_power,
-            observer.drive,
-            observer.damp,
-            observer.spring,
-            observer.correct_x,
-            observer.correct_w,
-        )
-        + struct.pack(
-            "<iffff",
-            channel.standstill.codes,
-            channel.standstill.stray_max_v,
-            channel.jump.least_v,
-            channel.jump.share,
-            channel.travel_max,
-        )
-        + sections.astype("<f4").tobytes()
-    )
+    numbers: list[float] = []
+    for limit in (getattr(channel, field.name) for field in fields(channel)[1:-1]):
+        numbers += astuple(limit) if isinstance(limit, StateObserver | Standstill | Jump) else (limit,)
+    head = struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)
+    return head + struct.pack("<ii12fi4f", *numbers) + sections.astype("<f4").tobytes()

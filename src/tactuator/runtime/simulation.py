@@ -24,18 +24,23 @@ _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "doubl
 
 
 @dataclass(frozen=True)
-class SimulatedBlock:
+class Block:
     """Signals of a block of n samples, all of shape (n, channels).
 
     command_v: at the motor, beginning at each instant. position_v: as the A/D read it at each instant.
-    displacement_mm: the truth at the finger. saturated: a converter or a limit was reached. broken: the controller's
-    arithmetic had overflowed, and it gave zero.
+    displacement_mm: the truth at the finger. saturated: a converter or a limit was reached.
     """
 
     command_v: FloatArray
     position_v: FloatArray
     displacement_mm: FloatArray
     saturated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SimulatedBlock(Block):
+    """Signals of a block of the simulation. broken: the controller's arithmetic had overflowed, and it gave zero."""
+
     broken: NDArray[np.bool_]
 
 

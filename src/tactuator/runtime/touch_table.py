@@ -13,20 +13,16 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, delta_coefficients_single
 from tactuator.signals.discretise import matrix_exponential
 
-Table = dict[str, Any]
-
 FORGETTING_MAX = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
 """Share of the memory that is forgotten in a turn, at most: the level beside it follows that many times sooner."""
 
 
-def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Table | None:
-    """Return the figures of `tact_touch` by name, rounded to float32; None where nothing is fed forward.
-
-    place: the channel's, so that the channels learn in turn. Raises BadInput for what the core cannot hold.
+def _figures(channel: ChannelController, rate_hz: float, place: int) -> tuple[bytes, dict[str, Any]]:
+    """Return the counts of `tact_touch` (delay, turns, turn, lines of hum), and its figures by name in the order of an
+    image, rounded to float32. Raises BadInput for what the core cannot hold.
     """
     model = channel.feed_forward
-    if model is None:
-        return None
+    assert model is not None
     where = f"controller, channel {channel.name!r}: touch: "
     if channel.feedback_sos is None:
         raise BadInput(f"{where}there is no feedback", "a controller with a loop")
@@ -35,44 +31,8 @@ def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Tab
     sections = delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, f"{where}feedback")
     if not 1 <= model.turns <= 255:
         raise BadInput(f"{where}turns is {model.turns}", "1 to 255")
-    figures = _figures(model, 1.0 / rate_hz)
-    if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
-        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
-    angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
-    return {
-        "feedback": sections,
-        "delay": model.delay_samples,
-        "turns": model.turns,
-        "turn": place % model.turns,
-        "hum": np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32),
-        **{name: np.float32(value) for name, value in figures.items()},
-    }
-
-
-VECTORS = {"plant": 4, "corner": 1, "command": 2, "position": 3, "mass": 3, "rest": 2, "first": 3, "second": 3}
-SCALARS = (
-    "slow",
-    "forgetting",
-    "gate",
-    "ridge",
-    "shape",
-    "fading",
-    "slew",
-    "weight_max",
-    "push_max_v",
-    "hum_gain",
-)
-"""The figures in the order of an image: first the vectors with their sizes, then the scalars."""
-
-
-def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
-    """Return the figures that do not depend on the feedback, in double precision."""
-    turn_s = model.turns * period_s
-    pushes = _pushes(model, period_s)
-    return {
-        "mass": model.mass_fed * pushes["mass"],
-        "rest": pushes["rest"],
-        **_poles(model, period_s),
+    period_s, turn_s = 1.0 / rate_hz, model.turns * (1.0 / rate_hz)
+    figures = _poles(model, period_s) | {
         "slow": 2.0 * np.pi * model.slow_hz * turn_s,
         "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),
         "gate": model.gate_v**2,
@@ -84,17 +44,23 @@ def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
         "push_max_v": model.push_max_v,
         "hum_gain": 4.0 * np.pi * model.hum_band_hz * turn_s,
     }
+    if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
+        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
+    angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
+    hum = np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
+    counts = bytes([model.delay_samples, model.turns, place % model.turns, len(hum)])
+    return counts, {name: np.float32(value) for name, value in figures.items()} | {"feedback": sections, "hum": hum}
 
 
-def _pushes(model: FeedForward, period_s: float) -> dict[str, FloatArray]:
+def _pushes(model: FeedForward, period_s: float) -> tuple[FloatArray, FloatArray]:
     """Return what the designed finger's two pushes are, volts for a volt of command, of change in a sample, of place.
 
     The place is taken half a sample on, in the middle of a change.
     """
     mass, damping, stiffness = model.load
     drag, spring = model.damping / model.gain / period_s, model.stiffness / model.gain
-    own = np.array([damping / model.gain / period_s + 0.5 * stiffness / model.gain, stiffness / model.gain])
-    return {"mass": mass * np.array([1.0, drag + 0.5 * spring, spring]), "rest": own}
+    rest = np.array([damping / model.gain / period_s + 0.5 * stiffness / model.gain, stiffness / model.gain])
+    return mass * np.array([1.0, drag + 0.5 * spring, spring]), rest
 
 
 def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
@@ -111,13 +77,14 @@ def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
     inverted = np.array([inverse[0], inverse[1] - 2.0 * inverse[0], inverse[0] - inverse[1] + inverse[2]])
     change = np.array([lead, 1.0, 0.0]) * corner
     place = np.array([0.0, lead, 1.0])
-    pushes = _pushes(model, period_s)
-    mass, rest = pushes["mass"], pushes["rest"]
+    mass, rest = _pushes(model, period_s)
     return {
         "plant": np.array([b1, b, a1, a2]),
         "corner": corner,
         "command": corner * np.array([lead, 1.0 - lead]),
         "position": corner * inverted,
+        "mass": model.mass_fed * mass,
+        "rest": rest,
         "first": mass[0] * inverse - mass[1] * change - mass[2] * place,
         "second": rest[0] * change + rest[1] * place,
     }
@@ -132,31 +99,32 @@ def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
 
 
 def touch_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
-    """Return the part of an image that says how a channel feeds forward; nothing where it does not."""
-    figures = touch_figures(channel, rate_hz, place)
-    if figures is None:
+    """Return the part of an image that says how a channel feeds forward; nothing where it does not.
+
+    place: the channel's, so that the channels learn in turn. Raises BadInput for what the core cannot hold.
+    """
+    if channel.feed_forward is None:
         return b""
-    counts = bytes([figures["delay"], figures["turns"], figures["turn"], len(figures["hum"])])
-    parts = [np.ravel(figures[name]) for name in (*VECTORS, *SCALARS, "feedback", "hum")]
-    return counts + np.concatenate(parts).astype("<f4").tobytes()
+    counts, figures = _figures(channel, rate_hz, place)
+    return counts + np.concatenate([np.ravel(value) for value in figures.values()]).astype("<f4").tobytes()
 
 
 def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
-    """Return the `tact_touch` of a channel; one whose feedback_count is zero where nothing is fed forward."""
+    """Return the `tact_touch` of a channel; one whose feedback_count is zero where nothing is fed forward.
+
+    Raises as `touch_bytes` does.
+    """
     table = ffi.new("tact_touch *")
-    figures = touch_figures(channel, rate_hz, place)
-    if figures is None:
+    if channel.feed_forward is None:
         return table
-    sections = figures["feedback"]
-    table.feedback_count = len(sections)
-    for section, row in zip(table.feedback, sections.tolist(), strict=False):
+    (table.delay, table.turns, table.turn, table.hum_count), figures = _figures(channel, rate_hz, place)
+    table.feedback_count = len(figures["feedback"])
+    for section, row in zip(table.feedback, figures.pop("feedback").tolist(), strict=False):
         section.b0, section.b1, section.b2, section.a1, section.a2 = row
-    table.delay, table.turns, table.turn = figures["delay"], figures["turns"], figures["turn"]
-    table.hum_count = len(figures["hum"])
-    for line, row in zip(table.hum, figures["hum"].tolist(), strict=False):
+    for line, row in zip(table.hum, figures.pop("hum").tolist(), strict=False):
         line[0], line[1] = row
-    for name in (*VECTORS, *SCALARS):
-        setattr(table, name, figures[name].tolist())
+    for name, value in figures.items():
+        setattr(table, name, value.tolist())
     if not lib.tact_touch_settle(table):
         raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run", "as designed")
     return table

@@ -136,7 +136,7 @@ def require_stable(controller: "Controller", load: str = "none") -> None:
 
 def put_on(rig: "Rig", controller: "Controller", load: str) -> None:
     """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it."""
-    from tactuator.rig.finger import touch_all
+    from tactuator.rig.rig import touch_all
 
     by_hand = touch_all(rig, controller.display.channels, load)
     if by_hand:

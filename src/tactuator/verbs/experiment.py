@@ -227,14 +227,14 @@ def observe(
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.io.csv_tables import read_relative_curve
-    from tactuator.rig.finger import touchable, usual_load
+    from tactuator.rig.rig import require_finger_ports, usual_load
 
     study, text = read_protocol(Path(protocol))
     codes = [subject.code for subject in study.subject]
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
     lapses = _lapses(lapse or [])
     with sessions_of(Path(store)), opened_apparatus(rig, display, controller, seed, None) as place:
-        touchable(place.rig, place.name)
+        require_finger_ports(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
         drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
         observers = with_truths(drawn, codes, curve, truths, lapses)

@@ -616,7 +616,7 @@ def finger(
     import numpy as np
 
     from tactuator.measure.finger import measure_finger
-    from tactuator.rig.finger import usual_load
+    from tactuator.rig.rig import usual_load
 
     loop = chosen_controller(display, controller)
     touching = load or usual_load(loop.display.channels)

@@ -12,8 +12,9 @@ from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
-from tactuator.rig.finger import touchable
 from tactuator.rig.open import open_rig
+from tactuator.rig.rig import require_finger_ports
+from tactuator.rig.simulated import SimulatedRig
 from tests.experiment.session.recognising import Opened, controller, items, opened, protocol_text  # noqa: F401
 
 
@@ -61,7 +62,8 @@ def test_run_session__board_in_this_process__is_felt_at_its_ports(controller, it
     rig.load(controller)
     study = Opened(parse_recognition(text), text, items, Apparatus(rig, controller, "in-process"), store)
     subject = FeelingRespondent("recognition", controller.display, np.random.default_rng(2))
-    subject.listen(touchable(rig, "in-process"))
+    require_finger_ports(rig, "in-process")
+    subject.listen(rig)
     assert study.run("S1", subject) == 18
     (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.information.share_correct > 0.9
@@ -69,26 +71,11 @@ def test_run_session__board_in_this_process__is_felt_at_its_ports(controller, it
     store.close()
 
 
-class Blind:
-    """A rig whose display no program can touch."""
-
-    rate_hz, channels = 4000.0, ("index",)
-
-
-def test_touchable__rig_without_ports__is_refused() -> None:
+def test_require_finger_ports__display_that_is_real__is_refused(controller) -> None:
+    rig = SimulatedRig(controller.display)
+    require_finger_ports(rig, "simulated")
+    rig._fingers = ()
     with pytest.raises(
         BadInput, match="simulated subjects at board:COM3; allowed: at a rig whose display is simulated"
     ):
-        touchable(Blind(), "board:COM3")
-
-
-def test_touchable__board_with_a_real_display__is_refused() -> None:
-    class Board(Blind):
-        def finger(self, channel):
-            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
-
-        has_finger_ports = False
-        load = play = stream = drive = rest = close = __enter__ = __exit__ = print
-
-    with pytest.raises(BadInput, match="real"):
-        touchable(Board(), "board:COM3")
+        require_finger_ports(rig, "board:COM3")

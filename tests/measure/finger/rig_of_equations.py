@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.model.controller import Controller
-from tactuator.rig.rig import ClosingRig, Trace
+from tactuator.rig.rig import Rig, Trace
 from tests.measure.loops import RATE_HZ
 
 GAIN, DAMPING, STIFFNESS = 2875.0, 94.0, 290.0
@@ -16,11 +16,13 @@ FRICTION_V, PRESLIDING_V = 4e-3, 10e-3
 Figures = tuple[float, ...]
 
 
-class EquationsRig(ClosingRig):
+class EquationsRig(Rig):
     """One channel in closed loop; `touching`: (mass, damping, stiffness), or six figures of a chain."""
 
     rate_hz = RATE_HZ
     channels = ("index",)
+    drive = stream = None
+    _fingers = ()
 
     def __init__(self, seed: int) -> None:
         self.touching: Figures = (0.0, 0.0, 0.0)

@@ -67,9 +67,6 @@ def test_measure__adaptive_display_touched__weights_are_told_and_the_model_expec
 class MuteRig(WrappedRig):
     """A rig that does not tell its weights."""
 
-    def play(self, reference):
-        return self._rig.play(reference)
-
 
 def test_settle__rig_that_does_not_tell__says_none() -> None:
     made = adaptive()

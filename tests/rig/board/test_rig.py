@@ -58,11 +58,11 @@ def test_rig__stream_left_early__goes_on_in_the_next(rig):
 def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
     begin(rig)
     rig.play(tones(200))
-    rig.finger("thumb").break_sensor("open")
+    rig.break_sensor("thumb", "open")
     with pytest.raises(RigFault, match="sensor open"):
         rig.play(tones(800))
     assert rig.status().mode is Mode.FAULT
-    rig.finger("thumb").break_sensor("sound")
+    rig.break_sensor("thumb", "sound")
     rig.load(designed())
     assert np.max(np.abs(rig.play(tones(400)).position_v)) > 0.05
 

@@ -61,11 +61,11 @@ def test_play_tones__beyond_comfort__is_limited_by_the_board(rig):
 
 
 def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(rig):
-    rig.finger("thumb").break_sensor("open")
+    rig.break_sensor("thumb", "open")
     with pytest.raises(RigFault, match=r"sensor open|travel"):
         rig.play_tones(TRIAL, 0.5)
     assert rig.status().at_rest
-    rig.finger("thumb").break_sensor("sound")
+    rig.break_sensor("thumb", "sound")
     rig.load(designed())
 
 

@@ -101,11 +101,11 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowl
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
         for count in range(1, LOCK_FAULTS + 1):
-            rig.finger("index").break_sensor("open")
+            rig.break_sensor("index", "open")
             with pytest.raises(RigFault):
                 rig.play(np.zeros((200, 3)))
             assert rig.status().sensor_faults == count
-            rig.finger("index").break_sensor("sound")
+            rig.break_sensor("index", "sound")
             rig.off()
         with pytest.raises(RigLocked, match="locked after 3 sensor or travel faults"):
             rig.play(np.zeros((20, 3)))
@@ -157,9 +157,9 @@ def test_lying_sensor__as_promised__is_named_in_time(
 def test_break_sensor__unknown_or_without_its_value__is_refused() -> None:
     with in_process_rig(designed().display, 1) as rig:
         with pytest.raises(BadInput, match="sensor fault 'drunk'; allowed: sound, open"):
-            rig.finger("index").break_sensor("drunk")
+            rig.break_sensor("index", "drunk")
         with pytest.raises(BadInput, match="sensor fault 'drift' without a value"):
-            rig.finger("index").break_sensor("drift")
+            rig.break_sensor("index", "drift")
 
 
 def test_documentation__table_of_lies__names_every_lie() -> None:

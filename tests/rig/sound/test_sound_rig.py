@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.rig.rig import Rig, Ticking
+from tactuator.rig.rig import Rig
 from tactuator.rig.sound.stream import CardGone, CardRows, SoundGap
 from tests.rig.sound.turned_card import OVERFLOW, PERIOD, RATE_HZ, flat_controller, sound_display, turned_rig
 
@@ -68,7 +68,6 @@ def test_stream__cut_into_blocks__same_trace_as_one_block():
 def test_rig__is_one_and_tells_of_its_time():
     rig, _ = turned_rig(sound_display())
     assert isinstance(rig, Rig)
-    assert isinstance(rig, Ticking)
     assert rig.began_at is None
     rig.drive(commands(100))
     first = rig.began_at

@@ -141,7 +141,7 @@ class Points:
 class Presented:
     """A piece of what an experiment plays by the order of that number, or its end (over).
 
-    began_at, rows_played: of a rig that tells its time (Ticking), else None. halted: somebody stopped it; fault: why
+    began_at, rows_played: of a rig that tells its time, else None. halted: somebody stopped it; fault: why
     the rig did; missed: and the same may be asked for again.
     """
 

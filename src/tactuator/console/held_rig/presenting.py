@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from tactuator.console.held_rig.orders import Presented, PresentOrder
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
 from tactuator.errors import TactuatorError, TimingMissed
-from tactuator.rig.rig import Rig, Ticking, Trace
+from tactuator.rig.rig import Rig, Trace
 
 
 def presented(
@@ -18,13 +18,12 @@ def presented(
     The end is told in every case, with the reason where it was not the last row: that the rig was halted, or its fault,
     which is then raised.
     """
-    told = rig if isinstance(rig, Ticking) else None
 
     def say(
         trace: Trace | None, over: bool = False, halted: bool = False, fault: str = "", missed: bool = False
     ) -> None:
-        began, played = (None, None) if told is None else (told.began_at, told.rows_played)
-        tell(Presented(order.number, trace, began, played, over, halted, fault, missed))
+        played = None if rig.began_at is None else rig.rows_played
+        tell(Presented(order.number, trace, rig.began_at, played, over, halted, fault, missed))
 
     try:
         for trace in WatchedRig(rig, halted).stream(order.blocks):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from numpy.typing import ArrayLike
 
-from tactuator.rig.rig import PartlyDeaf, Rig, Trace, WrappedRig
+from tactuator.rig.rig import Rig, Trace, WrappedRig
 
 
 class RigHalted(Exception):
@@ -19,11 +19,6 @@ class WatchedRig(WrappedRig):
     def __init__(self, rig: Rig, halted: Callable[[], bool]) -> None:
         super().__init__(rig)
         self._halted = halted
-
-    @property
-    def without_sensor(self) -> tuple[str, ...]:
-        """Return the names of the channels that have no sensor."""
-        return self._rig.without_sensor if isinstance(self._rig, PartlyDeaf) else ()
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play a block; a halt comes after it."""

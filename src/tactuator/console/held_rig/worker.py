@@ -28,10 +28,9 @@ from tactuator.errors import BadInput, TactuatorError
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.finger import TouchableRig, touch_all
 from tactuator.rig.open import open_rig
 from tactuator.rig.paced import PacedRig
-from tactuator.rig.rig import Rig, Trace
+from tactuator.rig.rig import Rig, Trace, touch_all
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
@@ -157,7 +156,7 @@ class RigWorker:
         if self._rig is not None:
             return
         opened = open_rig(self._spec, self._display, self._seed)
-        touchable = isinstance(opened, TouchableRig) and opened.has_finger_ports
+        touchable = opened.has_finger_ports
         self._rig = PacedRig(opened) if touchable else opened
         self._opened = opened
         nothing: dict[str, str | None] = dict.fromkeys(opened.channels) if touchable else {}

@@ -14,14 +14,14 @@ from tactuator.console.scope.host import RigHost
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.model.controller import Controller
 from tactuator.rig.finger import Finger
-from tactuator.rig.rig import DisplayRig, Trace, join_traces
+from tactuator.rig.rig import Rig, Trace, join_traces
 
 _SILENT_S = 30.0
 """Time after which a process that tells nothing counts as gone."""
 _REST_S = 8.0
 
 
-class ConsoleRig(DisplayRig):
+class ConsoleRig(Rig):
     """The rig that `host` holds, for one experiment at a time; it stays with the console when this is closed."""
 
     def __init__(self, host: RigHost) -> None:

@@ -23,8 +23,6 @@ from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Timing, Trial
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.rig.finger import TouchableRig
-from tactuator.rig.paced import Paced
 from tactuator.rig.rig import Rig
 from tactuator.table import ResultTable
 
@@ -99,7 +97,7 @@ class Apparatus:
             *self.band_hz,
             self.simulated,
             self.rig.rate_hz,
-            self.rig.speed if isinstance(self.rig, Paced) else None,
+            self.rig.speed,
         )
 
     def playable(self, timing: Timing) -> Playable:
@@ -114,7 +112,7 @@ class Apparatus:
     @property
     def simulated(self) -> bool:
         """Return whether the display is simulated, so that nobody can feel anything there."""
-        return isinstance(self.rig, TouchableRig) and self.rig.has_finger_ports
+        return self.rig.has_finger_ports
 
     @property
     def band_hz(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.model.description import Display
-from tactuator.rig.finger import TouchableRig
+from tactuator.rig.rig import Rig
 from tactuator.signals.spectra import third_octave_bands
 
 
@@ -58,7 +58,7 @@ class FeelingRespondent(Respondent):
     _intervals: list[list[FloatArray]] = field(default_factory=list)
     _known: dict[str, list[FloatArray]] = field(default_factory=dict)
 
-    def listen(self, rig: TouchableRig) -> None:
+    def listen(self, rig: Rig) -> None:
         """Put the respondent's fingers on the finger ports of all channels."""
         for channel in self.display.channels:
             blocks: list[FloatArray] = []

@@ -24,7 +24,7 @@ from tactuator.experiment.trial.presenter import amplitude
 from tactuator.experiment.trial.trial import IntervalRecord, Timing, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
-from tactuator.rig.finger import TouchableRig, touchable
+from tactuator.rig.rig import Rig, require_finger_ports
 from tactuator.signals.decibels import db
 
 
@@ -102,7 +102,7 @@ class ObserverAtRig:
     """
 
     observer: Observer
-    rig: TouchableRig
+    rig: Rig
     channel: str
     timing: Timing
     seed: tuple[int, ...]
@@ -219,7 +219,8 @@ def run_study(
     load: put on the display's port while an observer's finger is there. told: called with the name of the subject and
     its progress, 0 to 1. Raises BadInput where the number of observers is not that of the subjects.
     """
-    rig = touchable(apparatus.rig, apparatus.name)
+    rig = apparatus.rig
+    require_finger_ports(rig, apparatus.name)
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects", "as many")
     task = DetectionTask(protocol, apparatus)
@@ -238,7 +239,7 @@ def run_study(
 class _Sitting(Respondent):
     """An observer at the rig, whose finger goes to the channel of each run."""
 
-    def __init__(self, observer: Observer, task: DetectionTask, rig: TouchableRig, load: str | None) -> None:
+    def __init__(self, observer: Observer, task: DetectionTask, rig: Rig, load: str | None) -> None:
         self._observer, self._task, self._rig, self._load = observer, task, rig, load
         self._at: ObserverAtRig | None = None
 

@@ -22,7 +22,7 @@ from tactuator.experiment.trial.trial import (
     trial_rng,
 )
 from tactuator.model.description import Channel
-from tactuator.rig.rig import Rig, Ticking, Trace, join_traces
+from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps
@@ -200,7 +200,7 @@ class Presenter:
             PlayedInterval(trace.part(onset, onset + len(one)), onset / rate_hz, len(one) / rate_hz, late)
             for one, onset, late in zip(references, onsets, lates, strict=True)
         )
-        tick = self.rig.began_at if isinstance(self.rig, Ticking) else None
+        tick = self.rig.began_at
         return Presentation(intervals, tick, len(stretch) / rate_hz)
 
     def _stretch(
@@ -236,11 +236,10 @@ class Presenter:
         A rig that tells its time is ahead of its trace, which comes in blocks: its own count of rows is what counts.
         """
         waiting, got, rig = list(edges), 0, self.rig
-        told = rig if isinstance(rig, Ticking) else None
         self._notify_watch(waiting, got, lates)
         for trace in rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
             got += len(trace)
-            self._notify_watch(waiting, got if told is None else max(got, told.rows_played), lates)
+            self._notify_watch(waiting, max(got, rig.rows_played), lates)
             yield trace
             if self.halted():
                 self.rig.rest()

@@ -6,6 +6,7 @@ import math
 import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,11 +32,10 @@ from tactuator.rig.board.link import (
 )
 from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads, take_rows
 from tactuator.rig.finger import Finger
-from tactuator.rig.rig import DisplayRig, Trace, join_traces
+from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tactuator.runtime.simulation import block_samples, take_command, take_reference
 
 SENSOR_FAULTS = (
     "sound", "open", "shorted", "frozen", "reversed", "stuck", "offset", "drift", "gain", "lag", "swapped", "bit",
@@ -51,36 +51,7 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
 
-class BoardFinger(Finger):
-    """The finger port of one channel over the link: touched, pressed, and felt, as that of a simulated rig."""
-
-    def __init__(self, client: LinkClient, channel: int, loads: tuple[str | None, ...]) -> None:
-        super().__init__()
-        self._client, self._channel, self._loads = client, channel, loads
-
-    def touch(self, load: str | None) -> None:
-        """Put a load of the display file on, by name; None takes it off."""
-        if load not in self._loads:
-            allowed = ", ".join(name or "none" for name in self._loads)
-            raise BadInput(f"load {load!r} is not described", f"{allowed}")
-        self._client.must(Request.TOUCH, struct.pack("<BB", self._channel, self._loads.index(load)))
-
-    def break_sensor(self, what: str, value: float = math.nan) -> None:
-        """Let the channel's sensor fail in one of the ways of SENSOR_FAULTS; "sound" mends it.
-
-        value: the code about which it is "stuck", within two codes (where it is, if none is given); volts of an
-        "offset"; volts a tick of a "drift"; the factor of a "gain"; ticks of a "lag"; the number of the channel that it
-        is "swapped" with; the number of the "bit" that is turned over; mm of an "end stop" (not the sensor's fault).
-        Raises BadInput for another fault, and where a value is missing.
-        """
-        if what not in SENSOR_FAULTS:
-            raise BadInput(f"sensor fault {what!r}", f"{', '.join(SENSOR_FAULTS)}")
-        if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
-            raise BadInput(f"sensor fault {what!r} without a value", "a number")
-        self._client.must(Request.BREAK, struct.pack("<BBf", self._channel, SENSOR_FAULTS.index(what), value))
-
-
-class BoardRig(DisplayRig):
+class BoardRig(Rig):
     """The rig of `display` on a board that runs the firmware.
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
@@ -106,10 +77,9 @@ class BoardRig(DisplayRig):
                 f"the board has {status.channels} channels; the display has {len(display.channels)}", "no more"
             )
         self._waits, self._lead_s = waits and status.allows_hold, lead_s
-        self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
+        self._run, self._at, self._drives = status.run, 0, False
         self._began: int | None = None
         self._rows_played = 0
-        self._fingers: tuple[BoardFinger, ...] = ()
         self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
         if status.safety_crc == 0:
             self.off()
@@ -134,20 +104,20 @@ class BoardRig(DisplayRig):
         Raises BadInput for a reference that is not finite or beyond 60 dB SL, StreamDry if the link cannot keep up with
         a board whose time goes on, and RigFault if the guard ends the run.
         """
-        self._require_image()
-        return join_traces(self._traces([self._playable(reference)], False, _BLOCK_LEAD_S), self.rate_hz, self.channels)
+        self._require_controller()
+        return join_traces(self._traces([self._rows(reference)], False, _BLOCK_LEAD_S), self.rate_hz, self.channels)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Stream blocks as `Rig.stream` does; a block is played STREAM_LEAD_S after it was asked for.
 
         Raises as `play` does.
         """
-        self._require_image()
-        return self._traces((self._playable(block) for block in blocks), False, self._lead_s)
+        self._require_controller()
+        return self._traces((self._rows(block) for block in blocks), False, self._lead_s)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts, without controller; the guard watches."""
-        rows = self._taken(take_command, command_v, "command")
+        rows = self._command(command_v).astype(np.float32)
         return join_traces(self._traces([rows], True, _BLOCK_LEAD_S), self.rate_hz, self.channels)
 
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
@@ -156,7 +126,7 @@ class BoardRig(DisplayRig):
 
         A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
         """
-        self._require_image()
+        self._require_controller()
         if not 0.0 <= duration_s <= LONGEST_S:
             raise BadInput(f"tones for {duration_s:g} s", f"up to {LONGEST_S:g} s")
         soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
@@ -186,25 +156,20 @@ class BoardRig(DisplayRig):
             self._client.ask(Request.STOP)
         self._wait(lambda status: status.mode is not Mode.RUNNING and status.at_rest)
 
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True where the board runs a simulated display."""
-        return bool(self._fingers)
+    def break_sensor(self, channel: str, what: str, value: float = math.nan) -> None:
+        """Let a channel's simulated sensor fail in one of the ways of SENSOR_FAULTS; "sound" mends it.
 
-    def finger(self, channel: str) -> BoardFinger:
-        """Return the finger port of a channel.
-
-        Raises BadInput if there is none of that name, or the display is real.
+        value: the code about which it is "stuck", within two codes (where it is, if none is given); volts of an
+        "offset"; volts a tick of a "drift"; the factor of a "gain"; ticks of a "lag"; the number of the channel that it
+        is "swapped" with; the number of the "bit" that is turned over; mm of an "end stop" (not the sensor's fault).
+        Raises BadInput for another fault, and where a value is missing.
         """
-        if not self._fingers:
-            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
-        if channel not in self.channels:
-            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
-        return self._fingers[self.channels.index(channel)]
-
-    def _require_image(self) -> None:
-        if not self._loaded:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+        if what not in SENSOR_FAULTS:
+            raise BadInput(f"sensor fault {what!r}", f"{', '.join(SENSOR_FAULTS)}")
+        if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
+            raise BadInput(f"sensor fault {what!r} without a value", "a number")
+        content = struct.pack("<BBf", self._index(channel), SENSOR_FAULTS.index(what), value)
+        self._client.must(Request.BREAK, content)
 
     # -- what a board is besides --------------------------------------------------------------------------------------
 
@@ -251,7 +216,10 @@ class BoardRig(DisplayRig):
     def simulate(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
         """Put a simulated display in the place of the converters (boards that have none)."""
         self._client.upload(SIMULATED_DISPLAY, content)
-        self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
+        self._fingers = tuple(Finger(names, partial(self._touch, index, names)) for index, names in enumerate(loads))
+
+    def _touch(self, channel: int, loads: tuple[str | None, ...], load: str | None) -> None:
+        self._client.must(Request.TOUCH, struct.pack("<BB", channel, loads.index(load)))
 
     def off(self) -> None:
         """Bring the board to OFF, whatever it does; a fault is cleared once the guard has had time to believe a sensor
@@ -367,13 +335,5 @@ class BoardRig(DisplayRig):
         reference = np.zeros(command.shape) if drives else asked.astype(np.float64)
         return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
 
-    def _playable(self, reference: ArrayLike) -> Rows:
-        return self._taken(take_reference, reference, "reference")
-
-    def _taken(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> Rows:
-        rows = block_samples(samples, len(self.channels), name)
-        try:
-            return take(rows).astype(np.float32)
-        except BadInput:
-            self.rest()
-            raise
+    def _rows(self, reference: ArrayLike) -> Rows:
+        return self._reference(reference).astype(np.float32)

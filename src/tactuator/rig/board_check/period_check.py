@@ -214,18 +214,18 @@ def _play_tones(rig: BoardRig) -> Played:
 
 def _play_broken(rig: BoardRig) -> Played:
     """Play until a sensor fails in mid-run; return the fault and its channel, once the output has come to rest."""
-    finger = rig.finger(rig.channels[-1])
+    channel = rig.channels[-1]
     traces: list[Trace] = []
     try:
         traces.append(rig.play(_rows(rig, 60.0)))
-        finger.break_sensor("open")
+        rig.break_sensor(channel, "open")
         rig.play(_rows(rig, 60.0))
     except RigFault as error:
         return traces, error.fault.words, error.channel
     except DeviceFault as error:
         return traces, str(error), 0
     finally:
-        finger.break_sensor("sound")
+        rig.break_sensor(channel, "sound")
         rig.off()
         rig.acknowledge()
     return traces, "", 0

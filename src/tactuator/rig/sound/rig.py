@@ -18,7 +18,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.requirements import SoundCard, Wires
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.rig.rig import DisplayRig, Trace, join_traces
+from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
@@ -80,7 +80,7 @@ def sound_wiring(display: Display) -> SoundCard:
     return display.sound
 
 
-class SoundRig(DisplayRig):
+class SoundRig(Rig):
     """The rig of `display` on the card that calls back into `rows`.
 
     Time goes on: between blocks nothing is put out, and what must not be cut is a stream. A row of a trace is an
@@ -144,7 +144,7 @@ class SoundRig(DisplayRig):
         controller.require_runs(self._display)
         controller.require_limits_of(self._display)
         self.rest()
-        self._loop = OpenLoop(controller)
+        self._loop, self._loaded = OpenLoop(controller), True
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play a reference (n, channels), threshold units, through the loaded controller, from rest.
@@ -158,8 +158,8 @@ class SoundRig(DisplayRig):
 
         Raises as `play` does.
         """
-        if self._loop is None:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+        self._require_controller()
+        assert self._loop is not None
         return self._begin(self._played(self._loop, blocks))
 
     def drive(self, command_v: ArrayLike) -> Trace:

@@ -38,7 +38,7 @@ class CardRows:
     """The rings of one stream of a card with `outputs` and `inputs`, each of `capacity` rows."""
 
     def __init__(self, outputs: int, inputs: int, capacity: int, rate_hz: float) -> None:
-        self._outputs, self._inputs, self._rate_hz = outputs, inputs, rate_hz
+        self.outputs, self.capacity, self._inputs, self._rate_hz = outputs, capacity, inputs, rate_hz
         self._rows = ffi.new("tact_audio *")
         self._out = ffi.new("float[]", capacity * outputs)
         self._in = ffi.new("float[]", max(1, capacity * inputs))
@@ -56,8 +56,8 @@ class CardRows:
 
     def feed(self, rows: Rows) -> int:
         """Give rows (n, outputs) to the card; return how many there was room for."""
-        own = np.ascontiguousarray(rows, dtype=np.float32)
-        return int(lib.tact_audio_feed(self._rows, ffi.from_buffer("float[]", own), len(own)))
+        content = np.ascontiguousarray(rows, dtype=np.float32)
+        return int(lib.tact_audio_feed(self._rows, ffi.from_buffer("float[]", content), len(content)))
 
     def begin(self) -> None:
         """Begin the run with what was fed."""
@@ -82,16 +82,6 @@ class CardRows:
         return rows[:got, : self._inputs]
 
     @property
-    def capacity(self) -> int:
-        """Return the number of rows for which there is room."""
-        return int(self._rows.capacity)
-
-    @property
-    def outputs(self) -> int:
-        """Return the number of outputs in a row."""
-        return self._outputs
-
-    @property
     def begun(self) -> int:
         """Return the frame of the card's clock at which the last run began."""
         return int(self._rows.begun)
@@ -100,11 +90,6 @@ class CardRows:
     def played(self) -> int:
         """Return the number of rows put out in this run."""
         return self._look()[0]
-
-    @property
-    def taken(self) -> int:
-        """Return the number of rows taken in in this run."""
-        return self._look()[1]
 
     @property
     def frames(self) -> int:
@@ -132,14 +117,9 @@ class CardRows:
                 )
 
     def _look(self) -> tuple[int, int, int]:
-        found: Any = ffi.new("uint64_t[3]")
-        lib.tact_audio_look(self._rows, found, found + 1, found + 2)
-        return int(found[0]), int(found[1]), int(found[2])
-
-
-def callback_address() -> int:
-    """Return the address of the function that PortAudio calls in its own thread."""
-    return int(ffi.cast("uintptr_t", ffi.addressof(lib, "tact_audio_callback")))
+        counts: Any = ffi.new("uint64_t[3]")
+        lib.tact_audio_look(self._rows, counts, counts + 1, counts + 2)
+        return int(counts[0]), int(counts[1]), int(counts[2])
 
 
 class CardRun:
@@ -229,17 +209,19 @@ class CardPort:
         self, out: Card, taken_from: Card | None, outputs: int, inputs: int, rate_hz: float, rows: CardRows
     ) -> None:
         library = sounddevice()
-        check_channels(out.outputs, outputs, out, "outputs")
-        if taken_from is not None:
-            check_channels(taken_from.inputs, inputs, taken_from, "inputs")
-        ours = library._ffi
+        wanted = [(out, out.outputs, outputs, "outputs")]
+        wanted += [] if taken_from is None else [(taken_from, taken_from.inputs, inputs, "inputs")]
+        for card, there, least, what in wanted:
+            if there < least:
+                raise BadInput(f"sound card {card.full_name!r} has {there} {what}; allowed here: {least} or more")
+        ours, callback = library._ffi, ffi.addressof(lib, "tact_audio_callback")
         common: dict[str, Any] = {
             "samplerate": rate_hz,
             "blocksize": 0,
             "dtype": "float32",
             "latency": "high",
             "extra_settings": None,
-            "callback": ours.cast("PaStreamCallback*", callback_address()),
+            "callback": ours.cast("PaStreamCallback*", int(ffi.cast("uintptr_t", callback))),
             "finished_callback": None,
             "clip_off": True,
             "dither_off": True,
@@ -264,7 +246,7 @@ class CardPort:
         try:
             with quiet():
                 self._stream, self._rows = PORTAUDIO.answer(
-                    started, f"opening sound card {out.full_name!r}", lambda made: _end(made[0])
+                    started, f"opening sound card {out.full_name!r}", lambda started: _end(started[0])
                 )
         except library.PortAudioError as error:
             raise refusal(error, out, rate_hz) from None
@@ -281,12 +263,6 @@ class CardPort:
 def _end(stream: Any) -> None:
     stream.abort(ignore_errors=True)
     stream.close(ignore_errors=True)
-
-
-def check_channels(there: int, wanted: int, card: Card, what: str) -> None:
-    """Raise BadInput where a card has too few outputs or inputs."""
-    if there < wanted:
-        raise BadInput(f"sound card {card.full_name!r} has {there} {what}; allowed here: {wanted} or more")
 
 
 def refusal(error: Exception, card: Card, rate_hz: float) -> BadInput | DeviceFault:

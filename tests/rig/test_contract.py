@@ -1,5 +1,9 @@
-"""One suite for every rig: what the protocol promises, and what each refuses in the same words."""
+"""One suite for every rig, own ones included: what the protocol promises, and what each refuses in the same words.
 
+TACTUATOR_RIG names one more (docs/rig.md). A rig without finger ports is asked for all but those.
+"""
+
+import os
 from dataclasses import replace
 from itertools import product
 
@@ -13,12 +17,9 @@ from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig, join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tests.rig.every_rig import RIGS, SEED, begin, tones
+from tests.rig.every_rig import RIGS, begin, tones
 from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display
-
-AnyRig = SimulatedRig | BoardRig
-
 
 #: These wait much: the board at a socket is in the quick tests of tests/rig/board, the other emulated board here.
 _SLOW = ("board:socket", "emulated:mps2-an386")
@@ -28,28 +29,41 @@ _NAMES = [pytest.param(name, marks=pytest.mark.slow if name in _SLOW else ()) fo
 @pytest.fixture(scope="module", params=_NAMES)
 def opened(request):
     with RIGS[request.param](designed().display) as rig:
-        yield rig
+        yield request.param, rig
 
 
 @pytest.fixture
 def rig(opened):
     """As if it had just been opened, with its controller: no test leans on the one before."""
-    if isinstance(opened, BoardRig):
-        begin(opened)
-        return opened
-    fresh = SimulatedRig(designed().display, SEED)
-    fresh.load(designed())
-    return fresh
+    name, rig = opened
+    if isinstance(rig, BoardRig):
+        begin(rig)
+        yield rig
+    elif name == os.environ.get("TACTUATOR_RIG"):  # a device may be opened once
+        rig.rest()
+        rig.load(designed())
+        yield rig
+    else:
+        with RIGS[name](designed().display) as fresh:
+            fresh.load(designed())
+            yield fresh
 
 
-def at_rest(rig: AnyRig) -> bool:
+@pytest.fixture
+def touched(rig) -> Rig:
+    if not rig.has_finger_ports:
+        pytest.skip("its display is real")
+    return rig
+
+
+def at_rest(rig: Rig) -> bool:
     """Whether the motors get nothing; of a simulated display, what was still to come out of its computing delay."""
     if isinstance(rig, BoardRig):
         return rig.status().at_rest
     return bool(np.max(np.abs(rig.play(np.zeros((1, 3))).command_v)) < 1e-3)
 
 
-def test_rig__opened__is_one_at_the_displays_rate_with_its_channels(rig: AnyRig) -> None:
+def test_rig__opened__is_one_at_the_displays_rate_with_its_channels(rig: Rig) -> None:
     assert isinstance(rig, Rig)
     assert rig.rate_hz == 4000.0
     assert rig.channels == ("index", "thumb", "middle")
@@ -64,7 +78,7 @@ def test_play__before_any_controller__is_refused(name: str) -> None:
             list(rig.stream([tones(10)]))
 
 
-def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converters(rig: AnyRig) -> None:
+def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converters(rig: Rig) -> None:
     trace = rig.play(tones())
     assert (len(trace), trace.channels, trace.rate_hz) == (1200, rig.channels, 4000.0)
     np.testing.assert_allclose(trace.reference, tones(), rtol=2.0**-23, atol=1e-30)
@@ -77,7 +91,7 @@ def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converter
     assert not trace.saturated.any()
 
 
-def test_play__tone__is_felt_as_the_simulated_display_says(rig: AnyRig) -> None:
+def test_play__tone__is_felt_as_the_simulated_display_says(rig: Rig) -> None:
     reference = tones(4000)
     plain = SimulatedRig(designed().display, 3)
     plain.load(designed())
@@ -88,7 +102,7 @@ def test_play__tone__is_felt_as_the_simulated_display_says(rig: AnyRig) -> None:
             np.testing.assert_allclose(np.abs(got[rows, column]), np.abs(wanted[rows, column]), rtol=0.03)
 
 
-def test_play__two_blocks__are_one_cut_in_two(rig: AnyRig) -> None:
+def test_play__two_blocks__are_one_cut_in_two(rig: Rig) -> None:
     """Time stands still between blocks: the second begins where the first ended."""
     traces = [rig.play(part) for part in (tones()[:700], tones()[700:])]
     cut = join_traces(traces, rig.rate_hz, rig.channels)
@@ -98,19 +112,19 @@ def test_play__two_blocks__are_one_cut_in_two(rig: AnyRig) -> None:
     assert len(cut) == 1200
 
 
-def test_stream__blocks_of_any_length__is_the_reference_without_a_gap(rig: AnyRig) -> None:
+def test_stream__blocks_of_any_length__is_the_reference_without_a_gap(rig: Rig) -> None:
     blocks = [tones()[:1], tones()[1:1], tones()[1:500], tones()[500:]]
     whole = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
     np.testing.assert_allclose(whole.reference, tones(), rtol=2.0**-23, atol=1e-30)
 
 
-def test_play__nothing_at_all__is_an_empty_trace(rig: AnyRig) -> None:
+def test_play__nothing_at_all__is_an_empty_trace(rig: Rig) -> None:
     assert len(rig.play(np.zeros((0, 3)))) == 0
     assert len(rig.drive(np.zeros((0, 3)))) == 0
     assert list(rig.stream([])) == []
 
 
-def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: AnyRig) -> None:
+def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: Rig) -> None:
     layouts = (np.ndarray.tolist, np.asfortranarray, lambda rows: np.repeat(rows, 2, axis=0)[::2])
     for kind, layout in product((float, np.float32, np.int16, bool), layouts):
         reference = (np.arange(24).reshape(8, 3) % 5).astype(kind)
@@ -120,7 +134,7 @@ def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: AnyRig) -> N
         assert not np.shares_memory(trace.reference, reference)
 
 
-def test_play__reference_that_is_none__is_told_and_the_output_rests(rig: AnyRig) -> None:
+def test_play__reference_that_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
     told = "not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
     rig.play(tones(200))
     for value in (np.nan, np.inf, -np.inf, 1000.01, 1e10, 1e300):
@@ -131,13 +145,13 @@ def test_play__reference_that_is_none__is_told_and_the_output_rests(rig: AnyRig)
         assert at_rest(rig)
 
 
-def test_stream__bad_block_after_good_ones__is_told_and_the_output_rests(rig: AnyRig) -> None:
+def test_stream__bad_block_after_good_ones__is_told_and_the_output_rests(rig: Rig) -> None:
     with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
         list(rig.stream([tones(300), np.full((10, 3), np.nan)]))
     assert at_rest(rig)
 
 
-def test_drive__command_that_is_none__is_told_and_the_output_rests(rig: AnyRig) -> None:
+def test_drive__command_that_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
     for value in (np.nan, np.inf, 1e39):
         with pytest.raises(BadInput, match="the command is not finite; allowed: volts"):
             rig.drive(np.full((50, 3), value))
@@ -154,7 +168,7 @@ NO_BLOCKS = [
 ]
 
 
-def test_play_and_drive__what_is_no_block__is_refused_and_the_run_goes_on(rig: AnyRig) -> None:
+def test_play_and_drive__what_is_no_block__is_refused_and_the_run_goes_on(rig: Rig) -> None:
     for rows, said in NO_BLOCKS:
         with pytest.raises(BadInput, match="reference " + said):
             rig.play(rows)
@@ -163,21 +177,21 @@ def test_play_and_drive__what_is_no_block__is_refused_and_the_run_goes_on(rig: A
     assert len(rig.play(tones(20))) == 20
 
 
-def test_drive__constant__reaches_the_motor_and_then_the_sensor(rig: AnyRig) -> None:
+def test_drive__constant__reaches_the_motor_and_then_the_sensor(rig: Rig) -> None:
     trace = rig.drive(np.full((400, 3), 0.1))
     assert np.all(np.abs(trace.command_v[-1] - 0.1) < 1e-3)
     assert np.all(trace.position_v[-1] > 0.05)
     assert not trace.reference.any()
 
 
-def test_load__controller_of_other_channels__is_refused_and_the_loaded_one_plays(rig: AnyRig) -> None:
+def test_load__controller_of_other_channels__is_refused_and_the_loaded_one_plays(rig: Rig) -> None:
     of = paper_display.display(paper_display.channel())
     with pytest.raises(BadInput, match="controller is for channels index; allowed: index, thumb, middle"):
         rig.load(paper_display.controller(of))
     assert len(rig.play(tones(20))) == 20
 
 
-def test_load__controller_of_another_rate__is_refused(rig: AnyRig) -> None:
+def test_load__controller_of_another_rate__is_refused(rig: Rig) -> None:
     of = replace(designed().display, rate_hz=8000.0)
     with pytest.raises(
         BadInput, match="controller is for 8000 Hz and a delay of 1; allowed: 4000 Hz and 1, as the display has"
@@ -185,59 +199,59 @@ def test_load__controller_of_another_rate__is_refused(rig: AnyRig) -> None:
         rig.load(Controller(of, designed().channels))
 
 
-def test_rest__in_the_middle_of_a_tone__leaves_nothing_on_the_motors(rig: AnyRig) -> None:
+def test_rest__in_the_middle_of_a_tone__leaves_nothing_on_the_motors(rig: Rig) -> None:
     rig.play(tones(333))
     rig.rest()
     assert at_rest(rig)
 
 
-def test_finger__pressed__is_felt_where_and_while_it_presses(rig: AnyRig) -> None:
+def test_finger__pressed__is_felt_where_and_while_it_presses(touched: Rig) -> None:
     felt: dict[str, list] = {"index": [], "middle": []}
     for name, pieces in felt.items():
-        rig.finger(name).attach(pieces.append)
-    rig.finger("middle").press(np.full(300, 0.5))
-    rig.play(np.zeros((200, 3)))
-    rig.play(np.zeros((200, 3)))
+        touched.finger(name).attach(pieces.append)
+    touched.finger("middle").press(np.full(300, 0.5))
+    touched.play(np.zeros((200, 3)))
+    touched.play(np.zeros((200, 3)))
     for name, pieces in felt.items():
-        rig.finger(name).detach(pieces.append)
+        touched.finger(name).detach(pieces.append)
     index, middle = (np.concatenate(felt[name]) for name in ("index", "middle"))
     assert index.size == middle.size == 400
     assert np.max(np.abs(index)) < 0.02 < 0.05 < np.max(np.abs(middle[:300]))
     before = middle.size
-    rig.play(np.zeros((20, 3)))
+    touched.play(np.zeros((20, 3)))
     assert np.concatenate(felt["middle"]).size == before
 
 
-def test_finger__touched__takes_level_at_high_frequencies(rig: AnyRig) -> None:
+def test_finger__touched__takes_level_at_high_frequencies(touched: Rig) -> None:
     felt: list = []
     reference = np.zeros((1600, 3))
     reference[:, 2] = 30.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(1600) / 4000.0)
-    rig.finger("middle").attach(felt.append)
+    touched.finger("middle").attach(felt.append)
     levels = []
     for load in (None, "finger"):
-        rig.finger("middle").touch(load)
-        rig.play(reference)
+        touched.finger("middle").touch(load)
+        touched.play(reference)
         whole = np.concatenate(felt)[-1200:]
         levels.append(abs(np.mean(whole * np.exp(-2j * np.pi * 200.0 * np.arange(1200) / 4000.0))))
         felt.clear()
-    rig.finger("middle").touch(None)
-    rig.finger("middle").detach(felt.append)
+    touched.finger("middle").touch(None)
+    touched.finger("middle").detach(felt.append)
     assert 0.5 < 20.0 * np.log10(levels[0] / levels[1]) < 12.0
 
 
-def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refused(rig: AnyRig) -> None:
+def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refused(touched: Rig) -> None:
     with pytest.raises(BadInput, match="channel 'ring' is not there; allowed: index, thumb, middle"):
-        rig.finger("ring")
+        touched.finger("ring")
     with pytest.raises(BadInput, match="load 'glove' is not described; allowed: none, finger"):
-        rig.finger("index").touch("glove")
+        touched.finger("index").touch("glove")
     for force in ([[0.1, 0.2]], [np.nan]):
         with pytest.raises(BadInput, match=r"allowed: \(n,\), finite volts of command"):
-            rig.finger("index").press(force)
+            touched.finger("index").press(force)
     with pytest.raises(BadInput, match="not attached"):
-        rig.finger("index").detach(print)
+        touched.finger("index").detach(print)
 
 
-def test_measure__multisine__is_the_response_of_the_simulated_display(rig: AnyRig) -> None:
+def test_measure__multisine__is_the_response_of_the_simulated_display(rig: Rig) -> None:
     plain = SimulatedRig(designed().display, 2)
     plain.load(designed())
     options = MeasurementOptions(35.0, longest_s=0.5, confidence_db=0.3)
