@@ -1,5 +1,6 @@
 """Display and protocol files to start from."""
 
+import re
 import tomllib
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from tactuator.io.shipped import (
     protocol_template,
     with_model,
 )
+from tactuator.model.description import TABLES, keys_of
 from tactuator.model.plant_model import PlantModel
 
 MODEL = PlantModel(
@@ -27,6 +29,15 @@ MODEL = PlantModel(
 @pytest.mark.parametrize("kind", DISPLAY_KINDS)
 def test_display_template__each_kind__is_a_display_of_one_channel(kind):
     assert len(parse_display(tomllib.loads(display_template(kind))).channels) == 1
+
+
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_display_template__each_kind__tells_every_key_set_or_as_a_comment(kind):
+    text = display_template(kind)
+    assert max(map(len, text.splitlines())) <= 120
+    for name in TABLES:
+        part = re.search(rf"(?ms)^(# )?\[+{name}\]+.*?(?=^(# )?\[|\Z)", text)[0]
+        assert set(re.findall(r"^(?:# )?(\w+) = ", part, flags=re.MULTILINE)) == set(keys_of(name))
 
 
 @pytest.mark.parametrize("kind", PROTOCOL_KINDS)

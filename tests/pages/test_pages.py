@@ -20,7 +20,7 @@ from tools.pages.run import PageFault, make_folder, run_page
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
          *sorted((ROOT / "docs/tutorials").glob("*.md"))]  # fmt: skip
-LANGUAGES = {"sh", "python", "toml", "json", "csv", "text"}
+LANGUAGES = {"sh", "python", "toml", "json", "csv", "text", "diff"}
 
 
 def page_text(page: Path) -> str:

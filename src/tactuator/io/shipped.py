@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from tactuator.errors import BadInput
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
     from tactuator.model.plant_model import PlantModel
 
+_WIDTH = 120
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
 PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
@@ -20,7 +21,32 @@ PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", 
 
 def display_template(kind: str) -> str:
     """Return the text of a commented display file for an actuator of that kind; BadInput for another kind."""
-    return _text("displays", kind, DISPLAY_KINDS)
+    return _commented(_text("displays", kind, DISPLAY_KINDS))
+
+
+def _commented(text: str) -> str:
+    """Return the text of a display with what its keys mean, and the keys that it leaves out as comments with their
+    defaults: both as the fields of the dataclasses have them.
+    """
+    from tactuator.model.description import TABLES, keys_of  # noqa: PLC0415  NumPy, when it is needed
+    from tactuator.parameters import default  # noqa: PLC0415
+
+    def with_keys(name: str, table: str) -> str:
+        lines = []
+        for line in table.rstrip().splitlines():
+            given = re.match(r"(\w+) = ", line)
+            told = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
+            lines.append(line + told if len(line + told) <= _WIDTH else line)
+        for key, about in keys_of(name).items():
+            if not re.search(rf"(?m)^{key} = ", table):
+                line = f"# {key} = {default(about) or '...'}"
+                told = f"{line}  # {about.description}"
+                lines.append(told if len(told) <= _WIDTH else line)
+        return "\n".join(lines) + "\n"
+
+    head, *parts = re.split(r"(?m)^(?=\[)", text)
+    tables = {str(re.match(r"\W*(\w+)", part)[1]): part for part in parts}  # type: ignore[index]
+    return head + "\n".join(with_keys(name, tables.get(name, f"# [{name}]\n")) for name in TABLES)
 
 
 def protocol_template(kind: str) -> str:
