@@ -87,7 +87,7 @@ ECHO = """
 import sqlite3, sys, uvicorn
 from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
-from tactuator.web.listener import listener
+from tactuator.web.server import listener
 async def echo(socket):
     await socket.accept()
     while True:

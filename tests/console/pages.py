@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tactuator.console.app import build_console
-from tactuator.console.scope.host import RigHost
-from tactuator.console.workshop import Workshop
+from tactuator.console.rig_process import RigProcess
+from tactuator.console.state import ConsoleState
 from tests.web.server import served
 
 TOKEN = "a-token-of-this-test"
@@ -46,10 +46,10 @@ def opened_page(browser: Any, address: str, ready: str, timeout_s: float = 30.0)
 
 
 @contextmanager
-def console_page(browser: Any, display: Path | None = None, rig: RigHost | None = None) -> Iterator[Any]:
+def console_page(browser: Any, display: Path | None = None, rig: RigProcess | None = None) -> Iterator[Any]:
     """Yield the start page of a console; what the browser complains of fails the test at its end."""
     with (
-        served(build_console(Workshop(display), TOKEN, rig=rig)) as client,
+        served(build_console(ConsoleState(display), TOKEN, rig=rig)) as client,
         opened_page(browser, address_of(client), "start", 120.0) as page,
     ):
         yield page
@@ -78,3 +78,11 @@ def saved_by(page: Any, selector: str, path: Path) -> Path:
         page.keyboard.press("Enter")
     download.value.save_as(path)
     return path
+
+
+def dropped(state: ConsoleState, path: Path, name: str | None = None) -> str:
+    """Keep a copy of a file as if the page had uploaded it, and return its key."""
+    key, folder = state.uploads.new_folder()
+    (folder / (name or path.name)).write_bytes(path.read_bytes())
+    state.uploads.keep(key, folder / (name or path.name))
+    return key

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.console.app import build_console
-from tactuator.console.workshop import Workshop
+from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tests.web.server import served
 
@@ -31,7 +31,7 @@ FILLED = {"identify": ("bench.csv", "#tried"), "speech": ("speech.wav", "button.
 
 @pytest.fixture
 def page(browser):
-    with served(build_console(Workshop(), TOKEN)) as client:
+    with served(build_console(ConsoleState(), TOKEN)) as client:
         made = browser.new_page(viewport=LAPTOP)
         made.set_default_timeout(120_000)  # a record is identified, a display designed: a busy machine takes its time
         made.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")

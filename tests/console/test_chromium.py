@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
-from tactuator.console.workshop import Workshop
+from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, tab_to
 from tests.web.server import served
@@ -119,7 +119,7 @@ def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
 
 
 def test_page__with_another_token__says_which_address_to_open(browser, tmp_path):
-    with served(build_console(Workshop(), TOKEN)) as client:
+    with served(build_console(ConsoleState(), TOKEN)) as client:
         made = browser.new_page()
         made.goto(f"http://127.0.0.1:{client.port}/#token=another")
         made.wait_for_selector("#banner:has-text('no valid token')")

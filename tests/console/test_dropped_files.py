@@ -1,7 +1,6 @@
 """Files that are no good, dropped on every view that takes one: told in one line, and what was there before stays."""
 
 import errno
-import json
 import logging
 import socket
 import time
@@ -14,12 +13,12 @@ import soundfile
 from fastapi import FastAPI
 
 from tactuator.console.app import build_console
-from tactuator.console.messages import request_of
-from tactuator.console.workshop import Workshop
+from tactuator.console.connection import REQUESTS as KINDS
+from tactuator.console.requests import checked
+from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN, console_page, go
-from tests.console.views.dropped import dropped
+from tests.console.pages import TOKEN, console_page, dropped, go
 from tests.web.server import served
 
 U, Y = np.random.default_rng(0).standard_normal((2, 4000)) * 0.1
@@ -82,67 +81,67 @@ REQUESTS = {
 
 
 @pytest.fixture(scope="module")
-def workshop():
-    return Workshop()
+def state():
+    return ConsoleState()
 
 
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("view", REQUESTS)
-def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(workshop, tmp_path, view, name):
+def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(state, tmp_path, view, name):
     FILES[name](tmp_path / name)
-    key = dropped(workshop, tmp_path / name)
-    request = request_of(json.dumps({"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}}))
+    key = dropped(state, tmp_path / name)
+    request = checked(KINDS, {"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}})
     if view == "display" and name not in ("random.toml",):
-        judged_as_text(workshop, request)
+        judged_as_text(state, request)
         return
-    with pytest.raises(BadInput) as told, workshop.drawer.named_plainly():
-        request.answer(workshop)
+    with pytest.raises(BadInput) as told, state.uploads.named_plainly():
+        request.answer(state)
     assert "\n" not in str(told.value)
-    assert str(workshop.drawer.folder()) not in str(told.value)
+    assert str(state.uploads.folder()) not in str(told.value)
 
 
-def judged_as_text(workshop, request):
+def judged_as_text(state, request):
     """A text that can be read is shown as it is, and its fault told; bytes that are none are refused."""
     try:
-        text = request.answer(workshop)["text"]
+        text = request.answer(state)["text"]
     except BadInput:
         return
     if len(text) <= 60_000:
-        judged = request_of(json.dumps({"id": 2, "do": "display.judge", "text": text})).answer(workshop)
+        judged = checked(KINDS, {"id": 2, "do": "display.judge", "text": text}).answer(state)
         assert judged["fault"]
 
 
 @pytest.mark.parametrize("name", ["", ".hidden", "a" * 200 + ".csv", "new\nline.csv", "../../up.csv", "c:\\x\\y.csv"])
 def test_name_of_a_dropped_file__stays_within_the_folder_of_the_drawer(name):
-    workshop = Workshop()
+    state = ConsoleState()
 
     async def blocks():
         yield b"1,2\n"
 
-    take = workshop.drawer.take(name, blocks())
+    take = state.uploads.take(name, blocks())
     with pytest.raises((BadInput, StopIteration)) as ended:  # a coroutine returns by the latter
         take.send(None)
     if isinstance(ended.value, StopIteration):
-        path = workshop.drawer.path(ended.value.value)
-        assert path.is_relative_to(workshop.drawer.folder())
+        path = state.uploads.path(ended.value.value)
+        assert path.is_relative_to(state.uploads.folder())
         assert path.name in ("up.csv", "y.csv")
     else:
         assert "allowed" in str(ended.value)
 
 
-def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing(workshop, monkeypatch, caplog):
+def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing(state, monkeypatch, caplog):
     head = (
         f"POST /drop HTTP/1.1\r\nHost: localhost\r\nX-Token: {TOKEN}\r\nX-Name: a.csv\r\nContent-Length: 9\r\n\r\na,b"
     )
-    with served(build_console(workshop, TOKEN)) as client:
+    with served(build_console(state, TOKEN)) as client:
         monkeypatch.setattr(logging.getLogger("uvicorn"), "propagate", True)
-        before = len(list(workshop.drawer.folder().iterdir()))
+        before = len(list(state.uploads.folder().iterdir()))
         with socket.create_connection(("127.0.0.1", client.port)) as one:
             one.sendall(head.encode())
             time.sleep(0.05)
         time.sleep(0.05)
         assert client.get("/").status == 200
-        assert len(list(workshop.drawer.folder().iterdir())) == before
+        assert len(list(state.uploads.folder().iterdir())) == before
     assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
@@ -151,14 +150,14 @@ def test_drop__on_a_full_disk__is_refused_in_one_line(monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
         yield b""
 
-    workshop = Workshop()
+    state = ConsoleState()
     with pytest.raises(BadInput, match=r"a.csv cannot be kept: No space left on device; allowed"):
-        workshop.drawer.take("a.csv", blocks()).send(None)
-    assert not list(workshop.drawer.folder().iterdir())
+        state.uploads.take("a.csv", blocks()).send(None)
+    assert not list(state.uploads.folder().iterdir())
 
 
-def test_drop__without_the_token__is_refused(workshop):
-    app: FastAPI = build_console(workshop, TOKEN)
+def test_drop__without_the_token__is_refused(state):
+    app: FastAPI = build_console(state, TOKEN)
     with served(app) as client:
         assert client.get("/drop").status in (404, 405)
 

@@ -10,7 +10,7 @@ PROGRAM = """
 import asyncio, signal, sys, time, uvicorn
 from fastapi import FastAPI
 from tactuator.console.ending import ConsoleServer
-from tactuator.web.listener import listener
+from tactuator.web.server import listener
 
 app, sock = FastAPI(), listener("127.0.0.1", 0)
 say = lambda text: print(text, flush=True)

@@ -15,12 +15,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tactuator.console.app import build_console
-from tactuator.console.scope.host import RigHost
-from tactuator.console.workshop import Workshop
+from tactuator.console.rig_process import RigProcess
+from tactuator.console.state import ConsoleState
 from tactuator.io.controller import write_controller
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN
-from tests.console.views.dropped import dropped
+from tests.console.pages import TOKEN, dropped
 from tests.web.access import requesting
 from tests.web.access.mutating import hear_all, mutated
 from tests.web.server import served
@@ -166,12 +165,12 @@ def console(controller, tmp_path_factory):
     """A console with a simulated rig, and the keys of files that were dropped on it."""
     folder = tmp_path_factory.mktemp("console")
     write_controller(folder / "controller.json", controller)
-    workshop, host = Workshop(folder=folder), RigHost("simulated", controller.display, 2)
+    state, host = ConsoleState(folder=folder), RigProcess("simulated", controller.display, 2)
     names = {"record": "bench.csv", "curve": "curve.csv", "display": "display.toml"}
     try:
-        with served(build_console(workshop, TOKEN, rig=host)) as client:
-            client.files = {kind: dropped(workshop, EXAMPLES / name) for kind, name in names.items()}
-            client.files["controller"] = dropped(workshop, folder / "controller.json")
+        with served(build_console(state, TOKEN, rig=host)) as client:
+            client.files = {kind: dropped(state, EXAMPLES / name) for kind, name in names.items()}
+            client.files["controller"] = dropped(state, folder / "controller.json")
             yield client
     finally:
         host.close()
@@ -184,12 +183,9 @@ def fails_once(monkeypatch, name: str, at: int) -> None:
     monkeypatch.setattr(name, lambda *given: 1 / 0 if next(calls) == at else whole(*given))
 
 
-@pytest.mark.parametrize(
-    ("path", "messages", "room"),
-    [("/ws", of_page, ""), ("/ws/rig", of_rig, "scope."), ("/ws/study", of_study, "study.")],
-)
-def test_fuzz__defect_in_one_message_of_many__is_noticed(console, caplog, monkeypatch, path, messages, room) -> None:
-    fails_once(monkeypatch, f"tactuator.console.{room}messages.request_of", 70)
+@pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
+def test_fuzz__defect_in_one_message_of_many__is_noticed(console, caplog, monkeypatch, path, messages) -> None:
+    fails_once(monkeypatch, "tactuator.console.requests.checked", 70)
     with pytest.raises(AssertionError, match="a defect of"):
         fuzz(console, caplog, monkeypatch, path, messages(console.files), FEW)
 

@@ -9,7 +9,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tactuator.console.app import build_console, static_file
-from tactuator.console.workshop import Workshop
+from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.web.server import served
@@ -27,7 +27,7 @@ POINT = {**DRAW, "do": "point", "shape": SHAPE, "turn_deg": 0, "gain_db": 0}
 
 @pytest.fixture(scope="module")
 def client():
-    with served(build_console(Workshop(EXAMPLES / "display.toml"), TOKEN)) as made:
+    with served(build_console(ConsoleState(EXAMPLES / "display.toml"), TOKEN)) as made:
         yield made
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import pytest
 
 from tactuator.console.app import build_console
-from tactuator.console.workshop import Workshop
+from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import address_of, go
 from tests.console.test_chromium import ONE, SETTLED, gain_text, shape
@@ -19,7 +19,7 @@ LEAST_PX = 24
 @contextmanager
 def phone(browser, display):
     """Yield a console on a phone's screen, and a fingertip's drag: where it began, and by how much it scrolled."""
-    with served(build_console(Workshop(display), TOKEN)) as client:
+    with served(build_console(ConsoleState(display), TOKEN)) as client:
         context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
         page = context.new_page()
         page.set_default_timeout(60_000)

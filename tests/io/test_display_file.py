@@ -97,7 +97,7 @@ def test_with_curve__another__is_every_channels(tmp_path: Path) -> None:
         ("[threshold]", '[touch]\nadaptive = "yes"\n[threshold]', "adaptive is 'yes'; allowed: true or false"),
         ("[threshold]", '[threshold]\ncurve = "tadoma"', "'tadoma' is not in the library"),
         ("[threshold]", '[threshold]\ncurve = "none.csv"', "No such file"),
-        ("[threshold]", "[thresholds]", r"table \[thresholds\] is not known; allowed: channel"),
+        ("[threshold]", "[thresholds]", r"\[thresholds\]: not a table that is known; allowed: channel"),
         ("[[channel]]", "[channel]", "not a list of tables"),
         ("[display]", "[display", "allowed: a TOML file"),
     ],

@@ -34,7 +34,7 @@ from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
 from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
-from tactuator.web.address import Address
+from tactuator.web.server import Address
 
 RNG = np.random.default_rng(0)
 U, Y = RNG.standard_normal((2, 4000)) * 0.1

@@ -8,8 +8,8 @@ from sqlalchemy import func, select
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
+from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
 from tests.web.server import Client, Socket, served
 

@@ -13,8 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 from websockets.sync.client import ClientConnection, connect
 
-from tactuator.web.listener import listener
-from tactuator.web.serving import server_config
+from tactuator.web.server import listener, server_config
 
 
 @dataclass

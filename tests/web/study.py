@@ -28,7 +28,7 @@ ASKED = ".choice[aria-disabled=false]"
 
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["tactuator.web.app"])  # a server comes up in the time of a fork
+FORKS.set_forkserver_preload(["tactuator.web.study_pages"])  # a server comes up in the time of a fork
 
 
 def _serve(arguments: list[str], told: Connection) -> None:

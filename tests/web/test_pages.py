@@ -6,8 +6,7 @@ from websockets.exceptions import ConnectionClosed
 
 from tactuator.errors import StoreFault
 from tactuator.experiment.store import records, schema
-from tactuator.web.sockets import CLOSE_FORBIDDEN
-from tactuator.web.study_pages import CLOSE_UNKNOWN
+from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.labs import TOKEN, begun, client, make_lab, response_count, until  # noqa: F401
 
@@ -163,7 +162,7 @@ def test_subject__other_subject_at_the_rig__waits(client, lab) -> None:
 def test_connection__unknown_link__is_closed(client) -> None:
     with client.websocket_connect("/ws/subject/token-S9") as socket, pytest.raises(ConnectionClosed) as closed:
         socket.receive_json()
-    assert closed.value.rcvd.code == CLOSE_UNKNOWN
+    assert closed.value.rcvd.code == CLOSE_ABSENT
 
 
 @pytest.mark.parametrize("said", ["", "wrong", "token-S1", "ü"])
@@ -174,7 +173,7 @@ def test_operator__wrong_token__is_closed(client, said) -> None:
     assert closed.value.rcvd.code == CLOSE_FORBIDDEN
 
 
-@pytest.mark.parametrize(("path", "code"), [("/ws/operator", CLOSE_FORBIDDEN), ("/ws/subject/token-S1", CLOSE_UNKNOWN)])
+@pytest.mark.parametrize(("path", "code"), [("/ws/operator", CLOSE_FORBIDDEN), ("/ws/subject/token-S1", CLOSE_ABSENT)])
 def test_connection__from_another_sites_page__is_closed(client, path, code) -> None:
     with (
         client.websocket_connect(path, origin="http://elsewhere.example") as socket,

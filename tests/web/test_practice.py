@@ -5,7 +5,7 @@ from sqlalchemy import select
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
-from tactuator.web.app import build_app
+from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served

@@ -9,7 +9,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
-from tactuator.web.app import build_app
+from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
 from tests.web.labs import TOKEN, make_lab, response_count, until  # noqa: F401

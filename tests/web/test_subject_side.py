@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.experiment.store import records, schema
-from tactuator.web.app import build_app
+from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, response_of
 from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served

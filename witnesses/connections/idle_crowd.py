@@ -11,7 +11,7 @@ own; times are the subject's. Other work on the machine makes them longer: a bar
 loopback through another process in turn with the answers, says by how much. A new page's requests are counted as
 well: with every place taken they are often refused, which is told and is no part of the claim.
 
-Seen to fail: `--unlimited` serves without the limits of `tactuator.web.serving`. The session is kept waiting, or ends,
+Seen to fail: `--unlimited` serves without the limits of `tactuator.web.server`. The session is kept waiting, or ends,
 once the descriptors are used up.
 """
 

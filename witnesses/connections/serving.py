@@ -20,9 +20,9 @@ from websockets.sync.client import ClientConnection
 WHOLE = "import sys; from tactuator.cli import main; sys.exit(main())"
 UNLIMITED = """
 import sys
-from tactuator.web import listener, serving
-listener.CONNECTIONS_MAX = listener.CONNECTIONS_PER_ADDRESS_MAX = serving._LOGGED_PER_MINUTE = 10**9
-serving.HEADER_TIMEOUT_S, serving._BACKLOG = 1e6, 2048
+from tactuator.web import server as serving
+serving.CONNECTIONS_MAX = serving.CONNECTIONS_PER_ADDRESS_MAX = serving._LOGGED_PER_MINUTE = 10**9
+serving.HEADER_TIMEOUT_S, serving._BEFORE_OTHERS = 1e6, 2048
 from tactuator.cli import main
 sys.exit(main())
 """

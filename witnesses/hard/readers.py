@@ -18,7 +18,6 @@ import scipy.io
 import soundfile
 
 import tactuator
-from tactuator import thresholds
 from tactuator.corpus.corpus import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
@@ -35,8 +34,9 @@ from tactuator.runtime.image import read_image_header
 from tactuator.signals.record import Record
 from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
-from tactuator.web.address import Address
+from tactuator.verbs.experiment import thresholds
 from tactuator.web.serve import _operator_token
+from tactuator.web.server import Address
 
 EXAMPLES = Path(tactuator.__file__).parent / "io/examples"
 _LANGUAGE = Path(tactuator.__file__).parent / "experiment/language/de.toml"

@@ -1,30 +1,169 @@
-"""One connection of the console's page: requests are answered in turn, figures follow when they are ready."""
+"""The connection of the console's page: requests are answered in turn, figures follow when they are ready."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Annotated, Any
 
-from fastapi import WebSocket, WebSocketDisconnect
+from fastapi import WebSocket
+from pydantic import Field, TypeAdapter
 
-from tactuator.console import messages
-from tactuator.console.asked import Answer, ViewRequest, number_of
-from tactuator.console.chart.frame import MARKS_HZ, frame
-from tactuator.console.chart.regions import ground
+from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
 from tactuator.console.figures import settled_figures, verdict_rows
-from tactuator.console.shaping.factors import LoopShape, shape_of
-from tactuator.console.shaping.moved_point import with_point_at
-from tactuator.console.workshop import Workshop
+from tactuator.console.loop_chart import MARKS_HZ, frame, ground
+from tactuator.console.loop_shape import LoopShape, shape_of, with_point_at
+from tactuator.console.requests import (
+    CHANNELS_MAX,
+    DEFECT,
+    LOGGER,
+    Answer,
+    Finite,
+    Name,
+    PageRequest,
+    Requests,
+    ViewRequest,
+    digits,
+    serve_requests,
+)
+from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.web.sockets import first_to_end, receive_text, send
+from tactuator.web.sockets import first_to_end, send
 
-_DEFECT = "a defect of the console, which the server's log tells; what is in the page is still there"
-_LOGGER = logging.getLogger("tactuator.web.lab")
+
+@dataclass(frozen=True)
+class Start(ViewRequest):
+    """Request for what the start page shows."""
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the display of the command line, and the examples."""
+        return {"named": state.named, "examples": state.examples()}
+
+
+@dataclass(frozen=True)
+class Open(ViewRequest):
+    """Request for a display, read anew."""
+
+    display: Name
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return what the page shows of the display."""
+        display = state.open(self.display)
+        return {
+            "name": display.name,
+            "rate_hz": display.rate_hz,
+            "delay_samples": display.delay_samples,
+            "file": state.command_name(self.display),
+            "channels": [
+                {
+                    "name": channel.name,
+                    "finger": channel.finger,
+                    "loop": channel.feedback.structure != "none",
+                    "loads": [load.name for load in channel.loads],
+                    "models": 1 + len(channel.family),
+                }
+                for channel in display.channels
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class _OfChannel(ViewRequest):
+    display: Name
+    channel: Name
+
+
+class Bring(_OfChannel):
+    """Request for what a channel's chart is drawn on, with a shape to begin with."""
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return frequencies, instants and the chart's ground, and the shape."""
+        plants = state.plants(self.display, self.channel)
+        return {
+            "frequency_hz": digits(plants.frequency_hz),
+            "time_s": plants.time_s.tolist(),
+            "marks_hz": MARKS_HZ,
+            "loads": [plants.family[place].load for place in plants.shown],
+            "plants": len(plants.family),
+            "ground": ground(plants),
+            "shape": state.first_shape(self.display, self.channel).document(),
+        }
+
+
+class Design(_OfChannel):
+    """Request to run the synthesis for a channel."""
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the shape that the synthesis found, and the command that does the same."""
+        shape = state.designed(self.display, self.channel)
+        return {"shape": shape.document(), "command": f"tactuator design {state.command_name(self.display)}"}
+
+
+@dataclass(frozen=True)
+class Draw(PageRequest):
+    """Request for the curves of a shape; its figures follow."""
+
+    display: Name
+    channel: Name
+    shape: dict[str, Any]
+
+    def wanted(self, state: ConsoleState) -> LoopShape:
+        """Return the shape to be drawn."""
+        return shape_of(self.shape)
+
+
+@dataclass(frozen=True)
+class MovePoint(Draw):
+    """Request to bring the point of the curve at `hz`, turned by `turn_deg`, to `gain_db`, and to draw that."""
+
+    hz: Annotated[Finite, Field(gt=0.0)]
+    turn_deg: Finite
+    gain_db: Annotated[Finite, Field(ge=-200.0, le=200.0)]
+
+    def wanted(self, state: ConsoleState) -> LoopShape:
+        """Return the shape with the point where it is wanted."""
+        plant = state.plants(self.display, self.channel).family[0].sampled
+        return with_point_at(shape_of(self.shape), plant, self.hz, self.turn_deg, self.gain_db)
+
+
+@dataclass(frozen=True)
+class Check(ViewRequest):
+    """Request for the whole verdict, and the text of the controller file."""
+
+    display: Name
+    shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the verdict, the text and the command that checks it."""
+        shapes = {name: shape_of(document) for name, document in self.shapes.items()}
+        controller = state.controller(self.display, shapes)
+        return {
+            "verdict": verdict_rows(whole_verdict(controller)),
+            "text": controller_text(controller),
+            "command": "tactuator check controller.json",
+        }
+
+
+REQUESTS: Requests[ViewRequest | Draw] = {
+    name: TypeAdapter(kind)
+    for name, kind in {
+        "start": Start,
+        "open": Open,
+        "bring": Bring,
+        "draw": Draw,
+        "point": MovePoint,
+        "design": Design,
+        "check": Check,
+        **display_view.REQUESTS,
+        **identify_view.REQUESTS,
+        **prefilter_view.REQUESTS,
+        **speech_view.REQUESTS,
+        **study.REQUESTS,
+    }.items()
+}
 
 
 @dataclass(frozen=True)
@@ -44,32 +183,25 @@ class ConsoleConnection:
     apart: where figures are computed; a process of its own leaves the interpreter to the frames. None: a thread.
     """
 
-    def __init__(self, socket: WebSocket, workshop: Workshop, apart: Executor | None = None) -> None:
-        self._socket, self._workshop, self._apart = socket, workshop, apart
+    def __init__(self, socket: WebSocket, state: ConsoleState, apart: Executor | None = None) -> None:
+        self._socket, self._state, self._apart = socket, state, apart
         self._wanted: _Wanted | None = None
         self._changed = asyncio.Event()
 
     async def serve(self) -> None:
         """Serve the page until it goes, its requests in turn."""
-        await first_to_end(self._read(), self._figures())
+        await first_to_end(serve_requests(self._socket, REQUESTS, self._answer), self._figures())
 
-    async def _read(self) -> None:
-        while True:
-            number = None
-            try:
-                text = await receive_text(self._socket)
-                number = number_of(text)
-                answer = await self._answer(messages.request_of(text))
-            except TactuatorError as error:
-                answer = {"error": str(error)}
-            except WebSocketDisconnect:
-                raise
-            except Exception:
-                _LOGGER.exception("a request of the console failed")
-                answer = {
-                    "error": "a defect of the console; the server's log has it. What is in the page is still there"
-                }
-            await send(self._socket, {"id": number, **answer})
+    async def _answer(self, number: int, request: ViewRequest | Draw) -> Answer:
+        if isinstance(request, ViewRequest):
+            with self._state.uploads.named_plainly():
+                return await asyncio.to_thread(request.answer, self._state)
+        place = request.display, request.channel
+        plants, shape = self._state.plants(*place), request.wanted(self._state)
+        drawn = frame(plants, self._state.system(*place, shape))
+        self._wanted = _Wanted(number, *place, shape)
+        self._changed.set()
+        return {"shape": shape.document(), "frame": drawn}
 
     async def _figures(self) -> None:
         """Send the figures of the newest shape, one after another."""
@@ -80,99 +212,21 @@ class ConsoleConnection:
             if wanted is None:
                 continue
             try:
-                found = await self._figures_of(wanted)
+                figures = await self._figures_of(wanted)
             except TactuatorError as error:
-                found = {"refused": str(error)}
+                figures = {"refused": str(error)}
             except Exception:
-                _LOGGER.exception("figures of the console failed")
-                found = {"refused": _DEFECT}
-            await send(self._socket, {"of": wanted.request, "channel": wanted.channel, "figures": found})
+                LOGGER.exception("figures of the console failed")
+                figures = {"refused": DEFECT}
+            await send(self._socket, {"of": wanted.request, "channel": wanted.channel, "figures": figures})
 
     async def _figures_of(self, wanted: _Wanted) -> Answer:
-        workshop, place = self._workshop, (wanted.display, wanted.channel)
-        system, known = workshop.system(*place, wanted.shape), workshop.known(*place, wanted.shape)
+        state, place = self._state, (wanted.display, wanted.channel)
+        system, known = state.system(*place, wanted.shape), state.known(*place, wanted.shape)
         loop = asyncio.get_running_loop()
-        own, found = await loop.run_in_executor(self._apart, settled_figures, workshop.bench(*place), system, known)
+        controller, figures = await loop.run_in_executor(
+            self._apart, settled_figures, state.plants(*place), system, known
+        )
         if known is None:
-            workshop.keep(*place, wanted.shape, own)
-        return found
-
-    async def _answer(self, request: messages.Request) -> Answer:
-        workshop = self._workshop
-        match request:
-            case messages.Start():
-                return {"named": workshop.named, "examples": workshop.examples()}
-            case messages.Open():
-                return _opened(workshop, request.display)
-            case messages.Bring():
-                return await asyncio.to_thread(_brought, workshop, request.display, request.channel)
-            case messages.Draw():
-                return self._drawn(request, shape_of(request.shape))
-            case messages.MovePoint():
-                on = workshop.bench(request.display, request.channel)
-                shape = with_point_at(
-                    shape_of(request.shape), on.family[0].sampled, request.hz, request.turn_deg, request.gain_db
-                )
-                return self._drawn(request, shape)
-            case messages.Design():
-                shape = await asyncio.to_thread(workshop.designed, request.display, request.channel)
-                return {
-                    "shape": shape.document(),
-                    "command": f"tactuator design {workshop.command_name(request.display)}",
-                }
-            case ViewRequest():
-                with workshop.drawer.named_plainly():
-                    return await asyncio.to_thread(request.answer, workshop)
-            case messages.Check():
-                shapes = {name: shape_of(one) for name, one in request.shapes.items()}
-                return await asyncio.to_thread(_checked, workshop, request.display, shapes)
-
-    def _drawn(self, request: messages.Draw | messages.MovePoint, shape: LoopShape) -> Answer:
-        workshop = self._workshop
-        on = workshop.bench(request.display, request.channel)
-        drawn = frame(on, workshop.system(request.display, request.channel, shape))
-        self._wanted = _Wanted(request.id, request.display, request.channel, shape)
-        self._changed.set()
-        return {"shape": shape.document(), "frame": drawn}
-
-
-def _opened(workshop: Workshop, key: str) -> Answer:
-    display = workshop.open(key)
-    return {
-        "name": display.name,
-        "rate_hz": display.rate_hz,
-        "delay_samples": display.delay_samples,
-        "file": workshop.command_name(key),
-        "channels": [
-            {
-                "name": one.name,
-                "finger": one.finger,
-                "loop": one.feedback.structure != "none",
-                "loads": [load.name for load in one.loads],
-                "models": 1 + len(one.family),
-            }
-            for one in display.channels
-        ],
-    }
-
-
-def _brought(workshop: Workshop, key: str, channel: str) -> Answer:
-    on = workshop.bench(key, channel)
-    return {
-        "frequency_hz": [float(f"{one:.6g}") for one in on.frequency_hz.tolist()],
-        "time_s": on.time_s.tolist(),
-        "marks_hz": MARKS_HZ,
-        "loads": [on.family[place].load for place in on.shown],
-        "plants": len(on.family),
-        "ground": ground(on),
-        "shape": workshop.begun(key, channel).document(),
-    }
-
-
-def _checked(workshop: Workshop, key: str, shapes: Mapping[str, LoopShape]) -> Answer:
-    controller = workshop.controller(key, shapes)
-    return {
-        "verdict": verdict_rows(whole_verdict(controller)),
-        "text": controller_text(controller),
-        "command": "tactuator check controller.json",
-    }
+            state.keep(*place, wanted.shape, controller)
+        return figures

@@ -7,7 +7,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tactuator.console.chart.bench import Bench
+from tactuator.console.loop_chart import ChannelPlants
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.verdict import Finding, Verdict, verdict_of
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
@@ -22,52 +22,52 @@ _TILES = ("error of |H|", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 _BUILD = "build"
 
 
-def channel_controller(bench: Bench, feedback: SampledSystem) -> ChannelController:
+def channel_controller(plants: ChannelPlants, feedback: SampledSystem) -> ChannelController:
     """Return the controller of a channel with C as it was shaped, and the prefilter that belongs to it.
 
     Raises UnstableLoop where the loop is unstable on a plant of the family; BadInput where no prefilter fits.
     """
-    display, channel = bench.display, bench.channel
+    display, channel = plants.display, plants.channel
     with threadpool_limits(limits=1):  # as `design` does: the same figures on any machine
         fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, channel.prefilter.poles)
-        return assemble(display, channel, feedback, fit, bench.family)
+        return assemble(display, channel, feedback, fit, plants.family)
 
 
 def settled_figures(
-    bench: Bench, feedback: SampledSystem, own: ChannelController | None
+    plants: ChannelPlants, feedback: SampledSystem, known: ChannelController | None
 ) -> tuple[ChannelController, dict[str, Any]]:
     """Return the controller of a channel (the one that is known already, or one made for C), and its figures."""
-    made = channel_controller(bench, feedback) if own is None else own
-    return made, channel_figures(bench, made)
+    controller = channel_controller(plants, feedback) if known is None else known
+    return controller, channel_figures(plants, controller)
 
 
-def channel_figures(bench: Bench, own: ChannelController) -> dict[str, Any]:
+def channel_figures(plants: ChannelPlants, controller: ChannelController) -> dict[str, Any]:
     """Return the figures of `design` and the findings of `check` on one channel, as rows of texts, and the large
     figures: name, value and limit as texts, and what came of them.
     """
-    alone = Controller(replace(bench.display, channels=(bench.channel,)), (own,))
-    findings = [*judge_channel(own, bench.channel, bench.display), buildable(alone)]
+    alone = Controller(replace(plants.display, channels=(plants.channel,)), (controller,))
+    findings = [*judge_channel(controller, plants.channel, plants.display), buildable(alone)]
     return {
-        "design": [list(row) for row in design_rows([own])],
+        "design": [list(row) for row in design_rows([controller])],
         "verdict": verdict_rows(verdict_of(findings)),
-        "tiles": [_margin_tile(bench, own), *_tiles(verdict_of(findings))],
+        "tiles": [_margin_tile(plants, controller), *_tiles(verdict_of(findings))],
     }
 
 
 def verdict_rows(verdict: Verdict) -> dict[str, Any]:
     """Return a verdict as `check` prints it: columns, rows of texts with remarks, its sentence, what was assumed."""
-    rows = [[*finding_row(one), one.remark] for objective in verdict.objectives for one in objective.worst()]
+    worst = [finding for objective in verdict.objectives for finding in objective.worst()]
     return {
         "columns": [*FINDING_COLUMNS, "remark"],
-        "rows": rows,
+        "rows": [[*finding_row(finding), finding.remark] for finding in worst],
         "sentence": verdict.sentence,
         "assumed": list(verdict.assumptions),
     }
 
 
-def _margin_tile(bench: Bench, own: ChannelController) -> dict[str, str]:
-    margin = own.report["margins"]["phase_margin_deg"]
-    asked = bench.channel.feedback.phase_margin_deg
+def _margin_tile(plants: ChannelPlants, controller: ChannelController) -> dict[str, str]:
+    margin = controller.report["margins"]["phase_margin_deg"]
+    asked = plants.channel.feedback.phase_margin_deg
     short = asked is not None and margin is not None and margin < asked
     return {
         "name": "phase margin",
@@ -78,17 +78,17 @@ def _margin_tile(bench: Bench, own: ChannelController) -> dict[str, str]:
 
 
 def _tiles(verdict: Verdict) -> list[dict[str, str]]:
-    found = [one for objective in verdict.objectives for one in objective.worst()]
-    worst = {one.quantity: one for one in found if one.objective != _BUILD}
-    built = [replace(one, quantity="word length: float32") for one in found if one.objective == _BUILD]
-    return [_tile(one) for one in [*(worst[name] for name in _TILES if name in worst), *built]]
+    findings = [finding for objective in verdict.objectives for finding in objective.worst()]
+    worst = {finding.quantity: finding for finding in findings if finding.objective != _BUILD}
+    built = [replace(finding, quantity="word length: float32") for finding in findings if finding.objective == _BUILD]
+    return [_tile(finding) for finding in [*(worst[name] for name in _TILES if name in worst), *built]]
 
 
-def _tile(one: Finding) -> dict[str, str]:
-    unit = f" {one.unit}" if one.unit else ""
+def _tile(finding: Finding) -> dict[str, str]:
+    unit = f" {finding.unit}" if finding.unit else ""
     return {
-        "name": one.quantity,
-        "value": "—" if one.value is None else f"{one.value:.2f}{unit}",
-        "allowed": "" if one.allowed is None else f"{one.allowed:g}{unit} or less",
-        "outcome": one.outcome.value,
+        "name": finding.quantity,
+        "value": "—" if finding.value is None else f"{finding.value:.2f}{unit}",
+        "allowed": "" if finding.allowed is None else f"{finding.allowed:g}{unit} or less",
+        "outcome": finding.outcome.value,
     }

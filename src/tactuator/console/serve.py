@@ -14,8 +14,8 @@ from tactuator.errors import BadInput
 from tactuator.verbs.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
 
 if TYPE_CHECKING:
-    from tactuator.console.scope.host import RigHost
-    from tactuator.console.workshop import Workshop
+    from tactuator.console.rig_process import RigProcess
+    from tactuator.console.state import ConsoleState
 
 _TOKEN_BYTES = 16
 _NICER = 5
@@ -39,8 +39,8 @@ def console(
     """
     from tactuator.console.app import build_console
     from tactuator.console.ending import ConsoleServer
-    from tactuator.console.workshop import Workshop
-    from tactuator.web.address import Address
+    from tactuator.console.state import ConsoleState
+    from tactuator.web.server import Address
 
     if rig is not None and display is None:
         raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
@@ -48,12 +48,12 @@ def console(
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
     # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
-    workshop, token = Workshop(None if display is None else Path(display)), secrets.token_urlsafe(_TOKEN_BYTES)
+    state, token = ConsoleState(None if display is None else Path(display)), secrets.token_urlsafe(_TOKEN_BYTES)
     sock = address.listen()
-    with sock, _held(rig, workshop, seed) as held, _figures_apart() as apart:
-        config = address.config(build_console(workshop, token, apart, held), time.monotonic)
+    with sock, _held(rig, state, seed) as held, _figures_apart() as apart:
+        config = address.config(build_console(state, token, apart, held), time.monotonic)
         close = (lambda: None) if held is None else held.close
-        server = ConsoleServer(config, close, workshop.drawer.forget)
+        server = ConsoleServer(config, close, state.uploads.forget)
         lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
@@ -61,15 +61,15 @@ def console(
 
 
 @contextmanager
-def _held(spec: str | None, workshop: "Workshop", seed: int) -> "Iterator[RigHost | None]":
+def _held(spec: str | None, state: "ConsoleState", seed: int) -> "Iterator[RigProcess | None]":
     """Yield the rig of that name, held by a process of its own, or None for none; it is at rest in the end."""
-    from tactuator.console.scope.host import RigHost
-    from tactuator.console.workshop import FILE
+    from tactuator.console.rig_process import RigProcess
+    from tactuator.console.state import FILE
 
     if spec is None:
         yield None
         return
-    host = RigHost(spec, workshop.display(FILE), seed)
+    host = RigProcess(spec, state.display(FILE), seed)
     try:
         yield host
     finally:

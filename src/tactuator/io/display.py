@@ -140,7 +140,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
     for key in document:
         if key not in TABLES:
-            raise BadInput(f"table [{key}] is not known", ", ".join(sorted(TABLES)))
+            raise BadInput("not a table that is known", ", ".join(sorted(TABLES)), where=(f"[{key}]",))
     tables = {name: _table(document, name) for name in TABLES if name != "channel"}
     channels = document.get("channel", [])
     if not isinstance(channels, list) or not all(isinstance(entry, Mapping) for entry in channels):
@@ -279,9 +279,11 @@ def _merged(table: Document, entry: Document, name: str, where: str) -> tuple[di
 
 def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
     curve = (in_file(Threshold) | keys)["curve"]
-    return from_table(
-        Threshold, keys | {"curve": resolve_curve(curve, beside) if isinstance(curve, str) else curve}, where
-    )
+    try:
+        resolved = resolve_curve(curve, beside) if isinstance(curve, str) else curve
+    except BadInput as error:
+        raise error.within(where, "curve") from None
+    return from_table(Threshold, keys | {"curve": resolved}, where)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def parse_finite_json(text: str) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raises BadInput, with the reason alone, for none, and for one of over 2 MB."""
+    """Return the tables of a TOML text. Raises BadInput within its line for none, and for one of over 2 MB."""
     if len(text) > _LARGEST_TOML:
         raise BadInput(f"it has more than {_LARGEST_TOML >> 20} MB")
     if _DEEP_KEY.search(text):
@@ -105,7 +105,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise BadInput(str(error).splitlines()[0]) from None
+        reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it tells
+        raise BadInput(reason or place, where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
         raise BadInput("it is not TOML") from None
 

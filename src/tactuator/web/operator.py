@@ -16,7 +16,7 @@ from tactuator.experiment.store.records import Found
 from tactuator.web.lab import Lab, LabFault
 from tactuator.web.messages import Command, Correct, Day, Enrol, NewVisit, OperatorMessage, operator_message
 from tactuator.web.sockets import first_to_end, receive_text, send
-from tactuator.web.tabs import Tabs
+from tactuator.web.subject import Tabs
 
 _REFRESH_S = 1.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -14,7 +14,13 @@ from fastapi.responses import HTMLResponse, PlainTextResponse
 
 from tactuator.experiment.language.words import Words
 
-_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+_TYPES = {
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".html": "text/html",
+    ".md": "text/plain",
+}
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
@@ -49,9 +55,8 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
     texts = {key.removeprefix(table): text for key, text in words.texts.items() if key.startswith(table)}
     parts = [f'<link rel="stylesheet" href="/static/{style}.css">' for style in ("common", name)]
     parts += [f'<script src="/static/{script}.js" defer></script>' for script in ("common", *scripts)]
-    body = re.sub(
-        r"\{\{([a-z_.]+)\}\}", lambda found: escape(words(found[1])), _resource(f"{name}.html").read_text("utf-8")
-    )
+    body = _static().joinpath(f"{name}.html").read_text("utf-8")
+    body = re.sub(r"\{\{([a-z_.]+)\}\}", lambda key: escape(words(key[1])), body)
     return HTMLResponse(
         _PAGE.format(
             language=escape(words.language),
@@ -66,10 +71,15 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
 
 def static_file(name: str) -> Response | None:
     """Return a style, script or picture by its bare name, or None where there is none."""
+    return None if name.endswith(".html") else file_response(_static(), name, HEADERS)
+
+
+def file_response(folder: Traversable, name: str, headers: Mapping[str, str]) -> Response | None:
+    """Return a file of a folder by its bare name, or None where there is none of a kind that pages have."""
     suffix = name[name.rfind(".") :]
-    if suffix not in _TYPES or not holds_file(files("tactuator.web").joinpath("static"), name):
+    if suffix not in _TYPES or not holds_file(folder, name):
         return None
-    return Response(_resource(name).read_bytes(), media_type=_TYPES[suffix], headers=HEADERS)
+    return Response(folder.joinpath(name).read_bytes(), media_type=_TYPES[suffix], headers=headers)
 
 
 def holds_file(folder: Traversable, name: str) -> bool:
@@ -82,5 +92,5 @@ def plain_text(text: str, status: int = 200) -> Response:
     return PlainTextResponse(f"{text}\n", status_code=status, headers=HEADERS)
 
 
-def _resource(name: str) -> Traversable:
-    return files("tactuator.web").joinpath("static", name)
+def _static() -> Traversable:
+    return files("tactuator.web").joinpath("static")

@@ -26,8 +26,8 @@ from tactuator.verbs.parameters import (
 
 if TYPE_CHECKING:
     from tactuator.experiment.store.records import Found
-    from tactuator.web.address import Address
     from tactuator.web.lab import Lab
+    from tactuator.web.server import Address
 
 TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
 _SHORTEST_TOKEN = 16
@@ -68,9 +68,9 @@ def serve(
     from tactuator.experiment.session.studies import fresh_token, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.web.address import Address
-    from tactuator.web.app import build_app
     from tactuator.web.lab import Lab
+    from tactuator.web.server import Address
+    from tactuator.web.study_pages import build_app
 
     folder = Path(protocol).parent
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))

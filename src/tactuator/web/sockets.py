@@ -15,6 +15,8 @@ from tactuator.errors import BadInput
 
 CLOSE_FORBIDDEN = 4003
 """Close code of a connection that is not allowed."""
+CLOSE_ABSENT = 4004
+"""Close code of a connection to a session, study or rig that is not there."""
 _TOKEN_TIMEOUT_S = 10.0
 
 
@@ -58,7 +60,16 @@ def same_origin(socket: WebSocket) -> bool:
     return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
 
 
-async def has_token(socket: WebSocket, token: str) -> bool:
+async def admitted(socket: WebSocket, token: str) -> bool:
+    """Accept a connection, and return whether a page of this server made it and sent the token; others are closed."""
+    await socket.accept()
+    if same_origin(socket) and await _has_token(socket, token):
+        return True
+    await socket.close(CLOSE_FORBIDDEN)
+    return False
+
+
+async def _has_token(socket: WebSocket, token: str) -> bool:
     """Return whether the first message is the token."""
     try:
         async with asyncio.timeout(_TOKEN_TIMEOUT_S):

@@ -7,18 +7,46 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Query, Response, WebSocket
+from fastapi import FastAPI, Query, Request, Response, WebSocket
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage, Operators
-from tactuator.web.pages import page, plain_text
-from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, same_origin
-from tactuator.web.subject import SubjectTab
-from tactuator.web.tabs import Tabs
+from tactuator.web.pages import page, plain_text, static_file
+from tactuator.web.sockets import CLOSE_ABSENT, admitted, same_origin
+from tactuator.web.subject import SubjectTab, Tabs
 
-CLOSE_UNKNOWN = 4004
-"""Close code of a connection to no session or study that is open."""
+
+def build_app(lab: Lab, operator_token: str) -> FastAPI:
+    """Return the web application of one lab."""
+    app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None)
+    add_study_pages(app, StudyPages(lab), operator_token)
+
+    @app.get("/")
+    async def index() -> Response:
+        return plain_text(lab.words("page.nothing_here"))
+
+    @app.get("/static/{name}")
+    async def static(name: str) -> Response:
+        return static_file(name) or plain_text(lab.words("page.no_page"), 404)
+
+    @app.exception_handler(StarletteHTTPException)
+    async def told(request: Request, error: StarletteHTTPException) -> Response:
+        return plain_text(lab.words("page.no_page"), error.status_code)
+
+    @app.exception_handler(Exception)
+    async def failed(request: Request, error: Exception) -> Response:
+        return plain_text(lab.words("page.no_page"), 500)
+
+    @app.exception_handler(RequestValidationError)
+    async def refused(request: Request, error: RequestValidationError) -> Response:
+        return plain_text(lab.words("page.no_page"), 422)
+
+    return app
+
+
 _NOTHING = "There is no such page here."
 
 
@@ -41,7 +69,7 @@ class StudyPages:
             task.cancel()
         if task.cancelled():
             with suppress(RuntimeError):  # the page has gone meanwhile
-                await socket.close(CLOSE_UNKNOWN)
+                await socket.close(CLOSE_ABSENT)
         else:
             task.result()
 
@@ -94,7 +122,7 @@ def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> No
         lab = pages.lab
         row = None if lab is None else lab.by_token(token)
         if lab is None or row is None or not same_origin(socket):
-            await socket.close(CLOSE_UNKNOWN)
+            await socket.close(CLOSE_ABSENT)
             return
         tab = SubjectTab(socket, lab, row)
         await pages.tabs.enter(tab)
@@ -107,13 +135,11 @@ def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> No
 
     @app.websocket("/ws/operator")
     async def operator(socket: WebSocket) -> None:
-        await socket.accept()
-        if not same_origin(socket) or not await has_token(socket, operator_token):
-            await socket.close(CLOSE_FORBIDDEN)
+        if not await admitted(socket, operator_token):
             return
         lab = pages.lab
         if lab is None:
-            await socket.close(CLOSE_UNKNOWN)
+            await socket.close(CLOSE_ABSENT)
             return
         one = OperatorPage(socket, lab, pages.tabs, pages.operators)
         pages.operators.enter(one)

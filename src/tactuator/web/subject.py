@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Protocol
 
 from fastapi import WebSocket, WebSocketDisconnect
 
@@ -29,6 +29,43 @@ from tactuator.web.messages import (
     subject_message,
 )
 from tactuator.web.sockets import first_to_end, receive_text, send
+
+
+class Tab(Protocol):
+    """An open page of a session."""
+
+    @property
+    def session(self) -> int:
+        """Return the session's row in the store."""
+        ...
+
+    async def leave(self) -> None:
+        """Tell the page that another page of the session took over."""
+        ...
+
+
+class Tabs:
+    """The newest open tab of every session."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Tab] = {}
+
+    async def enter(self, tab: Tab) -> None:
+        """Add a tab; the one before it is told and closed."""
+        before = self._open.get(tab.session)
+        self._open[tab.session] = tab
+        if before is not None:
+            await before.leave()
+
+    def exit(self, tab: Tab) -> None:
+        """Remove a tab that has closed."""
+        if self._open.get(tab.session) is tab:
+            del self._open[tab.session]
+
+    def is_open(self, session: int) -> bool:
+        """Return whether the subject's page is connected."""
+        return session in self._open
+
 
 CLOSE_ELSEWHERE = 4001
 """Close code of a connection whose session was opened in another tab."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactuator.web import serving
+from tactuator.web import server as serving
 
 LOGGERS = ("uvicorn", "uvicorn.error", "uvicorn.access", "asyncio", "tactuator.web.lab")
 """Where a server's defects are told."""

@@ -20,8 +20,8 @@ from websockets.sync.client import connect
 
 from tactuator.cli import main
 from tactuator.errors import BadInput
-from tactuator.web.address import Address
 from tactuator.web.pages import HEADERS, plain_text
+from tactuator.web.server import Address
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.web.server import served
 

@@ -15,7 +15,8 @@ from fastapi import FastAPI
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store.store import Store
-from tactuator.web import listener, serve, serving
+from tactuator.web import serve
+from tactuator.web import server as serving
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access.mutating import hear_all
 from tests.web.labs import begun, client, make_lab, until  # noqa: F401
@@ -43,7 +44,7 @@ def closed(one: socket.socket) -> bool:
 
 
 def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(client, lab, monkeypatch) -> None:
-    monkeypatch.setattr(listener, "CONNECTIONS_PER_ADDRESS_MAX", 8)
+    monkeypatch.setattr(serving, "CONNECTIONS_PER_ADDRESS_MAX", 8)
     monkeypatch.setattr(serving, "HEADER_TIMEOUT_S", 1e6)  # which would close them, too
     with client.websocket_connect("/ws/subject/token-S1") as subject:
         trial = begun(subject)
@@ -60,7 +61,7 @@ def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(clie
 def test_connections__beyond_the_limit_and_without_a_handshake__closed_and_a_place_that_is_left_is_taken(
     monkeypatch,
 ) -> None:
-    monkeypatch.setattr(listener, "CONNECTIONS_MAX", 8)
+    monkeypatch.setattr(serving, "CONNECTIONS_MAX", 8)
     app = FastAPI()
     with served(app, ssl_certfile=TLS / "certificate.pem", ssl_keyfile=TLS / "key.pem") as client:
         held = [socket.create_connection(("127.0.0.1", client.port), timeout=10.0) for _ in range(20)]

@@ -1,0 +1,228 @@
+"""The view Display: a display file as text and as a form, judged as it is written, and the channels to be drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field, StringConstraints
+from pydantic.fields import FieldInfo
+
+from tactuator.console.requests import Answer, Name, ViewRequest
+from tactuator.console.state import ConsoleState
+from tactuator.errors import BadInput, TactuatorError
+from tactuator.io.display import where_of
+from tactuator.io.shipped import display_template
+from tactuator.io.text import parse_toml, read_text
+from tactuator.model.description import SHARED_TABLES, Channel, Display, keys_of
+from tactuator.parameters import choices, default, parameters
+
+_HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
+_KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")
+_CHANNELS_SHOWN = 64
+Text = Annotated[str, StringConstraints(max_length=60_000)]
+_TABLES = ("display", *SHARED_TABLES, "objectives")
+
+
+def line_of(text: str, error: TactuatorError) -> int | None:
+    """Return the line, counted from 1, at which a refusal of the display's reader lies, or None.
+
+    It is the one that the error is told to lie in, else that of its key in its table, else the table's own.
+    """
+    for part in error.where:
+        if part.startswith("line "):
+            return int(part.removeprefix("line ").partition(",")[0])
+        if part == "end of document":
+            return max(1, len(text.splitlines()))
+    keys = {error.key, *(part.partition(" ")[0] for part in error.where)}
+    lines, rows = list(_lines(text)), text.splitlines()
+    named = {index: number for table, index, number, key in lines if (table, key) == ("channel", "name")}
+    inside = [
+        (number, key)
+        for table, index, number, key in lines
+        if f"[{table}]" in error.where or (table == "channel" and _channel_where(rows, named.get(index)) in error.where)
+    ]
+    keyed = [number for number, key in inside if key in keys]
+    return next((number for number in [*keyed, *(number for number, _ in inside)]), None)
+
+
+def _channel_where(rows: Sequence[str], number: int | None) -> str:
+    """Return how a refusal names the channel whose name stands on that line."""
+    try:
+        return "" if number is None else where_of(parse_toml(rows[number - 1]))
+    except BadInput:
+        return ""
+
+
+def literal(text: str, table: str, place: int, key: str) -> str | None:
+    """Return the literal that a key has in its table (of several of one name, that of `place`), or None."""
+    for name, index, number, line_key in _lines(text):
+        if (name, index, line_key) == (table, place, key):
+            return _parted(text.splitlines()[number - 1])[1]
+    return None
+
+
+def with_literal(text: str, table: str, place: int, key: str, value: str) -> str:
+    """Return the text with another value of a key, its comment kept; a key or table that is not there is added.
+
+    Raises BadInput for a value that is no TOML, or one that goes over several lines: those are changed in the text.
+    """
+    try:
+        is_literal = list(parse_toml(f"{key} = {value}")) == [key] and "\n" not in value
+    except BadInput:
+        is_literal = False
+    if not is_literal:
+        raise BadInput(f"{value!r}, which is no value", "a number, a text in quotes, or a list in brackets", key=key)
+    lines = text.splitlines()
+    last = None
+    for name, index, number, line_key in _lines(text):
+        if (name, index) != (table, place):
+            continue
+        last = number
+        if line_key != key:
+            continue
+        head, old, comment = _parted(lines[number - 1])
+        try:
+            parse_toml(f"x = {old}")
+        except BadInput:
+            raise BadInput("a value of several lines", "one line here; change it in the text", key=key) from None
+        lines[number - 1] = f"{head}{value}{comment}"
+        return "\n".join(lines) + "\n"
+    added = [f"{key} = {value}"] if last is not None else ["", f"[{table}]", f"{key} = {value}"]
+    at = len(lines) if last is None else last
+    return "\n".join([*lines[:at], *added, *lines[at:]]) + "\n"
+
+
+def _lines(text: str) -> Iterator[tuple[str, int, int, str | None]]:
+    """Yield for every header and key: table, which of that name, line from 1, and the key (None: a header)."""
+    table, count = "", {"": 0}
+    for number, line in enumerate(text.splitlines(), 1):
+        header, key = _HEADER.match(line), _KEY.match(line)
+        if header is not None:
+            table = header[2]
+            count[table] = count.get(table, -1) + 1
+            yield table, count[table], number, None
+        elif key is not None:
+            yield table, count[table], number, key[2]
+
+
+def _parted(line: str) -> tuple[str, str, str]:
+    """Return a line's key with its equals sign, its literal, and its comment with the spaces before it."""
+    parts = _KEY.match(line)
+    assert parts is not None
+    rest, quoted = parts[3], False
+    for place, letter in enumerate(rest):
+        if letter == '"':
+            quoted = not quoted
+        elif letter == "#" and not quoted:
+            value = rest[:place].rstrip()
+            return parts[1], value, rest[len(value) :]
+    return parts[1], rest.rstrip(), ""
+
+
+@dataclass(frozen=True)
+class DisplayRead(ViewRequest):
+    """Request for the text of a display, or of a file that was dropped."""
+
+    display: Name | None = None
+    file: Name | None = None
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the text; without a display or a file that of a display to begin with."""
+        if self.file is not None:
+            return {"text": read_text(state.uploads.path(self.file))}
+        if self.display is not None:
+            return {"text": state.text(self.display)}
+        return {"text": display_template("tactuator")}
+
+
+@dataclass(frozen=True)
+class DisplayJudge(ViewRequest):
+    """Request to judge a text; display: the one whose folder its relative paths start at."""
+
+    text: Text
+    display: Name | None = None
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the form, with a sketch and the key of the display, or with the refusal and its line."""
+        judged: Answer = {"form": _form(self.text), "fault": None, "line": None}
+        try:
+            key = state.take_text(self.text, self.display)
+        except TactuatorError as error:
+            return judged | {"fault": str(error), "line": line_of(self.text, error)}
+        return judged | {"key": key, "sketch": _sketch(state.display(key))}
+
+
+@dataclass(frozen=True)
+class DisplaySet(ViewRequest):
+    """Request to change one value in a text; place: which of several tables of that name."""
+
+    text: Text
+    table: Name
+    place: Annotated[int, Field(ge=0, le=1000)]
+    key: Annotated[str, StringConstraints(pattern=r"^\w{1,60}$")]
+    value: Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\n\r]+$")]
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the text with the value."""
+        return {"text": with_literal(self.text, self.table, self.place, self.key, self.value)}
+
+
+REQUESTS = {"display.read": DisplayRead, "display.judge": DisplayJudge, "display.set": DisplaySet}
+
+
+def _form(text: str) -> list[Answer]:
+    """Return the tables of the form: title, name, place, and the fields with what the text says of each."""
+    try:
+        channels = parse_toml(text).get("channel", [])
+    except BadInput:
+        return []
+    tables = [_table(text, name, 0, f"[{name}]", keys_of(name)) for name in _TABLES]
+    count = min(len(channels), _CHANNELS_SHOWN) if isinstance(channels, list) else 0
+    for place in range(count):
+        name = (literal(text, "channel", place, "name") or "").strip('"')
+        tables.append(_table(text, "channel", place, f"channel {name}", parameters(Channel)))
+    return tables
+
+
+def _table(text: str, name: str, place: int, title: str, keys: Mapping[str, FieldInfo]) -> Answer:
+    fields = [
+        {
+            "key": key,
+            "given": literal(text, name, place, key),
+            "usual": default(about),
+            "choices": choices(about),
+            "help": about.description,
+        }
+        for key, about in keys.items()
+    ]
+    return {"table": name, "place": place, "title": title, "fields": fields}
+
+
+def _sketch(display: Display) -> Answer:
+    return {
+        "name": display.name,
+        "rate_hz": display.rate_hz,
+        "delay_samples": display.delay_samples,
+        "channels": [_channel(channel) for channel in display.channels],
+    }
+
+
+def _channel(channel: Channel) -> Answer:
+    low, high = channel.threshold.band_hz
+    return {
+        "name": channel.name,
+        "finger": channel.finger,
+        "loop": channel.feedback.structure != "none",
+        "converter": f"{channel.converter.bits} bits, ±{channel.converter.range_v:g} V",
+        "plant": f"{channel.plant.poles.size} poles, {channel.plant.zeros.size} zeros",
+        "quantity": channel.quantity,
+        "travel": f"±{channel.travel_mm:g} mm",
+        "sensor": f"{channel.sensor_gain_v_per_mm:g} V/mm",
+        "curve": channel.threshold.curve.name,
+        "band": f"{low:g} to {high:g} Hz",
+        "prefilter": f"{channel.prefilter.poles} poles",
+        "loads": [load.name for load in channel.loads],
+    }

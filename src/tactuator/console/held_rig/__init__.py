@@ -1,1 +1,0 @@
-"""The process that holds the rig: its orders, its generator, its measurements, and its end at rest."""

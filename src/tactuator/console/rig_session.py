@@ -1,0 +1,304 @@
+"""The rig as the pages use it: who has the controls, the controller that is loaded, and orders made of requests."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, Protocol
+
+import numpy as np
+from pydantic import Field
+
+from tactuator.arrays import FloatArray
+from tactuator.console import rig_orders as orders
+from tactuator.console.generator import MOST_DB_SL, GeneratorWave
+from tactuator.console.loop_shape import shape_of
+from tactuator.console.requests import CHANNELS_MAX, Answer, Count, Finite, Name, PageRequest
+from tactuator.console.rig_process import RigProcess
+from tactuator.console.scope import KEPT_S, SIGNALS
+from tactuator.console.state import FILE, ConsoleState
+from tactuator.errors import BadInput
+from tactuator.io.controller import read_controller
+from tactuator.measure.error import ChannelPrediction
+from tactuator.measure.frequencies import over_the_band
+from tactuator.measure.options import MeasurementOptions
+from tactuator.model.controller import Controller
+from tactuator.perception.curve import check_level
+from tactuator.signals.decibels import db
+from tactuator.synthesis.design import design_controller
+
+_CURVE_POINTS = 120
+_OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
+"""Options of `measure` that a page sets."""
+_RECORD_COLUMNS = "time_s,reference,command_v,position_v"
+
+
+class StopPlaying(PageRequest):
+    """Request for silence: the generator stops."""
+
+
+@dataclass(frozen=True)
+class UseController(PageRequest):
+    """Request to load a controller: of an uploaded file (its key), of the loops in the page, or a new design."""
+
+    source: Literal["file", "loops", "design"]
+    file: Name = ""
+    shapes: Annotated[dict[Name, dict[str, Any]] | None, Field(max_length=CHANNELS_MAX)] = None
+
+
+@dataclass(frozen=True)
+class Expected(PageRequest):
+    """Request for the levels that the loaded controller's model expects."""
+
+    level_db_sl: Finite
+
+
+@dataclass(frozen=True)
+class Save(PageRequest):
+    """Request for the samples of one channel, up to row `end`, as a record (CSV)."""
+
+    channel: Name
+    span_s: Annotated[Finite, Field(gt=0.0, le=KEPT_S)]
+    end: Count
+
+
+class Page(Protocol):
+    """A page that may have the controls."""
+
+    def tell_status(self) -> None:
+        """Tell the page the rig's status."""
+        ...
+
+    def tell_refusal(self, text: str) -> None:
+        """Tell the page what the rig refused."""
+        ...
+
+
+class Controls:
+    """The pages of one rig, of which at most one has the controls. The first one gets them."""
+
+    def __init__(self) -> None:
+        self._pages: list[Page] = []
+        self.holder: Page | None = None
+        self.reserved: Callable[[], None] | None = None
+
+    def reserve(self, stop: Callable[[], None]) -> None:
+        """Give the rig to an experiment until `free`; stop: ends what it plays, whoever asks. Raises BadInput where a
+        page has the controls, or another experiment.
+        """
+        if self.reserved is not None:
+            raise BadInput("an experiment has the rig", "end that one first")
+        if self.holder is not None:
+            raise BadInput("another page has the controls of the rig", "take them over, and begin then")
+        self.reserved = stop
+        self.tell_all()
+
+    def free(self) -> None:
+        """End the experiment's hold on the rig; the controls are then for whoever takes them."""
+        self.reserved = None
+        self.tell_all()
+
+    def enter(self, page: Page) -> None:
+        """Add a page; it gets the controls where it is alone and no experiment has the rig."""
+        self._pages.append(page)
+        if len(self._pages) == 1 and self.reserved is None:
+            self.holder = page
+        self.tell_all()
+
+    def leave(self, page: Page) -> bool:
+        """Remove a page, and return whether it had the controls, which are free then."""
+        self._pages.remove(page)
+        had = self.holder is page
+        self.give(page)
+        return had
+
+    def take(self, page: Page) -> None:
+        """Give a page the controls, whichever page had them. Raises BadInput where an experiment has the rig."""
+        self._require_no_experiment()
+        self.holder = page
+        self.tell_all()
+
+    def give(self, page: Page) -> None:
+        """Let the controls go, where the page has them."""
+        if self.holder is page:
+            self.holder = None
+        self.tell_all()
+
+    def require(self, page: Page) -> None:
+        """Raise BadInput where the page watches, or an experiment has the rig."""
+        self._require_no_experiment()
+        if self.holder is not page:
+            raise BadInput("this page watches", "take over the controls first")
+
+    def _require_no_experiment(self) -> None:
+        if self.reserved is not None:
+            raise BadInput("an experiment has the rig", "watching, stopping it, or ending it in its view")
+
+    def tell_all(self) -> None:
+        """Tell every page the rig's status."""
+        for page in self._pages:
+            page.tell_status()
+
+    def tell_refusal(self, text: str) -> None:
+        """Tell whoever has the controls what the rig refused."""
+        if self.holder is not None:
+            self.holder.tell_refusal(text)
+
+
+class RigSession:
+    """Use of one rig by the pages of a console, whichever page it is. state: where the loops of the page are made."""
+
+    def __init__(self, rig: RigProcess, state: ConsoleState) -> None:
+        self.rig, self._display, self._state = rig, rig.display, state
+        self.controls = Controls()
+        self.channels = tuple(channel.name for channel in rig.display.channels)
+        self._controller: Controller | None = None
+
+    def about(self) -> dict[str, Any]:
+        """Return what a page has to know of the rig and its display."""
+        display = self._display
+        return {
+            "rig": self.rig.spec,
+            "display": display.name,
+            "rate_hz": display.rate_hz,
+            "channels": [
+                {
+                    "name": channel.name,
+                    "loads": [load.name for load in channel.loads],
+                    "band_hz": list(channel.threshold.band_hz),
+                    "range_v": channel.converter.range_v,
+                    "loop": channel.feedback.structure != "none",
+                }
+                for channel in display.channels
+            ],
+            "signals": SIGNALS,
+            "most_db_sl": MOST_DB_SL,
+            "frequency_hz": self.rig.levels.frequency_hz.tolist(),
+        }
+
+    def levels(self) -> dict[str, Any] | None:
+        """Return the levels of the last second, channel by channel, rounded to what is shown."""
+        felt = self.rig.felt()
+        if felt is None:
+            return None
+        return {
+            "spectrum_db_sl": [np.round(level.spectrum_db_sl, 1).tolist() for level in felt],
+            "level_db_sl": [round(level.level_db_sl, 2) for level in felt],
+            "tone_db_sl": [None if level.tone_db_sl is None else round(level.tone_db_sl, 2) for level in felt],
+            "command_mean_v": [round(level.command_mean_v, 4) for level in felt],
+        }
+
+    def answer(self, request: PageRequest) -> Answer:
+        """Give the rig the order that a request asks for, and return the answer. Raises BadInput where it cannot be."""
+        match request:
+            case Save():
+                return self._record(request)
+            case Expected():
+                return self._expected(request.level_db_sl)
+            case orders.MeasureSettings():
+                return self._measure(request)
+            case StopPlaying():
+                self.rig.order(orders.GenerateOrder(None))
+            case GeneratorWave():
+                path = str(self._state.uploads.path(request.file)) if request.kind == "file" else ""
+                self.rig.order(orders.GenerateOrder(replace(request, file=path)))
+            case orders.TouchOrder():
+                channel = self._display.channel(request.channel)
+                if request.load is not None:
+                    channel.load(request.load)
+                self.rig.order(request)
+            case orders.PressOrder():
+                self._display.channel(request.channel)
+                self.rig.order(request)
+            case orders.LiveOrder() | orders.RestOrder() | orders.ReopenOrder():
+                self.rig.order(request)
+        return {}
+
+    async def use_controller(self, request: UseController, apart: Executor | None) -> Answer:
+        """Load the controller that is asked for."""
+        if request.source == "file":
+            controller = await asyncio.to_thread(read_controller, self._state.uploads.path(request.file))
+        elif request.source == "loops":
+            shapes = {name: shape_of(document) for name, document in (request.shapes or {}).items()}
+            controller = await asyncio.to_thread(self._state.controller, FILE, shapes)
+        else:
+            controller = await asyncio.get_running_loop().run_in_executor(apart, design_controller, self._display)
+        controller.require_runs(self._display)
+        self._controller = controller
+        self.rig.order(orders.LoadOrder(controller))
+        return {"hash": controller.content_hash}
+
+    def loaded_controller(self) -> Controller:
+        """Return the controller that is loaded. Raises BadInput while there is none."""
+        if self._controller is None or not self.rig.status.loaded:
+            raise BadInput("no controller is loaded", "load one first")
+        return self._controller
+
+    def _expected(self, level_db_sl: float) -> Answer:
+        """Return the levels that the controller's model expects over the bands of the channels."""
+        low = min(channel.threshold.band_hz[0] for channel in self._display.channels)
+        high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
+        frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
+        curves = expected_curves(self.loaded_controller(), level_db_sl, frequency_hz)
+        return {"frequency_hz": frequency_hz.tolist(), "curves": curves}
+
+    def _record(self, request: Save) -> Answer:
+        """Return the samples of a channel as the text of a record, which `identify` reads."""
+        column = self.channels.index(self._display.channel(request.channel).name)
+        rate_hz = self._display.rate_hz
+        start = max(0, request.end - round(request.span_s * rate_hz))
+        rows = self.rig.samples.rows(start, request.end)
+        if not len(rows):
+            raise BadInput("those samples are not kept any more", f"the last {KEPT_S:g} s")
+        held = rows[:, [len(self.channels) * k + column for k in range(len(SIGNALS))]].astype(np.float64)
+        time_s = np.arange(len(rows)) / rate_hz
+        written = io.StringIO()
+        np.savetxt(written, np.column_stack((time_s, held)), "%.9g", ",", header=_RECORD_COLUMNS, comments="")
+        return {"text": written.getvalue(), "samples": len(rows), "name": f"{request.channel}.csv"}
+
+    def _measure(self, settings: orders.MeasureSettings) -> Answer:
+        check_level(settings.level_db_sl)
+        controller, channels = self.loaded_controller(), tuple(settings.channels or self.channels)
+        bands = [self._display.channel(name).threshold.band_hz for name in channels]
+        band_hz = (max(low for low, _ in bands), min(high for _, high in bands))
+        played = settings.frequency_hz or tuple(over_the_band(band_hz, settings.mains_hz))
+        self.rig.points = None
+        order = replace(
+            settings,
+            channels=channels,
+            frequency_hz=played,
+            band_hz=band_hz,
+            controller_hash=controller.content_hash,
+        )
+        self.rig.order(orders.MeasureOrder(controller, order))
+        return {"command": self._command(settings, channels)}
+
+    def _command(self, settings: orders.MeasureSettings, channels: tuple[str, ...]) -> str:
+        """Return the command line that measures the same."""
+        words = ["tactuator measure --controller controller.json"]
+        if set(channels) != set(self.channels):
+            words += [f"--channel {name}" for name in channels]
+        if settings.frequency_hz:
+            words.append("--frequency-hz " + ",".join(f"{hertz:g}" for hertz in settings.frequency_hz))
+        options = [(name, getattr(settings, name), getattr(MeasurementOptions, name)) for name in _OPTIONS]
+        for name, value, default in (*options, ("rig", self.rig.spec, "simulated"), ("seed", self.rig.seed, 0)):
+            if value != default:
+                words.append(f"--{name.replace('_', '-')} {value if isinstance(value, str) else format(value, 'g')}")
+        return " ".join([*words, "--out response.csv"])
+
+
+def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: FloatArray) -> list[dict[str, Any]]:
+    """Return the level (dB SL) that the controller's model expects at each frequency, for every channel, without load
+    and under each load.
+    """
+    curves = []
+    for channel in controller.display.channels:
+        threshold_v = channel.threshold_voltage(frequency_hz)
+        for load in (None, *(load.name for load in channel.loads)):
+            there = ChannelPrediction.of(controller, channel.name, load).loop.position_response(frequency_hz)
+            level = level_db_sl + db(np.abs(there) / threshold_v)
+            curves.append({"channel": channel.name, "load": load or "none", "level_db_sl": level.tolist()})
+    return curves

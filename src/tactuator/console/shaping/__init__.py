@@ -1,1 +1,0 @@
-"""The feedback controller as factors that a person can take hold of."""

@@ -1,0 +1,120 @@
+"""The view Speech: a speech file on the fingers of a display, what is asked of them and what they feel of it."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactuator.console.requests import Answer, Finite, Name, ViewRequest
+from tactuator.console.state import ConsoleState
+from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
+from tactuator.perception.curve import check_level
+from tactuator.speech.coding import coding_names, coding_of
+from tactuator.speech.options import LEVEL_DB_SL
+from tactuator.speech.reading import scan_speech
+from tactuator.speech.render import RenderJob, render_file
+
+_REFERENCE, _FELT = "reference.wav", "felt.wav"
+_SHOWN_S = 30.0
+
+
+@dataclass(frozen=True)
+class SpeechRendered(ViewRequest):
+    """Request to code a speech file onto the fingers of a display, and to feel it on the simulated one."""
+
+    display: Name
+    file: Name
+    coding: Name = "direct"
+    level: Finite = LEVEL_DB_SL
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return levels asked and felt in bands, by finger and over time, the limiter's figures, and the files' key."""
+        speech = state.uploads.path(self.file)
+        scan_speech(speech)  # what is no sound or no level is told before a controller is designed
+        check_level(self.level)
+        controller = state.file_controller(self.display)
+        coding = coding_of(self.coding if self.coding in coding_names() else "?")
+        job = RenderJob(controller, coding, self.level, simulate=True)
+        key, folder = state.uploads.new_folder()
+        rendered = render_file(speech, folder / _REFERENCE, job, folder / _FELT)
+        state.uploads.keep(key, folder / _REFERENCE)
+        assert rendered.felt is not None
+        figures = rendered.felt.figures()
+        return {
+            "key": key,
+            "files": [_REFERENCE, Path(_REFERENCE).with_suffix(".json").name, _FELT],
+            "duration_s": rendered.frames / rendered.rate_hz,
+            "shown_s": _SHOWN_S,
+            "peak_db_sl": max(rendered.peak_db_sl.values()),
+            "notes": list(rendered.speech.notes),
+            "fingers": [_finger(finger) for finger in rendered.felt.fingers],
+            "rows": [
+                [
+                    limiting.finger,
+                    f"{rendered.peak_db_sl[limiting.finger]:.1f}",
+                    f"{limiting.max_reduction_db:.1f}",
+                    *(f"{figures[limiting.finger][name]:.2f}" for name in ("rms_db", "median_db_all", "p95_db_all")),
+                ]
+                for limiting in rendered.limiting
+            ],
+            "command": self.command(state, speech),
+            "play": shlex.join(["tactuator", "play", _REFERENCE, "--display", state.command_name(self.display)]),
+        }
+
+    def command(self, state: ConsoleState, speech: Path) -> str:
+        """Return the command line that writes the same files."""
+        words = ["tactuator", "render", speech.name, "--display", state.command_name(self.display)]
+        words += ["--coding", self.coding, "--level", f"{self.level:g}", "--out", _REFERENCE, "--felt", _FELT]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True)
+class SpeechCodings(ViewRequest):
+    """Request for the names of the codings, and the level that is usual."""
+
+    def answer(self, state: ConsoleState) -> Answer:
+        """Return the names, and the level in dB SL."""
+        return {"codings": list(coding_names()), "level": LEVEL_DB_SL}
+
+
+REQUESTS = {"speech.render": SpeechRendered, "speech.codings": SpeechCodings}
+
+
+def _finger(felt: FingerFelt) -> Answer:
+    parts = []
+    first = 0
+    for seconds, asked_db, felt_db in (
+        (LONG_FRAME_S, felt.asked_long, felt.felt_long),
+        (SHORT_FRAME_S, felt.asked_short, felt.felt_short),
+    ):
+        frames = min(len(asked_db), round(_SHOWN_S / seconds))
+        bands = felt.centre_hz[first : first + asked_db.shape[1]]
+        first += asked_db.shape[1]
+        parts.append(
+            {
+                "seconds": seconds,
+                "hz": _tenths(bands, 3),
+                "asked": _tenths(asked_db[:frames]),
+                "felt": _tenths(felt_db[:frames]),
+            }
+        )
+    return {
+        "name": felt.finger,
+        "hz": _tenths(felt.centre_hz, 3),
+        "asked": _tenths(felt.asked_db_sl),
+        "felt": _tenths(felt.felt_db_sl),
+        "difference": _tenths(felt.difference_db),
+        "parts": parts,
+    }
+
+
+def _tenths(values: Any, decimals: int = 1) -> Any:
+    """Return numbers as lists, rounded; None where there is none."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim > 1:
+        return [_tenths(row, decimals) for row in array]
+    return [round(level, decimals) if np.isfinite(level) else None for level in array.tolist()]

@@ -1,1 +1,0 @@
-"""The views beside the loop's: the requests of each, and how they are answered."""

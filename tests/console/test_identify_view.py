@@ -1,0 +1,147 @@
+"""The view Identify: what it answers is what `identify` prints and writes for the command that it shows."""
+
+import shlex
+import shutil
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from tactuator.cli.main import main
+from tactuator.console.identify_view import IdentifyLook, IdentifyModel
+from tactuator.console.state import ConsoleState
+from tactuator.errors import BadInput
+from tests.console.pages import console_page, dropped, go, saved_by, tab_to
+
+NUM, DEN = [2875.0], [1.0, 94.0, 290.0]
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """A record of the paper's motor, by SciPy's simulation: columns with names of their own."""
+    path = tmp_path_factory.mktemp("record") / "bench.csv"
+    random = np.random.default_rng(5)
+    time = np.arange(8000) / 1000.0
+    command = 0.4 * np.repeat(random.standard_normal(2000), 4)
+    _, position, _ = signal.lsim((NUM, DEN), command, time, interp=False)
+    columns = np.column_stack([time, command, position + 1e-3 * random.standard_normal(time.size)])
+    np.savetxt(path, columns, delimiter=",", header="time_s,drive,encoder", comments="", fmt="%.9g")
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(record):
+    state = ConsoleState()
+    key, other = dropped(state, record), dropped(state, record, "unseen.csv")
+    look = IdentifyLook(record=key).answer(state)
+    request = IdentifyModel(record=key, order=2, hold="zero-order", validate_on=(other,))
+    return look, request.answer(state)
+
+
+def test_look__of_a_record__guesses_its_columns_and_tells_its_rate(found):
+    look = found[0]
+    assert (look["input"], look["output"]) == ("drive", "encoder")
+    assert look["columns"] == ["time_s", "drive", "encoder"]
+    assert look["rate_hz"] == pytest.approx(1000.0)
+
+
+def test_model__of_a_simulated_motor__holds_its_truth(found):
+    response = found[1]["response"]
+    frequency = np.array(response["frequency_hz"])
+    true = 20.0 * np.log10(np.abs(signal.freqs(NUM, DEN, 2.0 * np.pi * frequency)[1]))
+    off = np.abs(np.array(response["magnitude_db"]) - true)
+    assert np.mean(off <= np.array(response["band_db"]) + 1e-3) > 0.9
+    assert [one["poles"] for one in found[1]["tried"] if one["taken"]] in ([], [2])
+
+
+def test_command__that_is_shown__writes_the_same_bytes(found, record, tmp_path, monkeypatch, capsys):
+    shutil.copy(record, tmp_path / "bench.csv")
+    shutil.copy(record, tmp_path / "unseen.csv")
+    monkeypatch.chdir(tmp_path)
+    assert found[1]["command"] == (
+        "tactuator identify bench.csv --order 2 --hold zero-order --validate unseen.csv --out model.json"
+    )
+    main(shlex.split(found[1]["command"])[1:])
+    assert (tmp_path / "model.json").read_text() == found[1]["text"]
+    printed = capsys.readouterr().out
+    poles = {row[0]: row[1] for row in found[1]["rows"]}["poles (Hz)"]
+    assert poles in printed
+    assert "on unseen.csv" in printed
+
+
+def response_file(path):
+    """Write a response of two poles, by SciPy; return its frequencies and values."""
+    hz = np.geomspace(2.0, 400.0, 60)
+    _, truth = signal.freqs([4.0e4], [1.0, 60.0, 2.0e4], 2.0 * np.pi * hz)
+    rows = zip(hz, 20.0 * np.log10(np.abs(truth)), np.degrees(np.unwrap(np.angle(truth))), strict=True)
+    path.write_text("frequency_hz,magnitude_db,phase_deg\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    return hz, truth
+
+
+def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "response.csv"
+    hz, truth = response_file(path)
+    state = ConsoleState()
+    key = dropped(state, path)
+    assert IdentifyLook(record=key).answer(state)["points"] == 60
+    found = IdentifyModel(record=key, order=2, zeros=0).answer(state)
+    assert max(map(abs, found["departure"]["db"])) < 0.05
+    near = np.interp(hz, found["response"]["frequency_hz"], found["response"]["magnitude_db"])
+    assert near == pytest.approx(20.0 * np.log10(np.abs(truth)), abs=0.1)
+    assert np.interp(hz, found["response"]["frequency_hz"], found["response"]["phase_deg"]) == pytest.approx(
+        found["response"]["own"]["phase_deg"], abs=2.0
+    )
+    monkeypatch.chdir(tmp_path)
+    assert found["command"] == "tactuator identify response.csv --order 2 --zeros 0 --out model.json"
+    main(shlex.split(found["command"])[1:])
+    assert (tmp_path / "model.json").read_text() == found["text"]
+    printed = capsys.readouterr().out
+    assert all(value in printed for _, value, _ in found["rows"])
+    with pytest.raises(BadInput, match="one response by itself"):
+        IdentifyModel(record=key, validate_on=(key,)).answer(state)
+
+
+def test_model__of_a_file_that_went__says_to_drop_it_again():
+    with pytest.raises(BadInput, match="drop it again"):
+        IdentifyModel(record="no such key").answer(ConsoleState())
+
+
+@pytest.mark.slow
+def test_identify__by_keyboard_alone__chooses_a_candidate_and_saves_what_the_command_writes(
+    browser, record, tmp_path, monkeypatch
+):
+    with console_page(browser) as page:
+        go(page, "identify")
+        tab_to(page, "input[type=file]")
+        page.locator("input[type=file]").set_input_files(record)
+        page.wait_for_selector("#tried")
+        tab_to(page, "#tried tbody tr:nth-child(2) button")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("text=Let the data choose")
+        path = saved_by(page, "a.save", tmp_path / "saved.json")
+        command = page.locator(".command code").inner_text()
+    shutil.copy(record, tmp_path / "bench.csv")
+    monkeypatch.chdir(tmp_path)
+    assert "--zeros" in command
+    main(shlex.split(command)[1:])
+    assert path.read_bytes() == (tmp_path / "model.json").read_bytes()
+
+
+@pytest.mark.slow
+def test_response__by_keyboard_alone__has_its_poles_chosen_and_saves_what_the_command_writes(
+    browser, tmp_path, monkeypatch
+):
+    response_file(tmp_path / "response.csv")
+    with console_page(browser) as page:
+        go(page, "identify")
+        tab_to(page, "input[type=file]")
+        page.locator("input[type=file]").set_input_files(tmp_path / "response.csv")
+        page.wait_for_selector("a.save")
+        tab_to(page, "#order")
+        page.keyboard.press("3")
+        page.wait_for_selector(".command code:has-text('--order 3')")
+        path = saved_by(page, "a.save", tmp_path / "saved.json")
+        command = page.locator(".command code").inner_text()
+    monkeypatch.chdir(tmp_path)
+    main(shlex.split(command)[1:])
+    assert path.read_bytes() == (tmp_path / "model.json").read_bytes()

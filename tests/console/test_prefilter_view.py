@@ -1,0 +1,122 @@
+"""The view Prefilter and curve: the fit is the design's own, and what is saved is what the shown command writes."""
+
+import shlex
+import shutil
+
+import numpy as np
+import pytest
+
+from tactuator.cli.main import main
+from tactuator.console.prefilter_view import PersonalCurve, PrefilterFitted, PrefilterSaved
+from tactuator.console.state import FILE, ConsoleState
+from tactuator.errors import BadInput
+from tactuator.io.controller import read_controller
+from tactuator.io.shipped import EXAMPLES
+from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.synthesis.family import sampled_plant
+from tests.console.pages import console_page, dropped, go, saved_by, tab_to
+
+ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
+FIT = {"display": FILE, "channel": "index"}
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory):
+    path = tmp_path_factory.mktemp("prefilter") / "display.toml"
+    path.write_text(ONE)
+    return ConsoleState(path)
+
+
+@pytest.fixture(scope="module")
+def plain(state):
+    return PrefilterFitted(**FIT).answer(state)
+
+
+def moved(found, by_db):
+    return [[hz, level + (by_db if hz == 20.0 else 0.0)] for hz, level in found["curve"]["points"]]
+
+
+def test_fit__of_the_displays_own_curve__has_the_designs_error(state, plain):
+    own = state.file_design(FILE, "index").report["prefilter"]
+    assert plain["greatest_db"] == f"{own['max_error_db']:.2f}"
+    assert max(np.abs(plain["error_db"])) == pytest.approx(own["max_error_db"], abs=0.05)
+
+
+def test_fit__of_a_moved_point__follows_it_and_more_poles_follow_better(state, plain):
+    assert 20.0 in [hz for hz, _ in plain["curve"]["points"]]
+    points = moved(plain, -3.0)
+    few, many = (PrefilterFitted(**FIT, points=points, poles=poles).answer(state) for poles in (4, 8))
+    at = int(np.argmin(np.abs(np.array(few["frequency_hz"]) - 20.0)))
+    assert few["wanted_db"][at] == pytest.approx(plain["wanted_db"][at] - 3.0, abs=0.3)
+    assert many["poles"] == 8
+    assert float(many["greatest_db"]) < float(few["greatest_db"])
+
+
+def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain, tmp_path, monkeypatch):
+    asked = PrefilterSaved(display=FILE, points=moved(plain, 1.5), poles=5)
+    found = asked.answer(state)
+    (tmp_path / "curve.csv").write_text(found["curve"])
+    monkeypatch.chdir(tmp_path)
+    assert "--curve curve.csv --poles 5 --out controller.json" in found["command"]
+    main(shlex.split(found["command"])[1:])
+    assert (tmp_path / "controller.json").read_text() == found["text"]
+    made = read_controller(tmp_path / "controller.json")
+    channel, own = made.display.channels[0], made.channels[0]
+    plant = sampled_plant(channel.plant, made.rate_hz, made.display.delay_samples)
+    loop = TwoDegreeLoop(own.prefilter(made.rate_hz), own.feedback(made.rate_hz), plant)
+    given_um = 1e3 * np.abs(loop.position_response([20.0])) / channel.sensor_gain_v_per_mm
+    wanted_db = dict(plain["curve"]["points"])[20.0] + 1.5
+    assert 20.0 * np.log10(given_um)[0] == pytest.approx(wanted_db, abs=1.0)
+
+
+@pytest.mark.slow
+def test_save__with_a_personal_curve__is_what_the_shown_command_writes(state, tmp_path, monkeypatch):
+    shutil.copy(EXAMPLES / "curve.csv", tmp_path / "curve.csv")
+    key = dropped(state, EXAMPLES / "curve.csv")
+    assert PersonalCurve(file=key).answer(state)["name"] == "S1"
+    found = PrefilterSaved(display=FILE, file=key).answer(state)
+    monkeypatch.chdir(tmp_path)
+    main(shlex.split(found["command"])[1:])
+    assert (tmp_path / "controller.json").read_text() == found["text"]
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([[1.0, 0.0], [0.5, 0.0], [300.0, 0.0]], "out of order"),
+        ([[0.4, 0.0], [0.4, 1.0], [300.0, 0.0]], "stands twice"),
+        ([[10.0, 0.0], [20.0, 0.0], [30.0, 0.0]], "covers"),
+    ],
+)
+def test_fit__of_a_curve_that_is_none__is_refused_in_words(state, points, words):
+    with pytest.raises(BadInput, match=words):
+        PrefilterFitted(**FIT, points=points).answer(state)
+
+
+@pytest.mark.slow
+def test_prefilter__by_keyboard_alone__moves_a_point_adds_a_pole_and_saves_what_the_command_writes(
+    browser, state, tmp_path, monkeypatch
+):
+    with console_page(browser, state.path(FILE)) as page:
+        go(page, "prefilter", display=FILE)
+        page.wait_for_selector("#error:has-text('Greatest error')")
+        tab_to(page, "#more")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#poles:has-text('5')")
+        tab_to(page, "[aria-label='Threshold at 20 Hz']")
+        before = float(page.evaluate("document.activeElement.getAttribute('aria-valuenow')"))
+        page.keyboard.press("Shift+ArrowDown")
+        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.5:.1f}']")
+        page.keyboard.press("ArrowUp")
+        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.0:.1f}']")
+        page.keyboard.press("Control+z")
+        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.5:.1f}']")
+        tab_to(page, "#design")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("a[download='curve.csv']")
+        saved = saved_by(page, "a[download='controller.json']", tmp_path / "saved.json")
+        saved_by(page, "a[download='curve.csv']", tmp_path / "curve.csv")
+        line = page.locator(".panel .command code").inner_text()
+    monkeypatch.chdir(tmp_path)
+    main(shlex.split(line)[1:])
+    assert saved.read_bytes() == (tmp_path / "controller.json").read_bytes()

@@ -1,0 +1,173 @@
+"""The rig's connection: one page has the controls, others watch; frames, refusals, and pages that are slow."""
+
+import json
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tactuator.cli.main import main
+from tactuator.console.app import build_console
+from tactuator.console.state import ConsoleState
+from tactuator.io.record import read_record
+from tactuator.io.shipped import EXAMPLES
+from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
+from tests.console.pages import TOKEN
+from tests.console.rig_page import Page
+from tests.web.server import served
+
+LOOK = {"do": "look", "span_s": 0.1, "columns": 100}
+
+
+@pytest.fixture
+def live(console, controller):
+    """The first page at the console, its rig live."""
+    from tactuator.console import rig_orders
+
+    page = Page(console)
+    if page.standing["controls"] != "you":
+        page.ask("take")
+    if page.standing["mode"] != "live":
+        console.host.order(rig_orders.LoadOrder(controller))
+        page.ask("live")
+    page.until(lambda: page.standing["mode"] == "live")
+    yield page
+    page.open.close()
+
+
+def test_frames__come_as_the_page_draws_them_and_hold_every_sample(live):
+    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"], frequency_hz=50.0)
+    live.until(lambda: live.standing["wave"])
+    live.ask(**{**LOOK, "span_s": 0.1, "columns": 2000})
+    del live.frames[:]
+    live.until(lambda: len(live.frames) >= 12)
+    held = {}
+    for (_, columns, series, values, first, step, *_), data in live.frames:
+        assert (series, values, step) == (9, 1, 1.0)
+        for place, value in enumerate(data.reshape(series, columns)[6]):
+            assert held.setdefault(int(first) + place, value) == value
+    assert sorted(held) == list(range(min(held), max(held) + 1))
+    assert live.frames[-1][0][9] == 0
+
+
+def test_page__that_draws_nothing__gets_two_frames_and_the_rig_goes_on(console, live):
+    slow = Page(console, draws=False)
+    slow.ask(**LOOK)
+    before = console.host.samples.end
+    live.ask(**LOOK)
+    live.until(lambda: console.host.samples.end > before + 2000)
+    slow.ask("save", channel="index", span_s=0.01, end=before)
+    assert len(slow.frames) == 2
+    slow.socket.send(json.dumps({"id": 0, "do": "drawn", "frame": 2}))
+    slow.until(lambda: len(slow.frames) == 3)
+    assert slow.frames[2][0][8] > 3
+    assert console.host.samples.lost == 0
+    slow.open.close()
+
+
+def test_controls__are_one_pages_and_can_be_taken_and_given(console, live):
+    other = Page(console)
+    assert other.standing["controls"] == "another"
+    assert "this page watches" in other.ask("wave", kind="tone", level_db_sl=1.0, channels=["index"])["error"]
+    assert "error" not in other.ask("stop")
+    other.ask("take")
+    other.until(lambda: other.standing["controls"] == "you")
+    live.until(lambda: live.standing["controls"] == "another")
+    assert "this page watches" in live.ask("touch", channel="index", load="finger")["error"]
+    other.ask("give")
+    live.until(lambda: live.standing["controls"] == "nobody")
+    live.ask("take")
+    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"])
+    other.until(lambda: other.standing["wave"])
+    live.open.close()  # whoever had the controls has gone: the generator goes silent
+    other.until(lambda: other.standing["wave"] is None and other.standing["controls"] == "nobody")
+    other.open.close()
+
+
+def test_single_shot__waits_for_the_trigger_and_then_stands(live):
+    live.ask(**LOOK, mode="single", channel="index", signal="reference", level=5.0)
+    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"], frequency_hz=50.0)
+    del live.frames[:]
+    live.until(lambda: live.frames)
+    head, data = live.frames[0]
+    assert head[11] == 1
+    _number, columns, series, values, first, step, _, crossing = head[:8]
+    reference = data.reshape(series, columns, values)[0]
+    place = int((crossing - first) // step)
+    assert reference[place, -1] >= 5.0 > reference[place - 1, 0]
+    live.ask("save", channel="index", span_s=0.2, end=int(crossing))
+    assert len(live.frames) == 1
+
+
+def test_record__of_what_is_shown__is_one_that_identify_reads(console, live, tmp_path):
+    live.until(lambda: console.host.samples.end > 4000)
+    end = console.host.samples.end
+    answer = live.ask("save", channel="thumb", span_s=0.5, end=end)
+    assert (answer["samples"], answer["name"]) == (2000, "thumb.csv")
+    (tmp_path / "thumb.csv").write_text(answer["text"])
+    record = read_record(tmp_path / "thumb.csv")
+    rows = console.host.samples.rows(end - 2000, end)
+    assert record.rate_hz == pytest.approx(4000.0)
+    np.testing.assert_allclose(record.command, rows[:, 4], rtol=1e-6)
+    np.testing.assert_allclose(record.position, rows[:, 7], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ("no json", "allowed: a request of the console's page"),
+        ({"id": 7, "do": "explode"}, "allowed: a request"),
+        ({"id": 7, "do": "look", "span_s": 0.0, "columns": 10}, "span_s"),
+        ({"id": 7, "do": "look", "span_s": 1.0, "columns": 10**6}, "columns"),
+        ({"id": 7, "do": "wave", "kind": "tone", "level_db_sl": "loud", "channels": ["index"]}, "level_db_sl"),
+        ({"id": 7, "do": "touch", "channel": "toe", "load": None}, "'toe' is not described"),
+        ({"id": 7, "do": "touch", "channel": "index", "load": "elbow"}, "'elbow' is not described"),
+        ({"id": 7, "do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
+        ({"id": 7, "do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),
+        ({"id": 7, "do": "controller", "source": "file", "file": "../../etc"}, "drop it again"),
+        ({"id": 7, "do": "controller", "source": "loops"}, "allowed: file"),
+        ({"id": 7, "do": "wave", "kind": "file", "level_db_sl": 1.0, "channels": ["index"]}, "drop it again"),
+    ],
+)
+def test_request__that_cannot_be_met__is_refused_in_words(live, asked, words):
+    live.socket.send(asked if isinstance(asked, str) else json.dumps(asked))
+    while not live.others or "error" not in live.others[-1]:
+        live.take()
+    assert words in live.others[-1]["error"]
+
+
+def test_wave__that_the_rig_refuses__is_told_to_whoever_has_the_controls(live):
+    live.ask("wave", kind="tone", level_db_sl=99.0, channels=["index"])
+    live.until(lambda: any("refused" in one for one in live.others))
+    assert "-60 to 55 dB SL" in next(one for one in live.others if "refused" in one)["refused"]
+
+
+def closed_with(client, *messages, **more):
+    with connect(f"ws://127.0.0.1:{client.port}/ws/rig", **more) as socket, pytest.raises(ConnectionClosed) as closed:
+        for message in messages:
+            socket.send(message)
+        socket.recv(timeout=10.0)
+    return closed.value.rcvd.code
+
+
+def test_connection__without_the_token_or_of_another_site__is_closed(console):
+    assert closed_with(console, "another") == CLOSE_FORBIDDEN
+    assert closed_with(console, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
+
+
+def test_connection__to_a_console_without_a_rig__is_told_so():
+    with served(build_console(ConsoleState(), TOKEN)) as client:
+        assert closed_with(client, TOKEN) == CLOSE_ABSENT
+
+
+@pytest.mark.slow
+def test_console__with_a_rig_that_cannot_be_opened__ends_with_its_reason(capsys):
+    named = str(EXAMPLES / "display.toml")
+    assert main(["console", named, "--rig", "board:socket://127.0.0.1:1", "--port", "0"]) == 3
+    assert "one where a board listens" in capsys.readouterr().err
+
+
+def test_console__with_a_rig_and_no_display__is_refused(capsys):
+    assert main(["console", "--rig", "simulated"]) == 2
+    assert "tactuator console DISPLAY.toml --rig simulated" in capsys.readouterr().err

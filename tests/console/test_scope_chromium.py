@@ -1,0 +1,164 @@
+"""The scope in a real Chromium, by keyboard alone: a simulated rig is begun, driven, touched, looked at and stopped."""
+
+import threading
+
+import pytest
+
+from tactuator.console.app import build_console
+from tactuator.console.state import ConsoleState
+from tactuator.io.controller import read_controller
+from tactuator.io.record import read_record
+from tests.console.pages import TOKEN, address_of, opened_page, tab_to
+from tests.console.test_accessibility_chromium import AXE, faults
+from tests.web.server import served
+
+
+def opened(browser, client):
+    """Return the context of a console's scope in a page of its own."""
+    return opened_page(browser, f"{address_of(client)}&view=scope", "scope")
+
+
+@pytest.fixture
+def page(browser, console):
+    with opened(browser, console) as made:
+        yield made
+
+
+def begun(page, console):
+    """Load the controller of the file and begin, by keyboard but for the choice of the file."""
+    page.set_input_files("#controller-file", console.file)
+    page.wait_for_selector("#live:not([disabled])")
+    page.locator("#live").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#rig-mode:has-text('live')")
+
+
+def until(page, expression):
+    """Wait until an expression is true; the page's own policy lets no string be waited for in it."""
+    for _ in range(300):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(expression)
+
+
+def frames_past(page, count=5):
+    """Wait until so many more frames have been drawn."""
+    before = page.evaluate("window.scopeFrames.length")
+    until(page, f"window.scopeFrames.length >= {before + count}")
+
+
+@pytest.mark.slow
+def test_scope__on_a_wall_display__is_drawn_larger_and_goes_on(page, console):
+    begun(page, console)
+    frames_past(page)
+    traces = "document.querySelector('.traces canvas').clientHeight"
+    usual = page.evaluate(traces)
+    page.set_viewport_size({"width": 2560, "height": 1440})
+    frames_past(page, 10)
+    assert page.evaluate(traces) > 1.2 * usual
+    assert page.evaluate("document.querySelector('#banner').hidden")
+
+
+@pytest.mark.slow
+def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(page, console, tmp_path):
+    begun(page, console)
+    tab_to(page, "#wave-level")
+    page.keyboard.press("Control+a")
+    page.keyboard.type("30")
+    tab_to(page, "#play")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#wave-now:has-text('tone at 30 dB SL on index, 100 Hz')")
+    tab_to(page, "#touch-index")
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector("#levels dd:has-text('at the tone')")
+    until(page, "Math.abs(parseFloat(document.querySelector('#levels dd').textContent) - 30) < 2")
+    assert console.host.status.touch["index"] == "finger"
+    page.locator("#cursors").focus()
+    page.keyboard.press("Enter")
+    tab_to(page, ".cursor")
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_selector("#cursor-values:has-text('cursors: 70 ms apart')")
+    page.evaluate(AXE)
+    assert faults(page, {}) == []
+    page.locator("#pause").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#pause:has-text('Go on')")
+    end = page.locator("#pause").get_attribute("data-row")
+    with page.expect_download() as download:
+        page.locator("#save-record").focus()
+        page.keyboard.press("Enter")
+    download.value.save_as(tmp_path / "index.csv")
+    record = read_record(tmp_path / "index.csv")
+    assert record.command.tolist() == pytest.approx(console.host.samples.rows(int(end) - 800, int(end))[:, 3].tolist())
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#wave-now:has-text('silent')")
+    until(page, "window.scopeLast.lost === 0")
+    page.locator("#pause").focus()
+    page.keyboard.press("Enter")
+    frames_past(page)
+    page.locator("#rest").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#rig-mode:has-text('at rest')")
+
+
+@pytest.mark.slow
+def test_two_consoles__one_has_the_controls_and_the_other_watches(page, browser, console):
+    begun(page, console)
+    with opened(browser, console) as other:
+        other.wait_for_selector("#rig-held:has-text('another page has the controls')")
+        assert other.locator("#play").is_disabled()
+        frames_past(other)
+        other.locator("#take").focus()
+        other.keyboard.press("Enter")
+        page.wait_for_selector("#rig-held:has-text('another page has the controls')")
+        other.wait_for_selector("#play:not([disabled])")
+        other.locator("#give").focus()
+        other.keyboard.press("Enter")
+        page.wait_for_selector("#rig-held:has-text('nobody has the controls')")
+
+
+@pytest.mark.slow
+def test_live__while_a_controller_is_on_its_way__waits_for_it(page, console, monkeypatch):
+    """Found where a machine was busy: what was begun before the file had come was ended by it, and stood still."""
+    begun(page, console)
+    page.locator("#rest").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#live:not([disabled])")
+    may_come = threading.Event()
+
+    def late(path):
+        may_come.wait(30.0)
+        return read_controller(path)
+
+    monkeypatch.setattr("tactuator.console.rig_session.read_controller", late)
+    page.set_input_files("#controller-file", console.file)
+    page.wait_for_selector("#live[disabled]")
+    may_come.set()
+    page.wait_for_selector("#live:not([disabled])")
+    page.locator("#live").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#rig-mode:has-text('live')")
+    frames_past(page)
+
+
+@pytest.mark.slow
+def test_rig__whose_process_is_killed__is_told_and_can_be_opened_again(page, console):
+    import os
+    import signal
+
+    begun(page, console)
+    os.kill(console.host.process_id, signal.SIGKILL)
+    page.wait_for_selector("#rig-mode:has-text('the rig has gone')")
+    page.wait_for_selector("#rig-more:has-text('open the rig again')")
+    page.locator("#reopen").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#rig-mode:has-text('at rest')", timeout=60_000)
+    begun(page, console)
+    frames_past(page)
+
+
+@pytest.mark.slow
+def test_console__without_a_rig__says_how_to_begin_it_with_one(browser):
+    with served(build_console(ConsoleState(), TOKEN)) as client, opened(browser, client) as made:
+        made.wait_for_selector("code:has-text('--rig simulated')")
