@@ -83,12 +83,12 @@ class IdentifyModel(_OfRecord):
     def answer(self, state: ConsoleState) -> Answer:
         """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
         path = state.uploads.path(self.record)
-        asked = Asked(order=self.order, zeros=self.zeros, hold=self.hold)
+        wishes: dict[str, Any] = {"order": self.order, "zeros": self.zeros, "hold": self.hold}
         if is_response(path):
-            return self._of_response(path, asked)
+            return self._of_response(path, Asked(**wishes))
         unseen = [state.uploads.path(key) for key in self.validate_on]
         record = self.read(path)
-        fit = identify(record, **vars(asked))
+        fit = identify(record, **wishes)
         fit = validated(fit, [(other.name, self.read(other)) for other in unseen])
         return {
             "rows": [list(row) for row in identification_rows(fit, record.about)],
