@@ -20,7 +20,7 @@ from tactuator.experiment.procedure.quest_plus import QuestPlusRule, Tables
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.task import Apparatus, SystemClock
-from tactuator.experiment.simulated.procedure_quality import Setting, simulate
+from tactuator.experiment.simulated.quality import Setting, simulate
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
 from tactuator.perception.curve import curve

@@ -25,8 +25,6 @@ from tactuator.verbs.result import Result, columns_of, lines_of, plain
 if TYPE_CHECKING:
     from tactuator.experiment.protocol.study import SubjectPart
     from tactuator.experiment.result.store_results import StoreResults
-    from tactuator.experiment.simulated.procedure_quality import Setting
-    from tactuator.perception.curve import RelativeCurve
     from tactuator.report.lines import Lines
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
@@ -450,12 +448,12 @@ def _quality_row(key: str, value: object) -> tuple[str, str]:
 
 
 def simulate(
-    procedure: Annotated[str, Option("imece2004, quest-plus or curve.")] = "imece2004",
+    procedure: Annotated[str, Option("imece2004, up-down, quest-plus, curve, or another package's.")] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
     lapse: Annotated[float, Option("Lapse rate.")] = 0.0,
     start_db: Annotated[float, Option("Start, dB above the true threshold.")] = 20.0,
-    trials: Annotated[int | None, Option("Trials of a run (quest-plus 48, curve 150).")] = None,
+    trials: Annotated[int | None, Option("Trials of a run, where the procedure has a number of them.")] = None,
     truth: Annotated[
         Place | None,
         Option("curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
@@ -466,38 +464,16 @@ def simulate(
     seed: Seed = 0,
 ) -> QualityResult:
     """Say how good a procedure's estimates are. It is run many times against a Weibull observer."""
-    from tactuator.experiment.simulated.procedure_quality import Setting
+    from tactuator.experiment.simulated.quality import Setting, simulate_kind
     from tactuator.io.csv_tables import read_relative_curve
 
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
-    if procedure != "curve" and truth is not None:
-        raise BadInput(f"--truth with {procedure}", "with curve")
     people = None if truth is None else read_relative_curve(Path(truth))
-    figures = plain(_quality(procedure, trials, setting, people))
+    with working(f"{runs} runs", 1.0) as step:
+        quality = simulate_kind(procedure, setting, trials, people, step)
+    figures = plain(quality)
     assert isinstance(figures, dict)
     return QualityResult(procedure, runs, figures)
-
-
-def _quality(procedure: str, trials: int | None, setting: "Setting", people: "RelativeCurve | None") -> object:
-    from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-    from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-    from tactuator.experiment.simulated import procedure_quality
-    from tactuator.experiment.simulated.curve_quality import simulate_curve
-
-    length: dict[str, Any] = {} if trials is None else {"trials": trials}
-    if procedure in procedure_quality.PROCEDURES:
-        if trials is not None:
-            raise BadInput(f"--trials {trials} with {procedure}", "with quest-plus and curve")
-        with working(f"{setting.runs} runs"):
-            return procedure_quality.simulate(procedure_quality.PROCEDURES[procedure], setting)
-    if procedure == "quest-plus":
-        with working(f"{setting.runs} runs"):
-            return procedure_quality.simulate(QuestPlusRule(**length), setting)
-    if procedure == "curve":
-        with working("runs", 1.0) as step:
-            return simulate_curve(WholeCurveRule(**length), setting, people, step)
-    names = [*procedure_quality.PROCEDURES, "quest-plus", "curve"]
-    raise BadInput(f"procedure {procedure!r}", ", ".join(names))
 
 
 def _slope_range(text: str) -> tuple[float, float]:

@@ -1,8 +1,7 @@
 """What is said of the whole-curve procedure, and for whom."""
 
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.procedure_quality import Setting
+from tactuator.experiment.simulated.quality import Setting, simulate_curve
 
 
 def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.procedure_quality import Setting, simulate, with_loud_trials
+from tactuator.experiment.simulated.quality import Setting, simulate, simulate_curve, with_loud_trials
 
 
 @settings(max_examples=50)

@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
-from tactuator.experiment.simulated.procedure_quality import Setting, run_procedure, simulate
+from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate
 
 TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
     (1.5, 0.0, -0.56, 1.48, 80, 63, 101),

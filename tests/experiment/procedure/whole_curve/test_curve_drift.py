@@ -7,8 +7,7 @@ from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Answering
 from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurveRule, curve_drift
-from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.procedure_quality import Setting
+from tactuator.experiment.simulated.quality import Setting, simulate_curve
 from tactuator.perception.psychometric import Logistic, Psychometric
 
 BROAD = {f"{kind}_share": 0.0 for kind in ("normal", "uneven", "steps", "notch", "edge")}

@@ -11,8 +11,7 @@ from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
 from tactuator.experiment.procedure.procedure import Answering
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
-from tactuator.experiment.simulated.procedure_quality import Setting
+from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)

@@ -1,0 +1,122 @@
+"""A procedure of another package: in a protocol file, in a session, simulated, and refused by its own keys."""
+
+import dataclasses
+
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import GROUP, Playable
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.simulated.quality import Setting, simulate_kind
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.perception.curve import curve
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus
+
+SOURCE = '''
+from typing import Annotated
+
+from pydantic import Field
+
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, ProcedureKeys
+from tactuator.parameters import Positive, Whole, table
+
+
+@table("[procedure]")
+class Keys(ProcedureKeys):
+    """Falls by a step after every right answer, rises by three after a wrong one; the mean of the second half."""
+
+    trials: Annotated[Whole, Field(ge=2, description="trials of a run")] = 60
+    step_db: Annotated[Positive, Field(description="step of the level")] = 1.0
+    start_db_sl: float = 20.0
+
+    def build(self, guess, playable):
+        return Run(self)
+
+
+class Run(FixedTrials):
+    flags = ()
+
+    def __init__(self, keys):
+        super().__init__(keys.trials)
+        self.keys, self.levels = keys, [keys.start_db_sl]
+
+    def placement(self):
+        return None if self.is_over else Placement(self.levels[-1])
+
+    def record(self, correct):
+        self._count()
+        self.levels.append(self.levels[-1] + (-self.keys.step_db if correct else 3.0 * self.keys.step_db))
+
+    def estimate(self):
+        late = self.levels[self.keys.trials // 2 : -1]
+        return Estimate(sum(late) / len(late), None) if self.is_over else None
+'''
+
+
+@pytest.fixture
+def foreign(install):
+    install(GROUP, "weighted", SOURCE, "Keys")
+
+
+def protocol_text(keys: str) -> str:
+    start, end = PROTOCOL.index("[procedure]"), PROTOCOL.index("[conditions]")
+    return PROTOCOL[:start] + f'[procedure]\nkind = "weighted"\n{keys}\n' + PROTOCOL[end:]
+
+
+def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(foreign, tmp_path) -> None:
+    text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
+    protocol = parse_protocol(text)
+    assert protocol.fresh_run(Playable()).placement().level_db_sl == 20.0
+    assert protocol.procedure.typical_trials == 24
+    observers = simulated_observers(curve("bolanowski-1988"), len(protocol.subject), seed=5)
+    store = Store(tmp_path / "lab.db")
+    run_study(store, protocol, text, apparatus(), observers, SystemClock(), "finger")
+    found = thresholds(detection_runs(store))
+    store.close()
+    assert [(each.procedure, each.trials) for each in found] == [("weighted", 24)] * len(observers)
+    assert all(each.own_db_sl is not None for each in found)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("step_db = 0", r"procedure: step_db is 0; allowed: a number, above 0"),
+        ("trials = 2.5", "procedure: trials is 2.5; allowed: a whole number, 2 or more"),
+        ("reversals = 4", "procedure: reversals is not a key that is known; allowed: .*trials, step_db"),
+    ],
+)
+def test_foreign_procedure__keys_that_it_refuses__are_named(foreign, keys, message) -> None:
+    with pytest.raises(BadInput, match=message):
+        parse_protocol(protocol_text(keys))
+
+
+def test_simulate__foreign_procedure__is_judged_like_any(foreign) -> None:
+    quality = simulate_kind("weighted", Setting(200, lapse=0.0, seed=3), trials=200)
+    assert quality.trials_mean == 200.0
+    # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point
+    assert -1.5 < quality.bias_db < 0.0
+    assert abs(quality.refit.bias_db) < 0.3
+    assert simulate_kind("weighted", Setting(20, seed=1)) == simulate_kind("weighted", Setting(20, seed=1))
+
+
+def test_simulate__number_of_trials_or_people_where_there_are_none__is_refused(foreign) -> None:
+    with pytest.raises(BadInput, match="--trials 10 with imece2004"):
+        simulate_kind("imece2004", Setting(10), trials=10)
+    with pytest.raises(BadInput, match="'guess'; allowed: curve, imece2004, quest-plus, up-down, weighted"):
+        simulate_kind("guess", Setting(10))
+
+
+def test_procedure__entry_point_of_something_else__is_refused(install) -> None:
+    install(GROUP, "number", "Keys = 4\n", "Keys")
+    with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from ProcedureKeys"):
+        simulate_kind("number", Setting(10))
+
+
+def test_kinds_of_the_project__simulated_with_defaults__are_their_rules() -> None:
+    paper, updown = (simulate_kind(kind, Setting(50, seed=2)) for kind in ("imece2004", "up-down"))
+    assert dataclasses.asdict(paper) == dataclasses.asdict(updown)
+    assert simulate_kind("quest-plus", Setting(20, seed=2), trials=25).trials_mean == 25.0
