@@ -1,12 +1,16 @@
 """Write `docs/cli.md` from the commands themselves: `make docs`. A test tells when it is out of date."""
 
 import inspect
+from collections import Counter
 from pathlib import Path
 
 import typer
 
 from tactuator.cli.main import build_app
 
+SHARED = 3
+"""An option that so many commands spell alike stands in the first table."""
+TABLE = ("| | | default |", "|---|---|---|")
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
 HEAD = """# The commands
 
@@ -27,12 +31,14 @@ Every verb keeps the same promises:
 
 
 def reference():
-    """Return the page's text."""
-    root = typer.main.get_command(build_app())
-    parts = [HEAD]
-    for path, command in sorted_commands(root, ("tactuator",)):
-        parts.append(section(path, command))
-    return "\n".join(parts)
+    """Return the page's text: options that several verbs share stand once."""
+    commands = list(sorted_commands(typer.main.get_command(build_app()), ("tactuator",)))
+    tables = {path: rows_of(path, command) for path, command in commands}
+    count = Counter(row for rows in tables.values() for row in rows)
+    shared = [row for row in count if count[row] >= SHARED]
+    table = ["## Options of several verbs", "", *TABLE, *shared, ""]
+    parts = [HEAD, "\n".join(table)]
+    return "\n".join([*parts, *(section(path, command, tables[path], shared) for path, command in commands)])
 
 
 def sorted_commands(command, path):
@@ -44,16 +50,20 @@ def sorted_commands(command, path):
             yield (*path, name), child
 
 
-def section(path, command):
-    """Return one command's section: usage, what it does, its arguments and options."""
+def rows_of(path, command):
+    """Return a table row for each argument and option of a command."""
     context = typer.Context(command, info_name=" ".join(path))
-    usage = " ".join([*path, *(piece for piece in command.collect_usage_pieces(context))])
-    parameters = [row(parameter, context) for parameter in command.params if not getattr(parameter, "hidden", False)]
-    text = inspect.cleandoc(command.help or "").replace("\f", "")
-    lines = ["## " + " ".join(path), "", "```text", usage, "```", "", text, ""]
-    if parameters:
-        lines += ["| | | default |", "|---|---|---|", *parameters, ""]
-    return "\n".join(lines)
+    return [row(parameter, context) for parameter in command.params if not getattr(parameter, "hidden", False)]
+
+
+def section(path, command, rows, shared):
+    """Return one command's section: what it does, its arguments and options, and the names of the shared ones."""
+    text = " ".join(inspect.cleandoc(command.help or "").replace("\f", "").split())
+    names = [each.split("`")[1].split()[0] for each in rows if each in shared]
+    also = f" Also: {', '.join(f'`{name}`' for name in names)}." if names else ""
+    special = [each for each in rows if each not in shared]
+    table = [*TABLE, *special, ""] if special else []
+    return "\n".join(["## " + " ".join(path), "", text + also, "", *table])
 
 
 def row(parameter, context):
