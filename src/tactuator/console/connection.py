@@ -30,7 +30,7 @@ from tactuator.console.requests import (
 from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.verbs.controller import check
 from tactuator.web.sockets import first_to_end, send
 
 
@@ -141,7 +141,7 @@ class Check(ViewRequest):
         shapes = {name: shape_of(document) for name, document in self.shapes.items()}
         controller = state.controller(self.display, shapes)
         return {
-            "verdict": verdict_rows(whole_verdict(controller)),
+            "verdict": verdict_rows(check(controller)),
             "text": controller_text(controller),
             "command": "tactuator check controller.json",
         }

@@ -1,8 +1,7 @@
-"""The view Identify: a record that was dropped, its columns, a model of it, and the file that `identify` writes."""
+"""The view Identify: a record that was uploaded, its columns, a model of it, and the file that `identify` writes."""
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,23 +11,21 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
-from tactuator.console.requests import Answer, Finite, Name, ViewRequest, digits
+from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.identification.by_response import identify_response
-from tactuator.identification.identify import identify
-from tactuator.identification.result import Identification
-from tactuator.identification.validation import validated
 from tactuator.io.columns import read_columns
 from tactuator.io.model import identified_text
 from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.model.plant_model import PlantModel
-from tactuator.report.tables import identification_rows, response_rows
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
+from tactuator.table import ResultTable
+from tactuator.verbs.identified import IdentificationResult, ResponseModelResult
+from tactuator.verbs.model import identify
 
-_MOST_LINES, _SPECTRUM_LINES = 400, 700
+_SPECTRUM_LINES = 700
 _LEAST = 1e-300
 
 
@@ -51,17 +48,14 @@ class IdentifyLook(_OfRecord):
     def answer(self, state: ConsoleState) -> Answer:
         """Return the columns; where they cannot be guessed, the reason instead of a guess."""
         path = state.uploads.path(self.record)
+        columns: Answer = {"name": path.name, "columns": list(read_columns(path).values), "said": None}
         if is_response(path):
-            names = list(read_columns(path).values)
-            points = read_foreign_response(path).magnitude.size
-            return {"name": path.name, "columns": names, "said": None, "points": points}
-        columns = list(read_columns(path).values)
-        columns_only: Answer = {"name": path.name, "columns": columns, "said": None}
+            return columns | {"points": read_foreign_response(path).magnitude.size}
         try:
             record = self.read(path)
         except BadInput as error:
-            return columns_only | {"said": str(error)}
-        return columns_only | {
+            return columns | {"said": str(error)}
+        return columns | {
             "input": record.about["input"],
             "output": record.about["output"],
             "units": [record.command_unit, record.position_unit],
@@ -82,129 +76,107 @@ class IdentifyModel(_OfRecord):
 
     def answer(self, state: ConsoleState) -> Answer:
         """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
-        path = state.uploads.path(self.record)
-        wishes: dict[str, Any] = {"order": self.order, "zeros": self.zeros, "hold": self.hold}
-        if is_response(path):
-            return self._of_response(path, Asked(**wishes))
-        unseen = [state.uploads.path(key) for key in self.validate_on]
-        record = self.read(path)
-        fit = identify(record, **wishes)
-        fit = validated(fit, [(other.name, self.read(other)) for other in unseen])
+        path, unseen = state.uploads.path(self.record), [state.uploads.path(key) for key in self.validate_on]
+        record = None if is_response(path) else self.read(path)
+        fit = identify(
+            record or path,
+            self.input,
+            self.output,
+            rate_hz=self.rate_hz,
+            order=self.order,
+            zeros=self.zeros,
+            hold=self.hold,
+            validate=unseen,
+        )
+        (table,) = (table for table in fit.tables() if isinstance(table, ResultTable))
+        command = command_line(
+            "identify",
+            path.name,
+            input=self.input,
+            output=self.output,
+            rate_hz=self.rate_hz,
+            order=self.order,
+            zeros=self.zeros,
+            hold=None if self.hold == Asked.hold else self.hold,
+            validate=[other.name for other in unseen],
+            out="model.json",
+        )
         return {
-            "rows": [list(row) for row in identification_rows(fit, record.about)],
-            **_trust(fit, fit.model),
+            "rows": [[state.uploads.plain(cell) for cell in (*row, "")[:3]] for row in table.rows],
+            "trusted": not fit.distrust,
+            "distrust": list(fit.distrust),
+            "remarks": list(fit.remarks),
             "order": fit.order,
-            "hold": fit.between.hold,
-            "response": _response(fit),
-            "residual": _residual(fit, record.rate_hz),
-            "tried": [_candidate(fit, candidate) for candidate in fit.tried],
-            "command": self.command(path, unseen),
+            "zeros": fit.model.num.size - 1,
+            "text": identified_text(fit.model),
+            "command": command,
+            **(_of_response(fit, path) if isinstance(fit, ResponseModelResult) else _of_record(fit, record)),
         }
-
-    def _of_response(self, path: Path, asked: Asked) -> Answer:
-        """Return the model of a frequency response, and how far it departs from each point."""
-        if self.validate_on:
-            raise BadInput("a frequency response beside other files", "one response by itself")
-        response = read_foreign_response(path)
-        fit = identify_response(response, asked)
-        model = fit.model
-        curve_hz = np.geomspace(*model.band_hz, _MOST_LINES)
-        phase = np.degrees(_near(model, curve_hz, response.frequency_hz, response.value()))
-        points = {
-            "frequency_hz": digits(response.frequency_hz),
-            "magnitude_db": digits(20.0 * np.log10(response.magnitude)),
-            "phase_deg": [] if response.phase_rad is None else digits(phase),
-        }
-        departure = 20.0 * np.log10(response.magnitude / np.abs(model.response(response.frequency_hz)))
-        return {
-            "rows": [[*row, ""] for row in response_rows(fit)],
-            **_trust(fit, model),
-            "order": fit.order,
-            "hold": "",
-            "response": _curves(model, curve_hz) | {"own": points},
-            "departure": {"frequency_hz": points["frequency_hz"], "db": digits(departure)},
-            "tried": [],
-            "command": self.command(path, []),
-        }
-
-    def command(self, path: Path, unseen: list[Path]) -> str:
-        """Return the command line that writes the same model."""
-        given: dict[str, Any] = {
-            "--input": self.input,
-            "--output": self.output,
-            "--rate-hz": None if self.rate_hz is None else f"{self.rate_hz:g}",
-            "--order": self.order,
-            "--zeros": self.zeros,
-            "--hold": None if self.hold == Asked.hold else self.hold,
-        }
-        words = ["tactuator", "identify", path.name]
-        words += [part for name, value in given.items() if value is not None for part in (name, str(value))]
-        words += [part for other in unseen for part in ("--validate", other.name)]
-        return shlex.join([*words, "--out", "model.json"])
 
 
 REQUESTS = {"identify.look": IdentifyLook, "identify.model": IdentifyModel}
 
 
-def _trust(fit: Any, model: PlantModel) -> Answer:
-    """Return what a reader has to know of any fit, and the text of its model's file."""
+def _of_response(fit: ResponseModelResult, path: Path) -> Answer:
+    """Return the curves of a model of a frequency response, and how far it departs from each point."""
+    response = read_foreign_response(path)
+    points = _points(fit, response.frequency_hz, response.value())
+    if response.phase_rad is None:
+        points["phase_deg"] = []
+    departure = 20.0 * np.log10(response.magnitude / np.abs(fit.model.response(response.frequency_hz)))
     return {
-        "trusted": not fit.distrust,
-        "distrust": list(fit.distrust),
-        "remarks": list(fit.remarks),
-        "zeros": model.num.size - 1,
-        "text": identified_text(model),
+        "hold": "",
+        "tried": [],
+        "response": _curves(fit) | {"own": points},
+        "departure": {"frequency_hz": points["frequency_hz"], "db": digits(departure)},
     }
 
 
-def _response(fit: Identification) -> Answer:
-    curve_hz = fit.frequency_hz(_MOST_LINES)
-    measured = fit.distortion or fit.empirical.trusted()
-    inside = (measured.frequency_hz >= curve_hz[0]) & (measured.frequency_hz <= curve_hz[-1])
+def _of_record(fit: IdentificationResult, record: Record | None) -> Answer:
+    """Return the curves of a model of a record, what it leaves of the position, and what else was tried."""
+    measured, (low, high) = fit.distortion or fit.empirical.trusted(), fit.model.band_hz
+    inside = (measured.frequency_hz >= low) & (measured.frequency_hz <= high)
     every = max(1, -(-int(inside.sum()) // _SPECTRUM_LINES))
-    points_hz, points = measured.frequency_hz[inside][::every], measured.value[inside][::every]
-    return _curves(fit.model, curve_hz) | {
-        "own": {
-            "frequency_hz": digits(points_hz),
-            "magnitude_db": digits(20.0 * np.log10(np.abs(points) + _LEAST)),
-            "phase_deg": digits(np.degrees(_near(fit.model, curve_hz, points_hz, points))),
+    points = _points(fit, measured.frequency_hz[inside][::every], measured.value[inside][::every])
+    assert record is not None
+    rate_hz = record.rate_hz
+    resolution = max(1.0, 8.0 * rate_hz / fit.measured.size, rate_hz / (2.0 * _SPECTRUM_LINES))
+    position = power_spectrum(fit.measured, rate_hz, resolution)
+    residual = power_spectrum(fit.measured - fit.simulated, rate_hz, resolution)
+    return {
+        "hold": fit.between.hold,
+        "tried": [_candidate(fit, candidate) for candidate in fit.tried],
+        "response": _curves(fit) | {"own": points},
+        "residual": {
+            "frequency_hz": digits(position.frequency_hz[1:]),
+            "position_db": digits(10.0 * np.log10(position.density[1:] + _LEAST)),
+            "residual_db": digits(10.0 * np.log10(residual.density[1:] + _LEAST)),
+            "white": fit.tests.white,
+            "free": fit.tests.uncorrelated_with_input,
         },
     }
 
 
-def _near(model: PlantModel, curve_hz: FloatArray, at_hz: FloatArray, value: NDArray[np.complex128]) -> FloatArray:
-    """Return the phase of points, radians, by the turn that lies nearest to the model's curve at curve_hz."""
-    at = np.interp(np.log(at_hz), np.log(curve_hz), np.unwrap(np.angle(model.response(curve_hz))))
-    return np.asarray(at + np.angle(value * np.exp(-1j * at)))
-
-
-def _curves(model: PlantModel, frequency_hz: FloatArray) -> Answer:
+def _curves(fit: IdentificationResult | ResponseModelResult) -> Answer:
     """Return magnitude and phase of a model over frequency, with their bands, and where it is valid."""
-    value = model.response(frequency_hz)
+    return {name: digits(values) for name, values in fit.columns().items()} | {"valid_hz": fit.model.valid_hz}
+
+
+def _points(
+    fit: IdentificationResult | ResponseModelResult, at_hz: FloatArray, value: NDArray[np.complex128]
+) -> dict[str, Any]:
+    """Return measured points, their phase by the turn that lies nearest to the model's curve."""
+    model: PlantModel = fit.model
+    curve_hz = fit.frequency_hz()
+    near = np.interp(np.log(at_hz), np.log(curve_hz), np.unwrap(np.angle(model.response(curve_hz))))
     return {
-        "frequency_hz": digits(frequency_hz),
-        "magnitude_db": digits(20.0 * np.log10(np.abs(value))),
-        "phase_deg": digits(np.degrees(np.unwrap(np.angle(value)))),
-        "band_db": digits(model.band_db(frequency_hz)),
-        "band_deg": digits(np.degrees(model.band_rad(frequency_hz))),
-        "valid_hz": model.valid_hz,
+        "frequency_hz": digits(at_hz),
+        "magnitude_db": digits(20.0 * np.log10(np.abs(value) + _LEAST)),
+        "phase_deg": digits(np.degrees(near + np.angle(value * np.exp(-1j * near)))),
     }
 
 
-def _residual(fit: Identification, rate_hz: float) -> Answer:
-    resolution = max(1.0, 8.0 * rate_hz / fit.measured.size, rate_hz / (2.0 * _SPECTRUM_LINES))
-    measured = power_spectrum(fit.measured, rate_hz, resolution)
-    residual = power_spectrum(fit.measured - fit.simulated, rate_hz, resolution)
-    return {
-        "frequency_hz": digits(measured.frequency_hz[1:]),
-        "position_db": digits(10.0 * np.log10(measured.density[1:] + _LEAST)),
-        "residual_db": digits(10.0 * np.log10(residual.density[1:] + _LEAST)),
-        "white": fit.tests.white,
-        "free": fit.tests.uncorrelated_with_input,
-    }
-
-
-def _candidate(fit: Identification, candidate: Any) -> Answer:
+def _candidate(fit: IdentificationResult, candidate: Any) -> Answer:
     taken = (fit.order, fit.model.num.size - 1, fit.between.hold, fit.model.delay_s > 0.0)
     number = {name: getattr(candidate, name) for name in ("cost", "uncorrelated_p", "behind")}
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -11,18 +10,16 @@ from pydantic import Field
 from threadpoolctl import threadpool_limits
 
 from tactuator.console.figures import verdict_rows
-from tactuator.console.requests import Answer, Finite, Name, ViewRequest, digits
+from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import controller_text
 from tactuator.io.csv_tables import curve_text, read_curve
-from tactuator.io.display import with_curve
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.verbs.controller import design
 
 _LINES = 160
 _DRAWN_NAME, _DRAWN_FILE = "drawn", "curve.csv"
@@ -104,13 +101,11 @@ class PrefilterSaved(_Curved):
     def answer(self, state: ConsoleState) -> Answer:
         """Return the text of controller.json, of the curve's file where it was drawn, the verdict and the command."""
         display, given = state.display(self.display), self.curve(state)
-        if self.poles is not None:
-            replace(display.channels[0].prefilter, poles=self.poles)  # so many, or a refusal
-        controller = design_controller(display if given is None else with_curve(display, given), self.poles)
+        controller = design(display, given, self.poles)
         return {
             "text": controller_text(controller),
             "curve": curve_text(given) if given is not None and self.points is not None else None,
-            "verdict": verdict_rows(whole_verdict(controller)),
+            "verdict": verdict_rows(controller.verdict),
             "command": _command(self, state),
         }
 
@@ -119,13 +114,14 @@ REQUESTS = {"prefilter.curve": PersonalCurve, "prefilter.fit": PrefilterFitted, 
 
 
 def _command(asked: _Curved, state: ConsoleState) -> str:
-    words = ["tactuator", "design", state.command_name(asked.display)]
-    if asked.points is not None:
-        words += ["--curve", _DRAWN_FILE]
-    elif asked.file is not None:
-        words += ["--curve", state.uploads.path(asked.file).name]
-    words += [] if asked.poles is None else ["--poles", str(asked.poles)]
-    return shlex.join([*words, "--out", "controller.json"])
+    curve = None if asked.file is None else state.uploads.path(asked.file).name
+    return command_line(
+        "design",
+        state.command_name(asked.display),
+        curve=curve if asked.points is None else _DRAWN_FILE,
+        poles=asked.poles,
+        out="controller.json",
+    )
 
 
 def _curve_document(curve: ThresholdCurve) -> Answer:

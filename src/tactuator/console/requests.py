@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shlex
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -100,6 +101,19 @@ async def serve_requests(
 def digits(values: FloatArray) -> list[float]:
     """Return numbers to the six digits that a drawing needs."""
     return [float(f"{value:.6g}") for value in values.tolist()]
+
+
+def command_line(verb: str, *given: str, **options: Any) -> str:
+    """Return the command line of a verb with what it is given and its options; of a list each value has its own, True
+    is a flag, and None and False are left out.
+    """
+    words = ["tactuator", *verb.split(), *given]
+    for name, value in options.items():
+        for each in value if isinstance(value, list | tuple) else [value]:
+            if each is not None and each is not False:
+                words.append(f"--{name.replace('_', '-')}")
+                words += [] if each is True else [f"{each:g}" if isinstance(each, float) else str(each)]
+    return shlex.join(words)
 
 
 def _message(text: str) -> dict[str, Any]:

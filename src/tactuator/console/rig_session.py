@@ -16,7 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import MOST_DB_SL, GeneratorWave
 from tactuator.console.loop_shape import shape_of
-from tactuator.console.requests import CHANNELS_MAX, Answer, Count, Finite, Name, PageRequest
+from tactuator.console.requests import CHANNELS_MAX, Answer, Count, Finite, Name, PageRequest, command_line
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.scope import KEPT_S, SIGNALS
 from tactuator.console.state import FILE, ConsoleState
@@ -274,20 +274,18 @@ class RigSession:
             controller_hash=controller.content_hash,
         )
         self.rig.order(orders.MeasureOrder(controller, order))
-        return {"command": self._command(settings, channels)}
-
-    def _command(self, settings: orders.MeasureSettings, channels: tuple[str, ...]) -> str:
-        """Return the command line that measures the same."""
-        words = ["tactuator measure --controller controller.json"]
-        if set(channels) != set(self.channels):
-            words += [f"--channel {name}" for name in channels]
-        if settings.frequency_hz:
-            words.append("--frequency-hz " + ",".join(f"{hertz:g}" for hertz in settings.frequency_hz))
-        options = [(name, getattr(settings, name), getattr(MeasurementOptions, name)) for name in _OPTIONS]
-        for name, value, default in (*options, ("rig", self.rig.spec, "simulated"), ("seed", self.rig.seed, 0)):
-            if value != default:
-                words.append(f"--{name.replace('_', '-')} {value if isinstance(value, str) else format(value, 'g')}")
-        return " ".join([*words, "--out response.csv"])
+        set_here = {name: getattr(settings, name) for name in _OPTIONS}
+        usual = {name: getattr(MeasurementOptions, name) for name in _OPTIONS} | {"rig": "simulated", "seed": 0}
+        options = {**set_here, "rig": self.rig.spec, "seed": self.rig.seed}
+        command = command_line(
+            "measure",
+            controller="controller.json",
+            channel=[] if set(channels) == set(self.channels) else channels,
+            frequency_hz=",".join(f"{hertz:g}" for hertz in settings.frequency_hz) or None,
+            **{name: value for name, value in options.items() if value != usual[name]},
+            out="response.csv",
+        )
+        return {"command": command}
 
 
 def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: FloatArray) -> list[dict[str, Any]]:

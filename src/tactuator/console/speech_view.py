@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactuator.console.requests import Answer, Finite, Name, ViewRequest
+from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line
 from tactuator.console.state import ConsoleState
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
 from tactuator.perception.curve import check_level
-from tactuator.speech.coding import coding_names, coding_of
-from tactuator.speech.options import LEVEL_DB_SL
+from tactuator.speech.coding import coding_names
+from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.speech.reading import scan_speech
-from tactuator.speech.render import RenderJob, render_file
+from tactuator.verbs.speech import render
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0
@@ -28,7 +27,7 @@ class SpeechRendered(ViewRequest):
 
     display: Name
     file: Name
-    coding: Name = "direct"
+    coding: Name = CODING
     level: Finite = LEVEL_DB_SL
 
     def answer(self, state: ConsoleState) -> Answer:
@@ -37,10 +36,9 @@ class SpeechRendered(ViewRequest):
         scan_speech(speech)  # what is no sound or no level is told before a controller is designed
         check_level(self.level)
         controller = state.file_controller(self.display)
-        coding = coding_of(self.coding if self.coding in coding_names() else "?")
-        job = RenderJob(controller, coding, self.level, simulate=True)
+        coding = self.coding if self.coding in coding_names() else "?"  # a file of the server is none of the page's
         key, folder = state.uploads.new_folder()
-        rendered = render_file(speech, folder / _REFERENCE, job, folder / _FELT)
+        rendered = render(speech, controller, folder / _REFERENCE, coding, self.level, felt=folder / _FELT).rendered
         state.uploads.keep(key, folder / _REFERENCE)
         assert rendered.felt is not None
         figures = rendered.felt.figures()
@@ -61,15 +59,17 @@ class SpeechRendered(ViewRequest):
                 ]
                 for limiting in rendered.limiting
             ],
-            "command": self.command(state, speech),
-            "play": shlex.join(["tactuator", "play", _REFERENCE, "--display", state.command_name(self.display)]),
+            "command": command_line(
+                "render",
+                speech.name,
+                display=state.command_name(self.display),
+                coding=self.coding,
+                level=self.level,
+                out=_REFERENCE,
+                felt=_FELT,
+            ),
+            "play": command_line("play", _REFERENCE, display=state.command_name(self.display)),
         }
-
-    def command(self, state: ConsoleState, speech: Path) -> str:
-        """Return the command line that writes the same files."""
-        words = ["tactuator", "render", speech.name, "--display", state.command_name(self.display)]
-        words += ["--coding", self.coding, "--level", f"{self.level:g}", "--out", _REFERENCE, "--felt", _FELT]
-        return shlex.join(words)
 
 
 @dataclass(frozen=True)

@@ -19,22 +19,32 @@ from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints, TypeAdapter
 
 from tactuator.console import rig_orders as orders
-from tactuator.console.requests import LOGGER, Answer, Name, PageRequest, Requests, ViewRequest, serve_requests
+from tactuator.console.requests import (
+    LOGGER,
+    Answer,
+    Name,
+    PageRequest,
+    Requests,
+    ViewRequest,
+    command_line,
+    serve_requests,
+)
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
-from tactuator.experiment.export.export import FORMS, export
+from tactuator.experiment.export.export import FORMS
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.session.studies import fresh_token, open_study, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
-from tactuator.experiment.store.store import Store, opened_store, sessions_of
+from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.model.controller import Controller
 from tactuator.rig.finger import Finger
 from tactuator.rig.rig import Rig, Trace, join_traces
+from tactuator.verbs.experiment import export
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, send
 from tactuator.web.study_pages import StudyPages
@@ -346,20 +356,11 @@ class StudyAtRig:
     def exported(self, request: ExportStudy) -> Answer:
         """Return the key of a file with the store's trials in that format."""
         key, folder = self._state.uploads.new_folder()
-        store = Store(self._state.folder / request.store, must_exist=True)
-        try:
-            trials = export(store, folder / request.form, request.form)
-        finally:
-            store.close()
+        result = export(self._state.folder / request.store, folder / request.form, request.form)
         archive = Path(shutil.make_archive(str(folder / request.form), "zip", folder, request.form))
         self._state.uploads.keep(key, archive)
-        words = ["tactuator", "experiment", "export", "--store", request.store, "--out", request.form]
-        return {
-            "key": key,
-            "name": archive.name,
-            "trials": trials,
-            "command": shlex.join([*words, "--format", request.form]),
-        }
+        command = command_line("experiment export", store=request.store, out=request.form, format=request.form)
+        return {"key": key, "name": archive.name, "trials": result.trials, "command": command}
 
     def _stop(self) -> None:
         """Stop at once what the experiment plays, as its operator's Stop does."""
@@ -374,12 +375,16 @@ class StudyAtRig:
 
     def _command(self, request: BeginStudy, protocol: str) -> str:
         rig = self._session.rig
-        words = ["tactuator", "experiment", "serve", protocol, "--store", request.store, "--rig", rig.spec]
-        words += ["--controller", "controller.json"]
-        words += ["--seed", str(rig.seed)] if rig.seed else []
-        words += ["--auto-start"] if request.auto_start else []
-        words += ["--amend", request.amend] if request.amend else []
-        return shlex.join(words)
+        return command_line(
+            "experiment serve",
+            protocol,
+            store=request.store,
+            rig=rig.spec,
+            controller="controller.json",
+            seed=rig.seed or None,
+            auto_start=request.auto_start,
+            amend=request.amend or None,
+        )
 
 
 def _closed(lab: Lab | None, running: _Running) -> None:

@@ -88,11 +88,12 @@ class UploadedFiles:
         try:
             yield
         except TactuatorError as error:
-            error.where = tuple(self._plain(part) for part in error.where)
-            error.got, error.allowed = self._plain(error.got), self._plain(error.allowed)
+            error.where = tuple(self.plain(part) for part in error.where)
+            error.got, error.allowed = self.plain(error.got), self.plain(error.allowed)
             raise
 
-    def _plain(self, words: str) -> str:
+    def plain(self, words: str) -> str:
+        """Return words without the folder of an uploaded file that they name."""
         return re.sub(re.escape(f"{self._folder}/") + "[0-9a-f]{16}/", "", words)
 
 
