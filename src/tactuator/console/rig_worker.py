@@ -24,7 +24,7 @@ from tactuator.console.generator import Generator
 from tactuator.console.rig_orders import WaitingOrders
 from tactuator.errors import BadInput, TactuatorError, TimingMissed
 from tactuator.io.response import write_responses
-from tactuator.measure.error import error_db, expected_level_db_sl
+from tactuator.measure.error import ResponseLevels
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
@@ -431,19 +431,19 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
     """Return what a page shows of a measurement, and the file that `measure --out response.csv` would write of it."""
     path = folder / "response.csv"
     write_responses(path, responses)
-    display = order.controller.display
+    levels = [ResponseLevels.of(response, order.controller) for response in responses]
     shown = [
         {
             "channel": one.channel,
             "load": one.load,
             "frequency_hz": one.frequency_hz.tolist(),
-            "level_db_sl": _finite(one.level_db_sl + error_db(one, display)),
-            "expected_db_sl": _finite(expected_level_db_sl(one, order.controller)),
+            "level_db_sl": _finite(level.felt_db_sl),
+            "expected_db_sl": _finite(level.predicted_db_sl),
             "confidence_db": _finite(one.confidence_db),
             "saturated": one.saturated.tolist(),
             "reached": one.reached.tolist(),
         }
-        for one in responses
+        for one, level in zip(responses, levels, strict=True)
     ]
     done = len(responses[0].frequency_hz) if responses else 0
     return orders.Points({"responses": shown}, done, len(order.settings.frequency_hz), path.read_text("utf-8"), over)

@@ -4,6 +4,7 @@ takes away.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -104,41 +105,40 @@ def disturbance(
     if excursion_mm <= 0.0:
         raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
     plant = zero_order_hold(described.plant, rig.rate_hz)
-    bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm)
-    loop = _Loop(controller, channel, plant)
-    rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), loop, mains_hz)
+    feedback = controller.channel(channel).feedback(controller.rate_hz)
+    delay_s = controller.delay_samples / controller.rate_hz
+
+    def sensitivity(hertz: FloatArray) -> NDArray[np.complex128]:
+        """Return S of the controller and plant, sampled, with the computing delay; 1 where there is no loop."""
+        if feedback is None:
+            return np.ones(hertz.shape, dtype=np.complex128)
+        late = np.exp(-2j * np.pi * hertz * delay_s)
+        return np.asarray(1.0 / (1.0 + feedback.response(hertz) * late * plant.response(hertz)))
+
+    bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm, sensitivity)
+    rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), mains_hz)
     press = bench.press()
-    tremor = bench.tremor(loop, rng)
+    tremor = bench.tremor(rng)
     rig.rest()
-    return DisturbanceReport(
-        channel, rejection, press, tremor, ("mm", "mm/s", "mm/s^2")[DERIVATIVES[described.quantity]]
-    )
-
-
-class _Loop:
-    """S of the controller and plant, sampled, with the computing delay."""
-
-    def __init__(self, controller: Controller, channel: str, plant: SampledSystem) -> None:
-        self._feedback = controller.channel(channel).feedback(controller.rate_hz)
-        self._delay_s = controller.delay_samples / controller.rate_hz
-        self._plant = plant
-
-    def sensitivity(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        """Return the sensitivity S, (m,); 1 where there is no loop."""
-        if self._feedback is None:
-            return np.ones(frequency_hz.shape, dtype=np.complex128)
-        late = np.exp(-2j * np.pi * frequency_hz * self._delay_s)
-        loop = self._feedback.response(frequency_hz) * late * self._plant.response(frequency_hz)
-        return np.asarray(1.0 / (1.0 + loop))
+    unit = ("mm", "mm/s", "mm/s^2")[DERIVATIVES[described.quantity]]
+    return DisturbanceReport(channel, rejection, press, tremor, unit)
 
 
 class _Bench:
     """One channel at rest under its controller, with a finger port to press."""
 
     def __init__(
-        self, rig: Rig, port: Presser, column: int, channel: Channel, plant: SampledSystem, excursion_mm: float
+        self,
+        rig: Rig,
+        port: Presser,
+        column: int,
+        channel: Channel,
+        plant: SampledSystem,
+        excursion_mm: float,
+        sensitivity: Callable[[FloatArray], NDArray[np.complex128]],
     ) -> None:
         self._rig, self._port, self._column, self._channel, self._plant = rig, port, column, channel, plant
+        self._sensitivity = sensitivity
         self._excursion_v = excursion_mm * channel.sensor_gain_v_per_mm
         self._largest_v = 0.5 * channel.converter.range_v
         self._play(None, 2.0)
@@ -150,14 +150,14 @@ class _Bench:
         trace = self._rig.play(np.zeros((count, len(self._rig.channels))))
         return trace.position_v[:, self._column], bool(np.any(trace.saturated[:, self._column]))
 
-    def rejection(self, frequency_hz: FloatArray, loop: _Loop, mains_hz: float | None) -> Rejection:
+    def rejection(self, frequency_hz: FloatArray, mains_hz: float | None) -> Rejection:
         """Press with one sinusoidal force after the other and return the rejection of each."""
-        rows = [self._one(float(hertz), mains_hz) for hertz in frequency_hz]
+        rows = [self._rejection_at(float(hertz), mains_hz) for hertz in frequency_hz]
         measured, confidence, force, saturated = (np.array(column) for column in zip(*rows, strict=True))
-        expected = db(loop.sensitivity(frequency_hz))
+        expected = db(self._sensitivity(frequency_hz))
         return Rejection(frequency_hz, measured, confidence, expected, force, saturated.astype(bool))
 
-    def _one(self, hertz: float, mains_hz: float | None) -> tuple[float, float, float, bool]:
+    def _rejection_at(self, hertz: float, mains_hz: float | None) -> tuple[float, float, float, bool]:
         rate = self._rig.rate_hz
         through = self._plant.response(np.array([hertz]))[0]
         force_v = min(self._excursion_v / abs(through), self._largest_v)
@@ -167,11 +167,11 @@ class _Bench:
         wave = force_v * np.sin(2.0 * np.pi * hertz * np.arange(count) / rate)
         position, limited = self._play(wave * ramps(count, rate, 0.1))
         lines = np.concatenate([[hertz], mains_multiples(mains_hz, min(200.0, 0.45 * rate))])
-        own = LockIn(lines, rate, block)
+        detector = LockIn(lines, rate, block)
         # the last tenth of a second fades out
         blocks = np.array(
             [
-                own(position[start : start + block], start)[0]
+                detector(position[start : start + block], start)[0]
                 for start in range(settle - round(0.1 * rate), count - block - round(0.1 * rate) + 1, block)
             ]
         )
@@ -209,7 +209,7 @@ class _Bench:
             lift_peak_mm=float(np.max(np.abs(lifted))),
         )
 
-    def tremor(self, loop: _Loop, rng: np.random.Generator) -> Tremor:
+    def tremor(self, rng: np.random.Generator) -> Tremor:
         """Press with eight seconds of noise of 4 .. 12 Hz, made of lines so that it can be found again."""
         rate, gain = self._rig.rate_hz, self._channel.sensor_gain_v_per_mm
         lines = np.arange(TREMOR_HZ[0], TREMOR_HZ[1] + 0.125, 0.25)
@@ -222,10 +222,10 @@ class _Bench:
         force = np.cos(angle) @ size
         position, _ = self._play(force * ramps(count, rate, 0.2))
         kept = slice(round(1.5 * rate), round(9.5 * rate))
-        found = lock_in(position[kept], lines, rate, start=kept.start)
+        measured = lock_in(position[kept], lines, rate, start=kept.start)
         free = through * size
-        expected = free * loop.sensitivity(lines)
-        rms, rms_free, rms_expected = (float(np.sqrt(0.5 * np.sum(np.abs(x) ** 2))) for x in (found, free, expected))
+        expected = free * self._sensitivity(lines)
+        rms, rms_free, rms_expected = (float(np.sqrt(0.5 * np.sum(np.abs(x) ** 2))) for x in (measured, free, expected))
         return Tremor(rms / gain, rms_free / gain, float(db(rms / rms_free)), float(db(rms_expected / rms_free)))
 
     def _free(self, force: FloatArray) -> FloatArray:

@@ -101,29 +101,51 @@ def expected_v(response: Response, controller: Controller) -> FloatArray:
     """Return the peak volts at the sensor that the controller's own model expects of each point, (m,): the shipped
     sections on the nominal plant under the response's load, with the weights nearest to it where they are learnt.
     """
-    display = controller.display
-    channel, own = display.channel(response.channel), controller.channel(response.channel)
-    load = None if response.load == "none" else channel.load(response.load)
-    plant = sampled_plant(channel.loaded_plant(load), display.rate_hz, display.delay_samples)
-    loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
-    answer = loop.position_response(response.frequency_hz)
-    if own.feed_forward is not None and load is not None:
-        bare = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
-        free = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), bare)
-        answer = adapted_response(own.feed_forward, free, loop, load, response.frequency_hz, display.rate_hz)
+    load = None if response.load == "none" else response.load
+    touched = ChannelPrediction.of(controller, response.channel, load)
+    answer = touched.loop.position_response(response.frequency_hz)
+    adaptive = controller.channel(response.channel).feed_forward
+    if adaptive is not None and load is not None:
+        free, weight = ChannelPrediction.of(controller, response.channel).loop, touched.channel.load(load)
+        answer = adapted_response(
+            adaptive, free, touched.loop, weight, response.frequency_hz, controller.display.rate_hz
+        )
     return np.asarray(response.reference * np.abs(answer))
 
 
-def expected_level_db_sl(response: Response, controller: Controller) -> FloatArray:
-    """Return the sensation level that the controller's own model expects of each point, dB SL, (m,)."""
-    threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
-    return db(expected_v(response, controller) / threshold_v)
+@dataclass(frozen=True, eq=False)
+class ResponseLevels:
+    """Levels of a response at each of its frequencies, dB SL, (m,): asked for; felt, by the sensor; and predicted by
+    the controller's own model. The error is felt less asked; what of it is the model's is told beside it.
+    """
+
+    asked_db_sl: FloatArray
+    felt_db_sl: FloatArray
+    predicted_db_sl: FloatArray
+
+    @classmethod
+    def of(cls, response: Response, controller: Controller) -> ResponseLevels:
+        """Return the levels of a response that was measured under `controller`."""
+        threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
+        asked = np.full(response.frequency_hz.shape, response.level_db_sl)
+        predicted = db(expected_v(response, controller) / threshold_v)
+        return cls(asked, asked + error_db(response, controller.display), predicted)
+
+    @property
+    def error_db(self) -> FloatArray:
+        """Return the level felt less the level asked, dB."""
+        return self.felt_db_sl - self.asked_db_sl
+
+    @property
+    def unpredicted_db(self) -> FloatArray:
+        """Return the part of the error that the model does not expect, dB: felt less predicted."""
+        return self.felt_db_sl - self.predicted_db_sl
 
 
 def response_verdict(responses: Sequence[Response], display: Display) -> Verdict:
     """Return the verdict on objective i of every response: not met where the error passes flatness_db by more than its
     confidence, not judged where the confidence leaves it open, a limit was reached, or a load was on."""
-    return verdict_of([_finding(one, display) for one in responses])
+    return verdict_of([_finding(response, display) for response in responses])
 
 
 def _finding(response: Response, display: Display) -> Finding:
@@ -134,16 +156,18 @@ def _finding(response: Response, display: Display) -> Finding:
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
-    found = compared("i", response.channel, response.load, "error of |H|", value, allowed, "dB", at)
+    finding = compared("i", response.channel, response.load, "error of |H|", value, allowed, "dB", at)
     if response.load != "none":
-        told = "told only: what a load changes is objective iv's"
-        return replace(found, outcome=Outcome.NOT_JUDGED, remark=told, counts=False)
+        remark = "told only: what a load changes is objective iv's"
+        return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)
     beside = f"confidence {doubt[worst]:.2g} dB"
     if bool(np.any(response.saturated)):
         limited = response.frequency_hz[response.saturated]
         more = f" and {limited.size - 1} more" if limited.size > 1 else ""
         remark = f"{beside}; the command was limited at {limited.min():.4g} Hz{more}: a lower level"
-        return replace(found, outcome=Outcome.NOT_JUDGED, remark=remark)
+        return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
-        return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db")
-    return replace(found, remark=f"{beside}; {_REMEDY}" if found.outcome is Outcome.NOT_MET else beside)
+        return replace(
+            finding, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db"
+        )
+    return replace(finding, remark=f"{beside}; {_REMEDY}" if finding.outcome is Outcome.NOT_MET else beside)

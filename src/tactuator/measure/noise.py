@@ -51,16 +51,12 @@ class SensorNoise:
 
     def keys(self) -> dict[str, Any]:
         """Return the figures as keys of [environment]."""
-        return {
-            "hum_hz": self.hum_hz.tolist(),
-            "hum_v_peak": self.hum_v_peak.tolist(),
-            "noise_v_rms": self.noise_v_rms,
-        }
+        return {key: np.asarray(value).tolist() for key, value in vars(self).items()}
 
     def environment(self) -> str:
         """Return the keys of [environment] that say so, as a display file has them."""
-        lines = ", ".join(f"{one:g}" for one in self.hum_hz)
-        levels = ", ".join(f"{one:.3g}" for one in self.hum_v_peak)
+        lines = ", ".join(f"{hertz:g}" for hertz in self.hum_hz)
+        levels = ", ".join(f"{volts:.3g}" for volts in self.hum_v_peak)
         return f"hum_hz = [{lines}], hum_v_peak = [{levels}], noise_v_rms = {self.noise_v_rms:.3g}"
 
 
@@ -80,18 +76,15 @@ def sensor_noise(
     low, high = (share * rate_hz for share in _QUIET_BAND)
     quiet = (spectrum.frequency_hz > low) & (spectrum.frequency_hz < high)
     power = float(np.median(spectrum.density[quiet])) * 0.5 * rate_hz
+    noise_v_rms = float(np.sqrt(max(power - channel.converter.step_v**2 / 12.0, 0.0)))
     lines = mains_multiples(mains_hz, min(channel.threshold.band_hz[1], 0.45 * rate_hz))
     if lines.size == 0:
-        return SensorNoise(lines, lines, _without_steps(power, channel))
+        return SensorNoise(lines, lines, noise_v_rms)
     still = np.zeros(lines.shape)
     moved = beside_friction(channel.environment, zero_order_hold(plant, rate_hz).response(lines), still)
-    own = np.abs(lock_in(position_v, lines, rate_hz) - moved * lock_in(command_v, lines, rate_hz))
-    seen = own > _SEEN * np.sqrt(2.0 * power / position_v.size)
-    return SensorNoise(lines[seen], own[seen], _without_steps(power, channel))
-
-
-def _without_steps(power: float, channel: Channel) -> float:
-    return float(np.sqrt(max(power - channel.converter.step_v**2 / 12.0, 0.0)))
+    hum = np.abs(lock_in(position_v, lines, rate_hz) - moved * lock_in(command_v, lines, rate_hz))
+    seen = hum > _SEEN * np.sqrt(2.0 * power / position_v.size)
+    return SensorNoise(lines[seen], hum[seen], noise_v_rms)
 
 
 def proportional_controller(display: Display, gain: float) -> Controller:
@@ -102,41 +95,36 @@ def proportional_controller(display: Display, gain: float) -> Controller:
     """
     if not (np.isfinite(gain) and gain > 0.0):
         raise BadInput(f"proportional gain is {gain:g}", "a positive number")
-    return Controller(display, tuple(_channel(channel, gain) for channel in display.channels), "proportional probe")
+    through = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    channels = []
+    for channel in display.channels:
+        voltage = float(channel.threshold_voltage(channel.threshold.band_hz[0]))
+        probe = ChannelController(
+            name=channel.name,
+            threshold_voltage_dc=voltage,
+            prefilter_sos=through * np.array([voltage, 1.0, 1.0, 1.0, 1.0, 1.0]),
+            feedback_sos=through * np.array([gain, 1.0, 1.0, 1.0, 1.0, 1.0]),
+            anti_windup=AntiWindup(),
+            limits=Limits(channel.converter.range_v, channel.sensor_gain_v_per_mm * channel.travel_mm),
+            designed_for=(),
+            report={"proportional_gain": gain},
+        )
+        channels.append(probe)
+    return Controller(display, tuple(channels), "proportional probe")
 
 
 def unstable_channels(controller: Controller, load: str = "none") -> tuple[str, ...]:
     """Return the channels whose loop the display's own models call unstable, without a load or under `load`: loops
     that must not be closed."""
     display = controller.display
-    return tuple(
-        channel.name
-        for own, channel in zip(controller.channels, display.channels, strict=True)
-        if not _is_stable(own, channel, display, load)
-    )
-
-
-def _is_stable(own: ChannelController, channel: Channel, display: Display, load: str) -> bool:
-    feedback = own.feedback(display.rate_hz)
-    if feedback is None:
-        return True
-    members = plant_family(channel, display.rate_hz, display.delay_samples)
-    return all(FeedbackLoop(feedback, one.sampled).is_stable for one in members if one.load in (UNLOADED, load))
-
-
-def _channel(channel: Channel, gain: float) -> ChannelController:
-    voltage = float(channel.threshold_voltage(channel.threshold.band_hz[0]))
-    through = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    return ChannelController(
-        name=channel.name,
-        threshold_voltage_dc=voltage,
-        prefilter_sos=through * np.array([voltage, 1.0, 1.0, 1.0, 1.0, 1.0]),
-        feedback_sos=through * np.array([gain, 1.0, 1.0, 1.0, 1.0, 1.0]),
-        anti_windup=AntiWindup(),
-        limits=Limits(channel.converter.range_v, channel.sensor_gain_v_per_mm * channel.travel_mm),
-        designed_for=(),
-        report={"proportional_gain": gain},
-    )
+    unstable = []
+    for channel, designed in zip(display.channels, controller.channels, strict=True):
+        feedback = designed.feedback(display.rate_hz)
+        members = plant_family(channel, display.rate_hz, display.delay_samples) if feedback is not None else ()
+        plants = [member.sampled for member in members if member.load in (UNLOADED, load)]
+        if feedback is not None and not all(FeedbackLoop(feedback, plant).is_stable for plant in plants):
+            unstable.append(channel.name)
+    return tuple(unstable)
 
 
 @dataclass(frozen=True)
@@ -190,32 +178,24 @@ def felt_noise(
     """
     if duration_s < 3.0:
         raise BadInput(f"duration {duration_s:g} s", "3 s or more")
-    require_sensors(rig, display_channels(display, rig))
+    channels = [display.channel(name) for name in rig.channels]
+    require_sensors(rig, rig.channels)
     silent = np.zeros((round((settle_s + duration_s) * rig.rate_hz), len(rig.channels)))
     trace = rig.play(silent)
     start = round(settle_s * rig.rate_hz)
     heard = []
-    for name in display_channels(display, rig):
-        channel = display.channel(name)
+    for name, channel in zip(rig.channels, channels, strict=True):
         plant = channel.plant
         touched = None if load in (None, "none") else channel.load(str(load))
         if touched is not None:
             plant = touched.applied_to(plant, channel.quantity)
         column = trace.channel(name)
+        command, position = trace.command_v[start:, column], trace.position_v[start:, column]
+        felt = felt_of_command(command, rig.rate_hz, channel, plant, mains_hz)
+        sensor = sensor_noise(position, command, rig.rate_hz, channel, plant, mains_hz)
         saturated = bool(np.any(trace.saturated[start:, column]))
-        command = trace.command_v[start:, column]
-        felt = felt_of_command(command, rig.rate_hz, channel, plant, load or "none", mains_hz, saturated)
-        position = trace.position_v[start:, column]
-        own = sensor_noise(position, command, rig.rate_hz, channel, plant, mains_hz)
-        heard.append(replace(felt, sensor=own))
+        heard.append(replace(felt, load=load or "none", saturated=saturated, sensor=sensor))
     return tuple(heard)
-
-
-def display_channels(display: Display, rig: Rig) -> Sequence[str]:
-    """Return the rig's channels, each of which the display must describe."""
-    for name in rig.channels:
-        display.channel(name)
-    return rig.channels
 
 
 def felt_of_command(
@@ -223,30 +203,29 @@ def felt_of_command(
     rate_hz: float,
     channel: Channel,
     plant: ContinuousSystem,
-    load: str = "none",
     mains_hz: float | None = MAINS_HZ,
-    saturated: bool = False,
 ) -> FeltNoise:
     """Return the noise that `command_v` (n,) makes a finger feel through `plant` (volts of command to volts of y)."""
     low, high = channel.threshold.band_hz
     lines = mains_multiples(mains_hz, min(high, 0.45 * rate_hz))
-    levels = np.array([_line_level(command_v, rate_hz, float(line), channel, plant) for line in lines])
+    amplitudes = np.array([lock_in(command_v, line, rate_hz)[0] for line in lines])
+    peaks_mm = np.abs(amplitudes) * np.abs(_displacement_mm(channel, plant, lines, rate_hz))
     spectrum = power_spectrum(command_v, rate_hz, 1.0)
     felt = spectrum.through(_displacement_mm(channel, plant, spectrum.frequency_hz, rate_hz))
     bands = third_octave_bands(max(low, 2.0), high)
     band_levels = [_band_level(felt, band.low_hz, band.high_hz, channel, lines) for band in bands]
-    resonance = _resonance(felt, channel, lines)
+    resonance_hz, resonance_db_sl, resonance_gain_db = _resonance(felt, channel, lines) or (None, None, None)
     return FeltNoise(
         channel=channel.name,
-        load=load,
+        load="none",
         line_hz=lines,
-        line_db_sl=levels,
+        line_db_sl=db(peaks_mm / channel.threshold.curve.displacement_mm(lines)),
         band_hz=np.array([band.centre_hz for band in bands]),
         band_db_sl=np.array(band_levels),
-        resonance_hz=resonance[0] if resonance else None,
-        resonance_db_sl=resonance[1] if resonance else None,
-        resonance_gain_db=resonance[2] if resonance else None,
-        saturated=saturated,
+        resonance_hz=resonance_hz,
+        resonance_db_sl=resonance_db_sl,
+        resonance_gain_db=resonance_gain_db,
+        saturated=False,
     )
 
 
@@ -262,12 +241,6 @@ def _displacement_mm(
     moved = beside_friction(channel.environment, plant.response(frequency) * hold, still)
     response = moved / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
     return np.where(frequency_hz > 0.0, response, 0.0)
-
-
-def _line_level(command_v: FloatArray, rate_hz: float, line: float, channel: Channel, plant: ContinuousSystem) -> float:
-    amplitude = np.abs(lock_in(command_v, line, rate_hz)[0])
-    peak_mm = amplitude * np.abs(_displacement_mm(channel, plant, np.array([line]), rate_hz)[0])
-    return float(db(peak_mm / channel.threshold.curve.displacement_mm(line)))
 
 
 def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, lines: FloatArray) -> float:
@@ -297,11 +270,11 @@ def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tupl
 
 def _smoothed(values: FloatArray, frequency: FloatArray) -> FloatArray:
     """Return the mean over a twelfth of an octave to either side, two lines at least."""
-    made = np.empty(values.size)
+    means = np.empty(values.size)
     for k, hertz in enumerate(frequency):
         reach = max(2.0, hertz * (2.0 ** (1.0 / 12.0) - 1.0))
-        made[k] = values[np.abs(frequency - hertz) <= reach].mean()
-    return made
+        means[k] = values[np.abs(frequency - hertz) <= reach].mean()
+    return means
 
 
 def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Sequence[str] = ()) -> Verdict:
@@ -311,22 +284,23 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
     """
     allowed = display.objectives
     findings: list[Finding] = []
-    for one in felt:
-        if one.channel in open_loops:
+    for heard in felt:
+        if heard.channel in open_loops:
             for number, quantity in (("ii", FELT_HUM), ("iii", FELT_NOISE)):
-                findings.append(Finding(number, one.channel, one.load, Outcome.NOT_JUDGED, quantity, remark=NO_LOOP))
+                remark = NO_LOOP
+                findings.append(Finding(number, heard.channel, heard.load, Outcome.NOT_JUDGED, quantity, remark=remark))
             continue
-        for line, level in zip(one.line_hz.tolist(), one.line_db_sl.tolist(), strict=True):
-            most, told = allowed.mains_max_db_sl, hum_remedy(line)
-            findings.append(compared("ii", one.channel, one.load, FELT_HUM, level, most, "dB SL", line, remedy=told))
-        if one.line_hz.size == 0:
+        judged = heard.channel, heard.load
+        for line, level in zip(heard.line_hz.tolist(), heard.line_db_sl.tolist(), strict=True):
+            most, remedy = allowed.mains_max_db_sl, hum_remedy(line)
+            findings.append(compared("ii", *judged, FELT_HUM, level, most, "dB SL", line, remedy=remedy))
+        if heard.line_hz.size == 0:
             remark = "no mains line was listened for"
-            findings.append(Finding("ii", one.channel, one.load, Outcome.NOT_JUDGED, FELT_HUM, remark=remark))
-        worst = int(np.argmax(one.band_db_sl))
-        at = float(one.band_hz[worst])
-        level = float(one.band_db_sl[worst])
-        if one.resonance_db_sl is not None and one.resonance_db_sl > level and one.resonance_hz is not None:
-            level, at = one.resonance_db_sl, one.resonance_hz
-        most, told = allowed.noise_max_db_sl, NOISE_REMEDY
-        findings.append(compared("iii", one.channel, one.load, FELT_NOISE, level, most, "dB SL", at, remedy=told))
+            findings.append(Finding("ii", *judged, Outcome.NOT_JUDGED, FELT_HUM, remark=remark))
+        worst = int(np.argmax(heard.band_db_sl))
+        level, at = float(heard.band_db_sl[worst]), float(heard.band_hz[worst])
+        if heard.resonance_db_sl is not None and heard.resonance_db_sl > level and heard.resonance_hz is not None:
+            level, at = heard.resonance_db_sl, heard.resonance_hz
+        most = allowed.noise_max_db_sl
+        findings.append(compared("iii", *judged, FELT_NOISE, level, most, "dB SL", at, remedy=NOISE_REMEDY))
     return verdict_of(findings)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from tactuator.measure.adaptive import Learnt
     from tactuator.measure.disturbance import DisturbanceReport
+    from tactuator.measure.error import ResponseLevels
     from tactuator.measure.finger import FingerEstimate
     from tactuator.measure.noise import FeltNoise
     from tactuator.model.controller import Controller
@@ -231,17 +232,18 @@ class MeasuredResponses(Result):
         """Return that the confidence was not reached, where it was not."""
         return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)
 
-    def _error_db(self, response: "Response") -> Any:
-        from tactuator.measure.error import error_db
+    def _levels(self) -> "list[tuple[Response, ResponseLevels]]":
+        """Return each response with its levels."""
+        from tactuator.measure.error import ResponseLevels
 
-        return error_db(response, self.controller.display)
+        return [(response, ResponseLevels.of(response, self.controller)) for response in self.responses]
 
     def headline(self) -> Mapping[str, str]:
         """Return the greatest error of every channel."""
         return {
-            response.channel: f"within {abs(self._error_db(response)).max():.2f} dB of {response.level_db_sl:g} dB SL "
+            response.channel: f"within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
             f"at {response.frequency_hz.size} frequencies (load {response.load})"
-            for response in self.responses
+            for response, levels in self._levels()
         }
 
     def columns(self) -> Mapping[str, Any]:
@@ -250,11 +252,11 @@ class MeasuredResponses(Result):
 
         rows = [
             (response.channel, *row)
-            for response in self.responses
+            for response, levels in self._levels()
             for row in zip(
                 response.frequency_hz,
-                response.level_db_sl + self._error_db(response),
-                self._error_db(response),
+                levels.felt_db_sl,
+                levels.error_db,
                 response.confidence_db,
                 np.degrees(response.phase_rad),
                 strict=True,
@@ -264,7 +266,7 @@ class MeasuredResponses(Result):
 
     def lines(self) -> "Lines":
         """Return the level of every channel over frequency."""
-        each = [(r.channel, r.frequency_hz, r.level_db_sl + self._error_db(r)) for r in self.responses]
+        each = [(response.channel, response.frequency_hz, levels.felt_db_sl) for response, levels in self._levels()]
         return lines_of("frequency (Hz)", "level (dB SL)", each, log_x=True)
 
     def write(self, path: Place) -> None:
@@ -275,8 +277,6 @@ class MeasuredResponses(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the responses point by point, what was learnt, and the verdict."""
-        from tactuator.measure.error import expected_level_db_sl
-
         names = (
             *("channel", "load", "level_db_sl", "method", "controller_hash", "frequency_hz", "magnitude_v"),
             *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
@@ -285,11 +285,11 @@ class MeasuredResponses(Result):
         responses = [
             {name: getattr(response, name) for name in names}
             | {
-                "sensation_level_db": response.level_db_sl + self._error_db(response),
-                "error_db": self._error_db(response),
-                "expected_level_db_sl": expected_level_db_sl(response, self.controller),
+                "sensation_level_db": levels.felt_db_sl,
+                "error_db": levels.error_db,
+                "expected_level_db_sl": levels.predicted_db_sl,
             }
-            for response in self.responses
+            for response, levels in self._levels()
         ]
         return {"responses": responses, "learnt": [vars(one) for one in self.learnt]} | self.verdict.document()
 
@@ -302,27 +302,23 @@ class MeasuredResponses(Result):
             "error: against the level that the controller's model expects, the worst first; delay: of the phase; "
             "dist.: distortion against the fundamental; cut: a converter or the command reached its limit"
         )
-        rows = tuple(row for response in self.responses for row in self._rows(response))
+        rows = tuple(row for response, levels in self._levels() for row in self._rows(response, levels))
         learnt = map(_learnt_line, self.learnt)
         return [ResultTable("", columns, rows, (note,)), *learnt, *verdict_tables(self.verdict)]
 
-    def _rows(self, response: "Response") -> list[tuple[str, ...]]:
+    def _rows(self, response: "Response", levels: "ResponseLevels") -> list[tuple[str, ...]]:
         import numpy as np
 
-        from tactuator.measure.error import expected_level_db_sl
-
-        level = response.level_db_sl + self._error_db(response)
-        expected = expected_level_db_sl(response, self.controller)
         rows: list[tuple[str, ...]] = []
-        for k in np.argsort(-np.abs(level - expected), kind="stable"):
+        for k in np.argsort(-np.abs(levels.unpredicted_db), kind="stable"):
             magnitude_v = response.magnitude_v[k]
             ratio = response.distortion_v[k] / magnitude_v if magnitude_v > 0.0 else np.inf
             cells = (
                 response.channel,
                 f"{response.frequency_hz[k]:.4g}",
-                f"{level[k]:.2f}",
-                f"{expected[k]:.2f}",
-                f"{level[k] - expected[k]:+.2f}",
+                f"{levels.felt_db_sl[k]:.2f}",
+                f"{levels.predicted_db_sl[k]:.2f}",
+                f"{levels.unpredicted_db[k]:+.2f}",
                 f"{response.confidence_db[k]:.2g}",
                 f"{np.degrees(response.phase_rad[k]):.1f}",
                 f"{1e3 * response.latency_s[k]:.2f}",
