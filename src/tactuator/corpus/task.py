@@ -37,16 +37,16 @@ def find_items(folder: str | Path, out: str | Path, ending: str = ".wav") -> tup
     if not folder.is_dir():
         raise BadInput(f"{folder} is not a folder", "a folder of speech files")
     inside = out.resolve()
-    found = sorted(
+    sources = sorted(
         path.relative_to(folder).as_posix()
         for path in folder.rglob("*")
         if path.suffix.lower() in ENDINGS and not path.name.startswith(".") and inside not in path.resolve().parents
     )
-    if not found:
+    if not sources:
         raise BadInput(f"{folder} holds no speech file", f"files ending in {', '.join(ENDINGS)}")
-    plain = {source: Path(source).with_suffix(ending).as_posix() for source in found}
+    plain = {source: Path(source).with_suffix(ending).as_posix() for source in sources}
     taken = Counter(plain.values())
-    return tuple(Item(s, plain[s] if taken[plain[s]] == 1 else s + ending) for s in found)
+    return tuple(Item(s, plain[s] if taken[plain[s]] == 1 else s + ending) for s in sources)
 
 
 def file_sha256(path: str | Path) -> str:
@@ -61,7 +61,7 @@ def file_sha256(path: str | Path) -> str:
 def written_sha256(path: Path) -> list[str]:
     """Return SHA-256 (hex) of a reference's file, and of the file with its scale beside a WAV."""
     files = [path, path.with_suffix(".json")] if path.suffix == ".wav" else [path]
-    return [file_sha256(one) for one in files]
+    return [file_sha256(file) for file in files]
 
 
 def item_seed(seed: int, source: str) -> int:

@@ -4,7 +4,6 @@ finger lands.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -55,7 +54,7 @@ def settle_weights(
 
     Return what each adaptive channel has learnt. Nothing is played where no channel is adaptive.
     """
-    adaptive = [k for k, own in enumerate(controller.channels) if own.feed_forward is not None]
+    adaptive = [k for k, channel in enumerate(controller.channels) if channel.feed_forward is not None]
     if not adaptive:
         return ()
     period = round(rig.rate_hz)
@@ -67,28 +66,24 @@ def settle_weights(
     if not isinstance(rig, LearningRig):
         rig.play(reference)
         return tuple(Learnt(rig.channels[k], None, None) for k in adaptive)
-    weights = _weights(rig, rig.weights, reference)
-    return tuple(_learnt(rig.channels[k], weights[:, k], rig.waits) for k in adaptive)
-
-
-def _weights(rig: Rig, weights: Callable[[], FloatArray], reference: FloatArray) -> FloatArray:
-    """Play a reference and return the weights that were told meanwhile, one for each piece: (pieces, channels, 2)."""
+    current, waits = rig.weights, rig.waits
     piece = round(_PIECE_S * rig.rate_hz)
     pieces = [reference[start : start + piece] for start in range(0, len(reference), piece)]
-    traces = (rig.play(each) for each in pieces) if rig.waits else rig.stream(pieces)
-    return np.array([weights() for _ in traces])
+    traces = (rig.play(part) for part in pieces) if waits else rig.stream(pieces)
+    weights = np.array([current() for _ in traces])
+    return tuple(_learnt(rig.channels[k], weights[:, k], waits) for k in adaptive)
 
 
-def _learnt(channel: str, told: FloatArray, waits: bool) -> Learnt:
+def _learnt(channel: str, weights: FloatArray, waits: bool) -> Learnt:
     """Return what a channel has learnt by weights (pieces, 2); where the rig does not wait, without the time."""
-    last = told[-round(_LAST_S / _PIECE_S) :]
+    last = weights[-round(_LAST_S / _PIECE_S) :]
     mean = last.mean(axis=0)
-    sums = np.cumsum(np.vstack([np.zeros((1, 2)), told]), axis=0)
+    sums = np.cumsum(np.vstack([np.zeros((1, 2)), weights]), axis=0)
     smooth = (sums[_SMOOTHED:] - sums[:-_SMOOTHED]) / _SMOOTHED
     away = np.flatnonzero(np.any(np.abs(smooth - mean) > STAYS, axis=1))
     settled = _SMOOTHED if away.size == 0 else int(away[-1]) + 1 + _SMOOTHED
     weight = (float(mean[0]), float(mean[1]))
-    return Learnt(channel, weight, settled * _PIECE_S if waits and settled < told.shape[0] else None)
+    return Learnt(channel, weight, settled * _PIECE_S if waits and settled < weights.shape[0] else None)
 
 
 LANDS_S, LIFTED_S, _ENDS_S = 1.0, 2.0, 3.0
@@ -121,8 +116,8 @@ def landing(controller: Controller, channel: str, seed: int = 0, level_db_sl: fl
     asked = float(from_db(level_db_sl)) * np.sum(
         [np.sin(2.0 * np.pi * hertz * time + hertz) for hertz in tones], axis=0
     )
-    fixed = replace(controller, channels=tuple(replace(own, feed_forward=None) for own in controller.channels))
-    runs = [_felt(made, shown, asked, on, seed) for made, on in ((fixed, None), (fixed, load), (controller, load))]
+    fixed = replace(controller, channels=tuple(replace(each, feed_forward=None) for each in controller.channels))
+    runs = [_felt(played, shown, asked, on, seed) for played, on in ((fixed, None), (fixed, load), (controller, load))]
     free, still, learnt = runs
     middle = np.asarray(np.arange(free.size) * _STEP_S + 0.5 * _WINDOW_S, dtype=np.float64)
     return Landing(channel, load, middle, db(learnt / free), db(still / free))

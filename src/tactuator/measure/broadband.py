@@ -168,8 +168,8 @@ def find_level(rig: Rig, channel: Channel, wave: Wave, input_range_v: float) -> 
 
 def _require_own(rig: Rig, name: str, heard: Heard, level_db: float) -> None:
     loudest = int(np.argmax(heard.others_v))
-    own = rig.channels.index(name)
-    if loudest != own and heard.others_v[loudest] > 3.0 * heard.others_v[own]:
+    column = rig.channels.index(name)
+    if loudest != column and heard.others_v[loudest] > 3.0 * heard.others_v[column]:
         raise BadInput(
             f"channel {name!r} is answered by the sensor of {rig.channels[loudest]!r}",
             "wires as the display file says (output and input in [sound])",
@@ -215,19 +215,19 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
     remarks: list[str] = []
     for poles, zeros in FORMS:
         try:
-            found = identify_response(given, Asked(poles, zeros, 0, None, "auto", channel.quantity, False))
+            fit = identify_response(given, Asked(poles, zeros, 0, None, "auto", channel.quantity, False))
         except BadInput as error:
             remarks.append(f"{poles} poles: {error}")
             continue
-        model = replace(found.model, delay_s=found.model.delay_s + late_s)
+        model = replace(fit.model, delay_s=fit.model.delay_s + late_s)
         whole = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
         near = near_band(whole, band_hz)
-        for plant in (at_rest(one, band_hz) for one in ([whole] if near is whole else [whole, near])):
+        for plant in (at_rest(system, band_hz) for system in ([whole] if near is whole else [whole, near])):
             if not (plant.is_stable and plant.is_proper and _held_well(plant, fresh, band_hz)):
                 continue
             off = departure_db(plant, fresh, band_hz)
             if best is None or off < best.departure_db:
-                best = Followed(plant, "model", model, off, found.distrust)
+                best = Followed(plant, "model", model, off, fit.distrust)
             if off <= _FOLLOWS_DB:
                 return best
     if best is None or best.departure_db > 1.0:

@@ -198,12 +198,11 @@ class _Bench:
         peak = int(np.argmax(np.abs(pressed)))
         outside = np.flatnonzero(np.abs(pressed[peak:]) > 0.1 * abs(pressed[peak]))
         recovery = (peak + (outside[-1] + 1 if outside.size else 0)) / rate
-        left = float(np.mean(moved[second - second // 20 : second]))
         free = self._free(force) / gain
         self._play(None, 1.0)
         return Press(
             peak_mm=float(abs(pressed[peak])),
-            left_mm=abs(left),
+            left_mm=abs(float(np.mean(moved[second - second // 20 : second]))),
             recovery_s=float(recovery),
             without_loop_mm=float(np.max(np.abs(free))),
             lift_peak_mm=float(np.max(np.abs(lifted))),

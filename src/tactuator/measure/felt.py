@@ -223,15 +223,15 @@ def _weights(controller: Controller) -> NDArray[np.complex64]:
     They are kept for the next file under the same controller.
     """
     frequency = BandAnalysis(controller.rate_hz).frequency_hz()
-    found = []
+    weights = []
     for channel in controller.display.channels:
         prediction = ChannelPrediction.of(controller, channel.name)
         response = prediction.felt(frequency)
         phase = response / np.maximum(np.abs(response), 1e-300)
-        found.append(np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency))
-    weights = np.stack(found).astype(np.complex64)
-    weights.flags.writeable = False
-    return weights
+        weights.append(np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency))
+    stacked = np.stack(weights).astype(np.complex64)
+    stacked.flags.writeable = False
+    return stacked
 
 
 class FeltComparison:

@@ -92,7 +92,7 @@ def estimate_finger(
     mean = impedance.mean(axis=0)
     scatter = np.sum(np.abs(impedance - mean) ** 2, axis=0) / (count - 1)
     weight = 1.0 / np.sqrt(np.maximum(scatter, 1e-24 * np.max(np.abs(mean)) ** 2))
-    each = np.array([_fit_one(frequency_hz, one, weight) for one in impedance])
+    each = np.array([_fit_one(frequency_hz, realisation, weight) for realisation in impedance])
     figures = each.mean(axis=0)
     half = stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
     half = np.hypot(half, _MODEL_SHARE * figures)
@@ -127,23 +127,23 @@ def _fit_one(frequency_hz: FloatArray, impedance: ComplexArray, weight: FloatArr
     return np.asarray(np.linalg.lstsq(stacked, np.concatenate([aim.real, aim.imag]), rcond=None)[0] / size)
 
 
-def _fit_chain(frequency_hz: FloatArray, mean: ComplexArray, weight: FloatArray, one: FloatArray) -> FloatArray:
+def _fit_chain(frequency_hz: FloatArray, mean: ComplexArray, weight: FloatArray, figures: FloatArray) -> FloatArray:
     """Return the chain of two nearest to an impedance, (6,), by descent in the figures' logarithms from three starts:
     a third of the mass at the contact, the rest behind a spring that resonates at different frequencies."""
 
     def off(logs: FloatArray) -> FloatArray:
-        left = (chain_impedance(np.exp(logs), frequency_hz) - mean) * weight
-        return np.concatenate([left.real, left.imag])
+        misfit = (chain_impedance(np.exp(logs), frequency_hz) - mean) * weight
+        return np.concatenate([misfit.real, misfit.imag])
 
-    mass, damping, stiffness = np.maximum(np.abs(one), 1e-6 * np.max(np.abs(one)))
+    mass, damping, stiffness = np.maximum(np.abs(figures), 1e-6 * np.max(np.abs(figures)))
     best = None
     for hertz in _STARTS_HZ:
         behind = mass / 1.5
         spring = behind * (2.0 * np.pi * hertz) ** 2
         start = np.log([mass / 3.0, np.sqrt(spring * behind), spring, behind, damping, stiffness])
-        found = optimize.least_squares(off, start, bounds=(start - 7.0, start + 7.0), max_nfev=200)
-        if best is None or found.cost < best.cost:
-            best = found
+        fit = optimize.least_squares(off, start, bounds=(start - 7.0, start + 7.0), max_nfev=200)
+        if best is None or fit.cost < best.cost:
+            best = fit
     assert best is not None
     return np.asarray(np.exp(best.x))
 
@@ -300,31 +300,31 @@ def measure_finger(
             raise BadInput(f"channel {name!r} is not there", f"{', '.join(rig.channels)}")
     columns = [rig.channels.index(name) for name in names]
     display = controller.display
-    own = [display.channels[column] for column in columns]
+    measured = [display.channels[column] for column in columns]
     loops = [_loop(controller, column) for column in columns]
     require_sensors(rig, names)
-    low = max([_BAND_HZ[0], *(one.threshold.band_hz[0] for one in own)])
-    high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(one.threshold.band_hz[1] for one in own)])
+    low = max([_BAND_HZ[0], *(channel.threshold.band_hz[0] for channel in measured)])
+    high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
     plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
     rig.load(controller)
-    free = play_plan(rig, plan, own)
+    free = play_plan(rig, plan, measured)
     touch()
-    tried = play_plan(rig, plan.tried, own)
-    touched = play_plan(rig, plan.evened(free.position[:, 0] / tried.position[:, 0]), own)
-    made = []
+    tried = play_plan(rig, plan.tried, measured)
+    touched = play_plan(rig, plan.evened(free.position[:, 0] / tried.position[:, 0]), measured)
+    estimates = []
     for k, name in enumerate(names):
-        impedance = finger_impedance(own[k], plan, free.response[k], touched.response[k])
-        felt = loops[k].load_sensitivity(plan.frequency_hz) / own[k].plant.gain
+        impedance = finger_impedance(measured[k], plan, free.response[k], touched.response[k])
+        felt = loops[k].load_sensitivity(plan.frequency_hz) / measured[k].plant.gain
         cut = free.ended[k] or tried.ended[k] or touched.ended[k]
-        made.append(estimate_finger(name, plan.frequency_hz, impedance, felt, cut))
-    return tuple(made)
+        estimates.append(estimate_finger(name, plan.frequency_hz, impedance, felt, cut))
+    return tuple(estimates)
 
 
 def _loop(controller: Controller, column: int) -> FeedbackLoop:
     """Return the unloaded loop of a channel. Raises BadInput where there is none."""
-    own, display = controller.channels[column], controller.display
-    feedback = own.feedback(controller.rate_hz)
+    designed, display = controller.channels[column], controller.display
+    feedback = designed.feedback(controller.rate_hz)
     if feedback is None:
-        raise BadInput(f"channel {own.name!r} has no loop, so that its command does not tell", "one with a loop")
+        raise BadInput(f"channel {designed.name!r} has no loop, so that its command does not tell", "one with a loop")
     channel = display.channels[column]
     return FeedbackLoop(feedback, plant_family(channel, display.rate_hz, display.delay_samples)[0].sampled)

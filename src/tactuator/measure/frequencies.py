@@ -106,7 +106,7 @@ def sweep_lines(
     Raises BadInput where two periods of the lowest frequency do not fit into longest_s, or no line is inside the band.
     """
     wanted = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    found: tuple[int, Bins] | None = None
+    longest: tuple[int, Bins] | None = None
     for times in range(1, _DENSEST + 1, 2):
         period = round(times * rate_hz / wanted[0])
         if 2.0 * period / rate_hz > longest_s:
@@ -115,9 +115,9 @@ def sweep_lines(
             bins = place_lines(wanted, rate_hz, period, mains_hz=mains_hz)
             played = bins * rate_hz / period
             inside = (played >= band_hz[0] * (1 - 1e-9)) & (played <= band_hz[1] * (1 + 1e-9))
-            found = (period, bins[inside])
+            longest = (period, bins[inside])
             if inside.all():
                 break
-    if found is None or found[1].size == 0:
+    if longest is None or longest[1].size == 0:
         raise BadInput(f"two periods of {wanted[0]:g} Hz within {longest_s:g} s", "a longer time")
-    return found
+    return longest

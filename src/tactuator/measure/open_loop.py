@@ -226,7 +226,7 @@ class Calibrated:
     def flat(self) -> bool:
         """Return whether every channel is felt flat within the display's tolerance."""
         allowed = self.controller.display.objectives.flatness_db
-        return not any(one.shortfall(allowed) for one in self.channels)
+        return not any(channel.shortfall(allowed) for channel in self.channels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,23 +271,19 @@ def calibrate(
     first = _measured(rig, controller, asked, rng, note)
     last, rounds = first, 0
     for _ in range(_ROUNDS):
-        if _good(last, display, _MARGIN):
+        if _worst(last) <= _MARGIN * display.objectives.flatness_db:
             break
         note("correcting")
         plants = [
-            _corrected(controller, one.channel.name, flat)
+            _corrected(controller, each.channel.name, flat)
             if abs(flat.worst_db) > _MARGIN * display.objectives.flatness_db
             else None
-            for one, flat in zip(known, last, strict=True)
+            for each, flat in zip(known, last, strict=True)
         ]
         try:
-            again = _designed(
-                display,
-                [
-                    one if plant is None else replace(one, plant=plant)
-                    for one, plant in zip(controller.display.channels, plants, strict=True)
-                ],
-            )
+            described = zip(controller.display.channels, plants, strict=True)
+            channels = [each if plant is None else replace(each, plant=plant) for each, plant in described]
+            again = _designed(display, channels)
         except (BadInput, NoDesign):
             break  # what was measured stands
         felt = _measured(rig, again, asked, rng, note)
@@ -295,11 +291,11 @@ def calibrate(
             break
         controller, last, rounds = again, felt, rounds + 1
     rig.load(controller)
-    channels = (
-        CalibratedChannel(one.channel.name, one.level, one.followed, one.usable, before, after, rounds)
-        for one, before, after in zip(known, first, last, strict=True)
+    calibrated = (
+        CalibratedChannel(each.channel.name, each.level, each.followed, each.usable, before, after, rounds)
+        for each, before, after in zip(known, first, last, strict=True)
     )
-    return Calibrated(controller, tuple(channels))
+    return Calibrated(controller, tuple(calibrated))
 
 
 def _known(
@@ -318,7 +314,7 @@ def _known(
     followed = follow(channel, heard, fresh, asked.band_hz)
     usable = usable_band(channel, followed.plant, asked.band_hz, asked.level_db_sl)
     threshold = replace(channel.threshold, band_hz=usable.band_hz)
-    found = replace(
+    identified = replace(
         channel,
         plant=followed.plant,
         threshold=threshold,
@@ -328,7 +324,7 @@ def _known(
         covariance=(),
         model_error_db=max(0.0, followed.departure_db),
     )
-    return KnownChannel(found, level, heard, followed, usable)
+    return KnownChannel(identified, level, heard, followed, usable)
 
 
 def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
@@ -336,21 +332,21 @@ def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
     sensor says then stands beside what was asked, as whoever reads a trial's own rows needs it. A plant of the response
     by itself has none, and tells nothing of it.
     """
-    late = [int(one.followed.plant.delay_s * rig.rate_hz) for one in known if one.followed.by == "model"]
+    late = [int(each.followed.plant.delay_s * rig.rate_hz) for each in known if each.followed.by == "model"]
     if not late or min(late) == 0:
         return known
     rig.put_back(min(late))
     shorter = []
-    for one in known:
-        plant = one.channel.plant
-        left_s = max(0.0, plant.delay_s - min(late) / rig.rate_hz)
-        shorter.append(replace(one, channel=replace(one.channel, plant=replace(plant, delay_s=left_s))))
+    for each in known:
+        plant = each.channel.plant
+        plant = replace(plant, delay_s=max(0.0, plant.delay_s - min(late) / rig.rate_hz))
+        shorter.append(replace(each, channel=replace(each.channel, plant=plant)))
     return shorter
 
 
 def _first(display: Display, known: list[KnownChannel]) -> Controller:
     """Return the controller of what was measured; NoEqualiser, with that, where there is none."""
-    channels = [one.channel for one in known]
+    channels = [each.channel for each in known]
     try:
         return _designed(display, channels)
     except (BadInput, NoDesign) as error:
@@ -376,25 +372,21 @@ def _measured(
     note: Callable[[str], None],
 ) -> list[Flatness]:
     rig.load(controller)
-    found = []
+    felt = []
     for name in rig.channels:
         note(f"{name}: verifying")
-        for left in reversed(range(_TRIES)):
+        for tries_after in reversed(range(_TRIES)):
             try:
-                found.append(felt_flatness(rig, controller, name, asked, rng))
+                felt.append(felt_flatness(rig, controller, name, asked, rng))
                 break
             except SoundGap:
-                if not left:
+                if not tries_after:
                     raise
-    return found
+    return felt
 
 
-def _worst(found: list[Flatness]) -> float:
-    return max(abs(one.worst_db) for one in found)
-
-
-def _good(found: list[Flatness], display: Display, share: float) -> bool:
-    return _worst(found) <= share * display.objectives.flatness_db
+def _worst(felt: list[Flatness]) -> float:
+    return max(abs(flat.worst_db) for flat in felt)
 
 
 def _corrected(controller: Controller, name: str, flat: Flatness) -> ContinuousSystem:

@@ -54,12 +54,12 @@ class Box:
 
 def canvas(width: float, height: float) -> tuple[Figure, Axes]:
     """Return an empty drawing of width by height grid units, without axes."""
-    made = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width))
-    axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
+    drawing = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width))
+    axes = drawing.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_xlim(0.0, width)
     axes.set_ylim(0.0, height)
     axes.axis("off")
-    return made, axes
+    return drawing, axes
 
 
 def draw_box(axes: Axes, box: Box) -> None:
@@ -115,8 +115,8 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
 def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
     """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
     num, den = printed_polynomials(channel.plant)
-    loads = [f"{one.name}: {one.mass:g} s² + {one.damping:g} s + {one.stiffness:g}" for one in channel.loads]
-    made, axes = canvas(9.0, 3.4)
+    loads = [f"{load.name}: {load.mass:g} s² + {load.damping:g} s + {load.stiffness:g}" for load in channel.loads]
+    drawing, axes = canvas(9.0, 3.4)
     motor = Box((3.0, 1.9), "motor assembly", ("P(s) =", num, "────────────", den), 2.3, 1.5)
     pin = Box((5.9, 1.9), "fingerpad interface", (f"travel ±{channel.travel_mm:g} mm",), 2.15)
     sensor = Box((8.05, 1.9), "position sensor", (f"{channel.sensor_gain_v_per_mm:.5g} V/mm",), 1.7)
@@ -140,14 +140,14 @@ def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
         "coefficient": [*(f"num[{i}]" for i in range(len(plant_num))), *(f"den[{i}]" for i in range(len(plant_den)))],
         "value": [*map(float, plant_num), *map(float, plant_den)],
     }
-    return Plate(name, "Motor assembly", caption, made, table)
+    return Plate(name, "Motor assembly", caption, drawing, table)
 
 
 def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: str = "fig06") -> Plate:
     """Draw the two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled,
     is shown by the corner frequencies of its roots (log z times the rate).
     """
-    made, axes = canvas(10.0, 3.6)
+    drawing, axes = canvas(10.0, 3.6)
     boxes = {}
     for x, width, letter, system in (
         (1.9, 2.3, "F(z)", _as_corners(f)),
@@ -182,19 +182,19 @@ def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: st
                 row = (letter, part, len(values) - 1 - index, float(value))
                 for column, cell in zip(table.values(), row, strict=True):
                     column.append(cell)
-    return Plate(name, "Closed-loop signal block diagram", caption, made, table)
+    return Plate(name, "Closed-loop signal block diagram", caption, drawing, table)
 
 
 def processor_plate(controller: Controller, name: str = "fig08") -> Plate:
     """Draw what runs at every tick, with rate, converters and sections of the controller at hand."""
     channel = controller.display.channels[0]
-    own = controller.channels[0]
+    designed = controller.channels[0]
     bits, volts = channel.converter.bits, channel.converter.range_v
-    feedback = 0 if own.feedback_sos is None else len(own.feedback_sos)
-    made, axes = canvas(10.0, 3.5)
+    feedback = 0 if designed.feedback_sos is None else len(designed.feedback_sos)
+    drawing, axes = canvas(10.0, 3.5)
     converter = (f"{bits} bits, ±{volts:g} V", f"step {channel.converter.step_v * 1e6:.0f} µV")
     reference = Box((1.1, 2.5), "reference", ("threshold units", "stream or stimulus"), 1.8)
-    prefilter = Box((3.4, 2.5), "prefilter F", (f"{len(own.prefilter_sos)} sections, float32",), 1.8)
+    prefilter = Box((3.4, 2.5), "prefilter F", (f"{len(designed.prefilter_sos)} sections, float32",), 1.8)
     feedback_box = Box((5.9, 2.5), "feedback C", (f"{feedback} sections, float32", "anti-windup"), 1.9)
     output = Box((8.6, 2.5), "D/A", (*converter, f"{controller.delay_samples} sample later"), 1.8)
     display = Box((8.6, 0.75), "display", (f"{len(controller.channels)} channels",), 1.8)
@@ -218,8 +218,8 @@ def processor_plate(controller: Controller, name: str = "fig08") -> Plate:
         "bits": bits,
         "range_v": volts,
         "step_v": channel.converter.step_v,
-        "prefilter_sections": len(own.prefilter_sos),
+        "prefilter_sections": len(designed.prefilter_sos),
         "feedback_sections": feedback,
     }
     table: dict[str, list[object]] = {"quantity": list(figures), "value": list(figures.values())}
-    return Plate(name, "Digital environment", caption, made, table)
+    return Plate(name, "Digital environment", caption, drawing, table)

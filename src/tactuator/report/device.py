@@ -65,20 +65,20 @@ def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
     return Plate("fig05", "Calibration of sensor gain", caption, drawing, table)
 
 
-def identification_plate(found: Identification) -> Plate:
+def identification_plate(fit: Identification) -> Plate:
     """Draw magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself
     below. Noise and distortion are drawn as the errors that they make of that response.
     """
-    frequency = found.frequency_hz()
-    value, band = found.model.response(frequency), found.model.band_db(frequency)
+    frequency = fit.frequency_hz()
+    value, band = fit.model.response(frequency), fit.model.band_db(frequency)
     level = db(value)
     drawing, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
-    shown = found.empirical.trusted()
+    shown = fit.empirical.trusted()
     inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
     seen_hz, seen, label = shown.frequency_hz[inside], shown.value[inside], "record's own in bands, hold included"
     error = (np.abs(shown.value) * shown.relative_error)[inside]
     errors: list[tuple[FloatArray, str, str, str, float]] = [(error, "noise and distortion in bands", ORANGE, "-", 1.5)]
-    if (lines := found.distortion) is not None:
+    if (lines := fit.distortion) is not None:
         seen_hz, seen, label = lines.frequency_hz, lines.value, "record's own lines, hold included"
         least = 0.1 * float(np.min(lines.noise[lines.noise > 0.0], initial=np.inf))
         parts = (
@@ -97,7 +97,7 @@ def identification_plate(found: Identification) -> Plate:
     top.fill_between(frequency, level - band, level + band, color=BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     for part, label, colour, line, width in errors:
         top.plot(seen_hz, 20.0 * np.log10(part), line, color=colour, linewidth=width, label=label)
-    unit = f"{found.model.position_unit or 'unit'}/{found.model.command_unit or 'unit'}"
+    unit = f"{fit.model.position_unit or 'unit'}/{fit.model.command_unit or 'unit'}"
     frequency_axis(top, frequency[0], frequency[-1], f"magnitude (dB re 1 {unit})", label=False)
     legend(top, loc="lower left")
     middle.plot(seen_hz, phase_deg(seen), ".", color=FAINT)
@@ -107,37 +107,37 @@ def identification_plate(found: Identification) -> Plate:
     frequency_axis(bottom, frequency[0], frequency[-1], "half-width (dB)")
     names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     caption = (
-        f"Model of {found.order} poles and {found.model.num.size - 1} zeros by the {found.model.method} estimator, "
-        f"command {found.between.hold}, "
-        f"fit {found.fit_percent:.2f} %."
+        f"Model of {fit.order} poles and {fit.model.num.size - 1} zeros by the {fit.model.method} estimator, "
+        f"command {fit.between.hold}, "
+        f"fit {fit.fit_percent:.2f} %."
     )
     table = table_of(names, labelled((), frequency, level, phase_deg(value), band))
     return Plate("identification", "Identified response", caption, drawing, table)
 
 
-def residual_plate(found: Identification, rate_hz: float) -> Plate:
+def residual_plate(fit: Identification, rate_hz: float) -> Plate:
     """Draw the spectra of the position and of what the model leaves of it."""
-    resolution = max(1.0, 8.0 * rate_hz / found.measured.size)
-    measured = power_spectrum(found.measured, rate_hz, resolution)
-    residual = power_spectrum(found.measured - found.simulated, rate_hz, resolution)
+    resolution = max(1.0, 8.0 * rate_hz / fit.measured.size)
+    measured = power_spectrum(fit.measured, rate_hz, resolution)
+    residual = power_spectrum(fit.measured - fit.simulated, rate_hz, resolution)
     drawing, axes = figure(1, 1, height_in=3.2)
     for spectrum, colour, label in ((measured, BLUE, "position"), (residual, ORANGE, "residual")):
         level = 10.0 * np.log10(spectrum.density[1:] + 1e-300)
         axes.plot(spectrum.frequency_hz[1:], level, color=colour, label=label)
-    unit = found.model.position_unit or "unit"
+    unit = fit.model.position_unit or "unit"
     frequency_axis(axes, float(measured.frequency_hz[1]), rate_hz / 2.0, f"density (dB re 1 {unit}²/Hz)")
     legend(axes, loc="upper right")
-    white = "white" if found.tests.white else "not white"
-    free = "free of" if found.tests.uncorrelated_with_input else "not free of"
+    white = "white" if fit.tests.white else "not white"
+    free = "free of" if fit.tests.uncorrelated_with_input else "not free of"
     columns = measured.frequency_hz[1:], measured.density[1:], residual.density[1:]
     table = table_of(("frequency_hz", "position_density", "residual_density"), labelled((), *columns))
     return Plate("residual", "Residual", f"The innovations are {white} and {free} the command.", drawing, table)
 
 
-def save_identification(found: Identification, folder: Path) -> None:
+def save_identification(fit: Identification, folder: Path) -> None:
     """Write both plates (SVG and CSV) into `folder`, whole or not at all."""
-    rate = float(found.model.record.get("rate_hz", 0.0) or 0.0)
-    save_plates([identification_plate(found), *([residual_plate(found, rate)] if rate > 0.0 else [])], folder)
+    rate = float(fit.model.record.get("rate_hz", 0.0) or 0.0)
+    save_plates([identification_plate(fit), *([residual_plate(fit, rate)] if rate > 0.0 else [])], folder)
 
 
 def motor_plate(
@@ -176,7 +176,7 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) ->
     """Draw one channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed
     loop.
     """
-    drawing, (left, right) = figure(1, 2, height_in=4.2, sharey=True)
+    drawing, (bands, lines) = figure(1, 2, height_in=4.2, sharey=True)
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
     curves: list[tuple[str, str, FeltNoise, object, float]] = [
         (f"gain {gain:g}", f"gain {gain:g}", heard, tuple(shade), 1.0)
@@ -184,20 +184,20 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) ->
     ]
     rows: list[tuple[object, ...]] = []
     for name, label, heard, colour, width in (*curves, ("designed", "designed loop", designed, RED, 2.0)):
-        left.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)
-        right.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)
+        bands.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)
+        lines.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)
         if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
-            left.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)
+            bands.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)
         rows += labelled((name, "line"), heard.line_hz, heard.line_db_sl)
         rows += labelled((name, "third octave"), heard.band_hz, heard.band_db_sl)
     low, high = float(designed.band_hz.min()), float(designed.band_hz.max())
-    frequency_axis(left, low / 1.2, high * 1.2, "felt level (dB SL)")
-    right.set_xlabel("frequency (Hz)", fontsize=9)
-    right.set_xticks(designed.line_hz)
-    for axes, title in ((left, "third octaves"), (right, "mains lines")):
+    frequency_axis(bands, low / 1.2, high * 1.2, "felt level (dB SL)")
+    lines.set_xlabel("frequency (Hz)", fontsize=9)
+    lines.set_xticks(designed.line_hz)
+    for axes, title in ((bands, "third octaves"), (lines, "mains lines")):
         axes.set_title(title, fontsize=9)
         axes.axhline(0.0, color=INK, linewidth=1.0)
-    left.annotate("threshold", (low, 0.0), (0, -10), textcoords="offset points", fontsize=7)
+    bands.annotate("threshold", (low, 0.0), (0, -10), textcoords="offset points", fontsize=7)
     drawing.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     caption = (
         f"Channel {designed.channel} at rest, judged from the command through the motor's model: under a proportional "

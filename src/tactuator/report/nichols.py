@@ -207,13 +207,16 @@ class _Track:
 def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
     """Set axes that cover the data between -50 dB and its top, and mark the critical point."""
     bottom, top = -50.0, 20.0
-    left, right = -200.0, 0.0
+    lowest_deg, highest_deg = -200.0, 0.0
     for track in tracks:
         seen = track.level_db > bottom
         if np.any(seen):
-            left, right = min(left, float(track.phase_deg[seen].min())), max(right, float(track.phase_deg[seen].max()))
+            lowest_deg, highest_deg = (
+                min(lowest_deg, float(track.phase_deg[seen].min())),
+                max(highest_deg, float(track.phase_deg[seen].max())),
+            )
             top = max(top, float(track.level_db.max()))
-    axes.set_xlim(15.0 * np.floor((left - 8.0) / 15.0), 15.0 * np.ceil(right / 15.0))
+    axes.set_xlim(15.0 * np.floor((lowest_deg - 8.0) / 15.0), 15.0 * np.ceil(highest_deg / 15.0))
     axes.set_ylim(bottom, 5.0 * np.ceil((top + 4.0) / 5.0))
     axes.xaxis.set_major_locator(MultipleLocator(45.0 if axes.get_xlim()[0] < -300.0 else 30.0))
     axes.yaxis.set_major_locator(MultipleLocator(10.0))
@@ -290,7 +293,7 @@ def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
     there is room.
     """
     low, high = axes.get_ylim()
-    left, right = axes.get_xlim()
+    lowest_deg, right = axes.get_xlim()
     ground = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
     style: dict[str, Any] = {"fontsize": 6.5, "color": _GRID_INK, "bbox": ground}
     for level in _GAIN_LEVELS_DB:
@@ -299,7 +302,7 @@ def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
             loop = circle / (1.0 - circle)
         phase, gain = np.degrees(np.angle(loop)), db(loop)
         phase = np.where(phase > right, phase - 360.0, phase)
-        inside = (phase > left) & (phase < right - 6.0) & (gain > low + 2.0) & (gain < high - 2.0)
+        inside = (phase > lowest_deg) & (phase < right - 6.0) & (gain > low + 2.0) & (gain < high - 2.0)
         order = np.argsort(-phase if level <= 0.0 else gain)
         anchors = [(float(phase[i]), float(gain[i])) for i in order if inside[i]][::6]
         placer.place(_minus(f"{level:g} dB"), anchors or [(right, high)], **style)
@@ -308,7 +311,7 @@ def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
         loop = closed / (1.0 - closed)
         phase, gain = np.degrees(np.angle(loop)), db(loop)
         phase = np.where(phase > 0.0, phase - 360.0, phase)
-        inside = (phase > left) & (phase < right) & (gain > low + 1.0) & (gain < high - 1.0)
+        inside = (phase > lowest_deg) & (phase < right) & (gain > low + 1.0) & (gain < high - 1.0)
         anchors = [(float(phase[i]), float(gain[i])) for i in np.flatnonzero(inside)][::5]
         placer.place(_minus(f"{angle:g}°"), anchors or [(right, high)], **style)
 

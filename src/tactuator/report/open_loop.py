@@ -33,12 +33,12 @@ _ENDS = {
 }
 
 
-def open_loop_page(made: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> str:
+def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> str:
     """Return the page as Markdown."""
-    controller = made.controller
+    controller = calibrated.controller
     display = controller.display
-    outcome = "within" if made.flat else "NOT within"
-    felt = "felt levels are" if len(made.channels) > 1 else "the felt level is"
+    outcome = "within" if calibrated.flat else "NOT within"
+    felt = "felt levels are" if len(calibrated.channels) > 1 else "the felt level is"
     lines = [
         f"# {display.name}: calibration without loop",
         "",
@@ -46,7 +46,7 @@ def open_loop_page(made: Calibrated, asked: CalibrationRequest, rig: str, date: 
         f"Controller {controller.content_hash[:12]}. "
         f"By its own sensor {felt} {outcome} ±{display.objectives.flatness_db:g} dB over the usable band.",
         "",
-        *(line for one in made.channels for line in _channel(one, controller, asked)),
+        *(line for channel in calibrated.channels for line in _channel(channel, controller, asked)),
         "## How it was found",
         "",
         "Each channel was driven with a broadband periodic command (4 s; lines from half the lower to 1.6 times the "
@@ -68,11 +68,11 @@ def open_loop_page(made: Calibrated, asked: CalibrationRequest, rig: str, date: 
     return "\n".join(lines)
 
 
-def _channel(one: CalibratedChannel, controller: Controller, asked: CalibrationRequest) -> list[str]:
-    channel = controller.display.channel(one.name)
-    low, high = one.usable.band_hz
-    last, plant, level = one.last, one.followed.plant, one.level
-    off_db = max(0.0, one.followed.departure_db)
+def _channel(calibrated: CalibratedChannel, controller: Controller, asked: CalibrationRequest) -> list[str]:
+    channel = controller.display.channel(calibrated.name)
+    low, high = calibrated.usable.band_hz
+    last, plant, level = calibrated.last, calibrated.followed.plant, calibrated.level
+    off_db = max(0.0, calibrated.followed.departure_db)
     card = controller.display.sound
     assert card is not None
     wires = card.wires[controller.display.channels.index(channel)]
@@ -80,14 +80,14 @@ def _channel(one: CalibratedChannel, controller: Controller, asked: CalibrationR
     rows = {
         "threshold curve": f"{channel.threshold.curve.name} ({channel.threshold.curve.provenance})",
         "usable band": f"{low:.4g} to {high:.4g} Hz at {asked.level_db_sl:g} dB SL "
-        f"(ended by {_ENDS[one.usable.ends[0]]} and by {_ENDS[one.usable.ends[1]]})",
+        f"(ended by {_ENDS[calibrated.usable.ends[0]]} and by {_ENDS[calibrated.usable.ends[1]]})",
         "felt level less asked": f"{last.error_db.min():+.2f} to {last.error_db.max():+.2f} dB at "
         f"{last.frequency_hz.size} frequencies (95 %: ±{last.confidence_db.max():.2f} dB or better)",
-        "by octave": "; ".join(_by_octave(one.last)),
-        "corrected at that level": f"{one.rounds} times (first {one.first.worst_db:+.2f} dB)"
-        if one.rounds
+        "by octave": "; ".join(_by_octave(calibrated.last)),
+        "corrected at that level": f"{calibrated.rounds} times (first {calibrated.first.worst_db:+.2f} dB)"
+        if calibrated.rounds
         else "not needed",
-        "plant": f"{_PLANTS[one.followed.by]}, {plant.poles.size} poles; within {off_db:.2f} dB of fresh noise",
+        "plant": f"{_PLANTS[calibrated.followed.by]}, {plant.poles.size} poles; within {off_db:.2f} dB of fresh noise",
         "dead time": f"{put_back_ms:.3f} ms put back (latency_samples = {card.latency_samples}), card included; "
         f"{1e3 * channel.plant.delay_s:.3f} ms left in the plant",
         "recorded at": f"{level.volts:.3g} V peak, {1e3 * level.moved_mm:.3g} µm peak (bound by {level.bound_by})",
@@ -97,9 +97,16 @@ def _channel(one: CalibratedChannel, controller: Controller, asked: CalibrationR
         "limits": f"{channel.converter.range_v:g} V, {channel.travel_mm:g} mm, "
         f"{controller.display.objectives.comfort_db_sl:g} dB SL",
     }
-    short = one.shortfall(controller.display.objectives.flatness_db)
+    short = calibrated.shortfall(controller.display.objectives.flatness_db)
     rows = {"not flat": short, **rows} if short else rows
-    return [f"## {one.name}", "", "| what | value |", "|---|---|", *(f"| {k} | {v} |" for k, v in rows.items()), ""]
+    return [
+        f"## {calibrated.name}",
+        "",
+        "| what | value |",
+        "|---|---|",
+        *(f"| {k} | {v} |" for k, v in rows.items()),
+        "",
+    ]
 
 
 def _by_octave(flat: Flatness) -> list[str]:
@@ -120,25 +127,27 @@ _PER = {"displacement": "", "velocity": "/s", "acceleration": "/s²"}
 FILES = ("display.toml", "controller.json", "report.md", "equaliser.json", "response.json")
 
 
-def write_calibrated(folder: Path, made: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> None:
+def write_calibrated(
+    folder: Path, calibrated: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int
+) -> None:
     """Write FILES into `folder`, and each channel's NAME.equaliser.wav and, where there is a model, NAME.model.json."""
     folder.mkdir(parents=True, exist_ok=True)
-    controller = made.controller
+    controller = calibrated.controller
     rate_hz = controller.rate_hz
     write_text(folder / "display.toml", toml_text(display_document(controller.display)))
     write_controller(folder / "controller.json", controller)
-    write_text(folder / "report.md", open_loop_page(made, asked, rig, date, gaps))
+    write_text(folder / "report.md", open_loop_page(calibrated, asked, rig, date, gaps))
     equalisers = []
-    for one, own in zip(made.channels, controller.channels, strict=True):
-        if one.followed.model is not None:
-            write_model(folder / f"{one.name}.model.json", one.followed.model)
-        impulse, volts = impulse_response(own, rate_hz)
-        with atomic_path(folder / f"{one.name}.equaliser.wav") as beside:
+    for channel, designed in zip(calibrated.channels, controller.channels, strict=True):
+        if channel.followed.model is not None:
+            write_model(folder / f"{channel.name}.model.json", channel.followed.model)
+        impulse, volts = impulse_response(designed, rate_hz)
+        with atomic_path(folder / f"{channel.name}.equaliser.wav") as beside:
             soundfile.write(beside, impulse, round(rate_hz), subtype="FLOAT", format="WAV")
-        wave = {"file": f"{one.name}.equaliser.wav", "volts_of_1": volts}
-        equalisers.append(equaliser_document(own, rate_hz) | {"impulse_response": wave})
+        wave = {"file": f"{channel.name}.equaliser.wav", "volts_of_1": volts}
+        equalisers.append(equaliser_document(designed, rate_hz) | {"impulse_response": wave})
     _write_json(folder / "equaliser.json", {"channels": equalisers})
-    responses = [response_document(controller, one.name) for one in made.channels]
+    responses = [response_document(controller, channel.name) for channel in calibrated.channels]
     _write_json(folder / "response.json", {"channels": responses})
 
 
@@ -149,14 +158,14 @@ def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> t
     folder.mkdir(parents=True, exist_ok=True)
     names = ["display.toml"]
     write_text(folder / "display.toml", toml_text(display_document(reached.display)))
-    for one in reached.known:
-        name, heard = one.channel.name, one.heard
+    for known in reached.known:
+        name, heard = known.channel.name, known.heard
         about = {"rig": rig, "channel": name, "display": reached.display.name, "hold": "band-limited", "date": date}
         record = Record(heard.wave.rate_hz, heard.command.ravel(), heard.position.ravel(), about=about)
         write_record(folder / f"{name}.record.h5", record)
         names.append(f"{name}.record.h5")
-        if one.followed.model is not None:
-            write_model(folder / f"{name}.model.json", one.followed.model)
+        if known.followed.model is not None:
+            write_model(folder / f"{name}.model.json", known.followed.model)
             names.append(f"{name}.model.json")
     return tuple(names)
 
@@ -184,7 +193,7 @@ def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(_keys(value)) + " }"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(one) for one in value) + "]"
+        return "[" + ", ".join(_value(item) for item in value) + "]"
     # numbers, truth values and strings are spelt as in JSON
     return json.dumps(value, ensure_ascii=False)
 
@@ -193,13 +202,13 @@ _QUIET, _LONGEST_S, _FADE = 1e-4, 1.0, 0.1
 _POINTS = 121
 
 
-def impulse_response(own: ChannelController, rate_hz: float) -> tuple[FloatArray, float]:
+def impulse_response(designed: ChannelController, rate_hz: float) -> tuple[FloatArray, float]:
     """Return a channel's equaliser as an impulse response (n,) with a peak of 1, and the volts at that peak for a
     threshold unit; its last tenth is faded out, where it is 80 dB below the peak or a second has gone.
     """
     impulse = np.zeros(round(_LONGEST_S * rate_hz))
     impulse[0] = 1.0
-    sections = own.prefilter_sos / own.prefilter_sos[:, 3:4]
+    sections = designed.prefilter_sos / designed.prefilter_sos[:, 3:4]
     answer = signal.sosfilt(sections, impulse)
     peak = float(np.max(np.abs(answer)))
     end = int(np.flatnonzero(np.abs(answer) > _QUIET * peak)[-1]) + 1
@@ -210,15 +219,15 @@ def impulse_response(own: ChannelController, rate_hz: float) -> tuple[FloatArray
     return answer[:count] * line / peak, peak
 
 
-def equaliser_document(own: ChannelController, rate_hz: float) -> dict[str, Any]:
+def equaliser_document(designed: ChannelController, rate_hz: float) -> dict[str, Any]:
     """Return a channel's equaliser as second-order sections, b0 b1 b2 a0 a1 a2, with what it maps and its limit."""
     return {
-        "channel": own.name,
+        "channel": designed.name,
         "rate_hz": rate_hz,
         "maps": "threshold units (1: 0 dB SL) to volts at the motor",
-        "sections": own.prefilter_sos.tolist(),
+        "sections": designed.prefilter_sos.tolist(),
         "columns": ["b0", "b1", "b2", "a0", "a1", "a2"],
-        "command_limit_v": own.limits.command_v,
+        "command_limit_v": designed.limits.command_v,
     }
 
 

@@ -54,8 +54,10 @@ class Section:
 
 def page(title: str, introduction: Sequence[str], sections: Sequence[Section], footer: str) -> str:
     """Return the page as one HTML file without links to anywhere else."""
-    contents = "".join(f"<li><a href='#{_anchor(one.title)}'>{escape(one.title)}</a></li>" for one in sections)
-    body = "".join(_section(one) for one in sections)
+    contents = "".join(
+        f"<li><a href='#{_anchor(section.title)}'>{escape(section.title)}</a></li>" for section in sections
+    )
+    body = "".join(_section(section) for section in sections)
     lead = "".join(f"<p>{escape(text)}</p>" for text in introduction)
     return (
         "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>"

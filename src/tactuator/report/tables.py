@@ -36,31 +36,31 @@ _ROWS: Mapping[str, tuple[str, ...]] = {
 def design_rows(channels: Sequence[ChannelController]) -> Iterator[tuple[str, ...]]:
     """Yield the figures of a design, the worst over the loads: their name, then a cell for each channel."""
     for words, keys in _ROWS.items():
-        yield words, *(_cell(_found(one.report, keys)) for one in channels)
-    lines_hz = sorted({key for one in channels for key in one.report.get("mains_db", {})}, key=float)
+        yield words, *(_cell(_found(channel.report, keys)) for channel in channels)
+    lines_hz = sorted({key for channel in channels for key in channel.report.get("mains_db", {})}, key=float)
     for key in lines_hz:
-        yield f"|T| at {key} Hz (dB)", *(_cell(_found(one.report, ("mains_db", key))) for one in channels)
+        yield f"|T| at {key} Hz (dB)", *(_cell(_found(channel.report, ("mains_db", key))) for channel in channels)
 
 
-def finding_row(one: Finding) -> tuple[str, ...]:
+def finding_row(finding: Finding) -> tuple[str, ...]:
     """Return a finding as the cells of `FINDING_COLUMNS`."""
-    unit = f" {one.unit}" if one.unit else ""
-    found = one.quantity if one.value is None else f"{one.quantity} {one.value:.2f}{unit}"
-    allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
-    at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
-    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load
+    unit = f" {finding.unit}" if finding.unit else ""
+    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.value:.2f}{unit}"
+    allowed = "" if finding.allowed is None else f"{finding.allowed:g}{unit}"
+    at = "" if finding.frequency_hz is None else f"{finding.frequency_hz:.4g} Hz"
+    return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, finding.load
 
 
 def remark_lines(findings: Iterable[Finding]) -> list[str]:
     """Return the findings' remarks, one line each; channels, and objectives, of which the same is said share a line."""
     channels: dict[tuple[str, str], dict[str, None]] = {}
-    for one in findings:
-        if one.remark:
-            channels.setdefault((one.objective, one.remark), {})[one.channel] = None
+    for finding in findings:
+        if finding.remark:
+            channels.setdefault((finding.objective, finding.remark), {})[finding.channel] = None
     objectives: dict[tuple[str, str], list[str]] = {}
     for (objective, remark), names in channels.items():
         objectives.setdefault((", ".join(names), remark), []).append(objective)
-    return [f"{', '.join(one)}, {names}: {remark}" for (names, remark), one in objectives.items()]
+    return [f"{', '.join(finding)}, {names}: {remark}" for (names, remark), finding in objectives.items()]
 
 
 def _found(report: Any, keys: tuple[str, ...]) -> Any:
@@ -90,62 +90,64 @@ def with_error(value: float, error: float) -> tuple[str, str]:
 _SAID_BY = {"data": "by the data", "file": "by the record's own file", "asked": "as asked for"}
 
 
-def identification_rows(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
     """Yield the rows of the table: what it is, its value, its 95 % interval (or nothing)."""
-    model, confidence = found.model, found.model.confidence()
+    model, confidence = fit.model, fit.model.confidence()
     for name, values, first in (("numerator", model.num, 0), ("denominator", model.den, 1)):
         top = values.size - 1
         for k in range(first, values.size):
             error = confidence[f"{name[:3]}_s{top - k}"]
             value, width = with_error(float(values[k]), error)
-            yield f"{name}, s^{top - k}", value, "fixed" if found.fixed and error == 0.0 else width
-    for known in found.fixed:
+            yield f"{name}, s^{top - k}", value, "fixed" if fit.fixed and error == 0.0 else width
+    for known in fit.fixed:
         yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
     yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
-    yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in found.poles_hz), ""
-    for one in resonances(model.den):
-        name = f"resonance at {one.frequency_hz:.4g} Hz"
-        yield name, f"damping ratio {one.damping_ratio:.3g}, Q {one.q:.3g}", ""
-    for words, value in _circumstances(found, about):
+    yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in fit.poles_hz), ""
+    for mode in resonances(model.den):
+        name = f"resonance at {mode.frequency_hz:.4g} Hz"
+        yield name, f"damping ratio {mode.damping_ratio:.3g}, Q {mode.q:.3g}", ""
+    for words, value in _circumstances(fit, about):
         yield words, value, ""
-    if found.friction is not None:
+    if fit.friction is not None:
         command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
-        level = with_error(found.friction.coulomb, found.friction.confidence)
+        level = with_error(fit.friction.coulomb, fit.friction.confidence)
         yield f"Coulomb friction ({command})", *level
-        distance = found.friction.presliding
+        distance = fit.friction.presliding
         yield f"presliding distance ({position})", "cannot tell" if distance is None else f"{distance:.3g}", ""
 
 
-def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield what is to be known of the record, and how well the model follows it."""
-    model = found.model
-    sure = "" if found.between.certain else " (cannot be told; the band holds both)"
-    yield "command between samples", f"{found.between.hold}, {_SAID_BY[found.between.source]}{sure}"
-    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
+    model = fit.model
+    sure = "" if fit.between.certain else " (cannot be told; the band holds both)"
+    yield "command between samples", f"{fit.between.hold}, {_SAID_BY[fit.between.source]}{sure}"
+    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[fit.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
-    yield "order of excitation by the command", str(found.excitation.order)
+    yield "order of excitation by the command", str(fit.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
-    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(found.frequency_hz()))):.2g}"
-    yield "fit of the simulated position (%)", f"{found.fit_percent:.2f}"
-    yield "residual is white noise", "yes" if found.tests.white else "no"
-    yield "residual is free of the command", "yes" if found.tests.uncorrelated_with_input else "no"
-    for unseen in found.validations:
+    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(fit.frequency_hz()))):.2g}"
+    yield "fit of the simulated position (%)", f"{fit.fit_percent:.2f}"
+    yield "residual is white noise", "yes" if fit.tests.white else "no"
+    yield "residual is free of the command", "yes" if fit.tests.uncorrelated_with_input else "no"
+    for unseen in fit.validations:
         verdict = "fails" if unseen.failures else "holds"
         inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
         yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"
 
 
-def response_rows(found: ResponseFit) -> list[tuple[str, str]]:
+def response_rows(fit: ResponseFit) -> list[tuple[str, str]]:
     """Return what `identify` prints of a model of a frequency response: name and value."""
     rows = []
-    for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
+    for name, values in (("numerator", fit.model.num), ("denominator", fit.model.den)):
         top = values.size - 1
         rows += [(f"{name}, s^{top - k}", f"{value:.5g}") for k, value in enumerate(values)]
-    rows += [(f"fixed: {one.fixed.name}", f"{str(one.fixed).partition('=')[2]} {one.beside}") for one in found.fixed]
-    rows.append(("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}"))
-    return [*rows, ("largest departure from the response (dB)", f"{found.largest_db:.2f}")]
+    rows += [
+        (f"fixed: {known.fixed.name}", f"{str(known.fixed).partition('=')[2]} {known.beside}") for known in fit.fixed
+    ]
+    rows.append(("dead time (ms)", f"{1e3 * fit.model.delay_s:.3g}"))
+    return [*rows, ("largest departure from the response (dB)", f"{fit.largest_db:.2f}")]
 
 
 def printed_polynomial(coefficients: FloatArray) -> str:
@@ -186,7 +188,7 @@ def _factors(roots: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> str:
     upper = roots[roots.imag > 0.0]
     factors = [(abs(root), np.array([1.0, -root.real])) for root in roots[real]]
     factors += [(abs(root), np.array([1.0, -2.0 * root.real, abs(root) ** 2])) for root in upper]
-    counted = Counter(_bracketed(values) for _, values in sorted(factors, key=lambda one: one[0]))
+    counted = Counter(_bracketed(values) for _, values in sorted(factors, key=lambda factor: factor[0]))
     return " ".join(text if times == 1 else text + _superscript(times) for text, times in counted.items())
 
 

@@ -129,7 +129,7 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
             coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
             constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
     peak = 0.25 * np.pi * comfort / gain
-    binding = [one for one in constraints if BINDING_SHARE * one.ceiling < peak]
+    binding = [limit for limit in constraints if BINDING_SHARE * limit.ceiling < peak]
     return ChannelLimits(name, peak, tuple(binding))
 
 

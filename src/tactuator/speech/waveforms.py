@@ -65,13 +65,13 @@ class WaveformSet:
 
     def labels(self) -> dict[str, tuple[tuple[Component, ...], tuple[str, ...]]]:
         """Return the label of every waveform, such as KC-index, with its components and fingers."""
-        found = {}
+        labels = {}
         for fingers in self.fingers:
             for count in range(1, len(self.components) + 1):
                 for chosen in combinations(self.components, count):
                     label = f"{''.join(component.name for component in chosen)}-{'+'.join(fingers)}"
-                    found[label] = (chosen, fingers)
-        return found
+                    labels[label] = (chosen, fingers)
+        return labels
 
     def reference(self, label: str, fingers: tuple[str, ...], rate_hz: float) -> FloatArray:
         """Return the waveform of that label, (n, fingers), threshold units. Raises BadInput for a label or finger that
