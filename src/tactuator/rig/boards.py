@@ -60,8 +60,8 @@ class Board:
 
     def parts(self, emulated: bool) -> tuple[str, ...]:
         """Return the folders of firmware/ whose files the program is made of, besides what is for every board."""
-        own = (self.folder, f"{self.folder}/{'emulated' if emulated else 'silicon'}")
-        return ("cortex_m", "emulated", *own) if emulated else ("cortex_m", *own)
+        folders = (self.folder, f"{self.folder}/{'emulated' if emulated else 'silicon'}")
+        return ("cortex_m", "emulated", *folders) if emulated else ("cortex_m", *folders)
 
 
 def read_boards(firmware: Path) -> dict[str, Board]:
@@ -69,14 +69,14 @@ def read_boards(firmware: Path) -> dict[str, Board]:
 
     Raises BadInput if a file is no TOML, or a board has a key that is not known or lacks one.
     """
-    found = {}
+    boards = {}
     for path in sorted(firmware.glob("*/board.toml")):
         try:
             tables = parse_toml(read_text(path))
-            found.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
+            boards.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
         except (BadInput, TypeError) as error:
             raise BadInput(f"{path}: {error}", "a table for each board, with the keys of Board") from error
-    return found
+    return boards
 
 
 BOARDS = read_boards(ROOT / "firmware")

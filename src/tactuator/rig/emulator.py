@@ -27,13 +27,13 @@ def emulator_command(board: str, program: Path, counting: str | None, serial: st
     """Return the command line of QEMU for a board. counting: what -icount is told (virtual time from instructions), or
     None for none; serial: where the serial port of its link goes.
     """
-    found = find_board(board)
+    known = find_board(board)
     if shutil.which(EMULATOR) is None:
         raise BadInput(f"{EMULATOR} is missing", "install it with `make install-boards`")
     clock = [] if counting is None else ["-icount", counting]
     return [
-        EMULATOR, "-M", found.machine, "-display", "none", "-monitor", "none",
-        *["-serial", "null"] * found.serial, "-serial", serial,
+        EMULATOR, "-M", known.machine, "-display", "none", "-monitor", "none",
+        *["-serial", "null"] * known.serial, "-serial", serial,
         "-semihosting-config", "enable=on,target=native", *clock, "-kernel", str(program),
     ]  # fmt: skip
 
@@ -80,15 +80,15 @@ class _Emulated:
         """Return the bytes that have come; waits for at most timeout_s."""
         end = time.monotonic() + timeout_s
         while True:
-            left = end - time.monotonic()
-            readable, _, _ = select.select([self._from], [], [], max(0.0, min(left, 0.5)))
+            remaining_s = end - time.monotonic()
+            readable, _, _ = select.select([self._from], [], [], max(0.0, min(remaining_s, 0.5)))
             if readable:
                 content = os.read(self._from, _PIPE_BYTES)
                 if content:
                     self.received += len(content)
                     return content
             self._require_alive()
-            if left <= 0.0:
+            if remaining_s <= 0.0:
                 return b""
 
     def close(self) -> None:

@@ -33,15 +33,15 @@ def declarations(header: str) -> str:
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
     text = re.sub(r"\\\n", " ", text)
     text = re.sub(r"^\s*#.*$", "", text, flags=re.MULTILINE)
-    found: list[str] = []
+    pieces: list[str] = []
     while text.strip():
         piece, brace, text = _next_piece(text)
         if piece.startswith("inline "):
             piece = piece.removeprefix("inline ").partition("{")[0] + ";"
         elif brace and not piece.startswith(("typedef", "enum", "struct", "union")):
             raise ValueError(f"core header: only inline functions may have a body; got {piece.partition('{')[0]!r}")
-        found.append(piece.strip())
-    return "\n".join(found) + "\n"
+        pieces.append(piece.strip())
+    return "\n".join(pieces) + "\n"
 
 
 def _next_piece(text: str) -> tuple[str, bool, str]:

@@ -108,7 +108,7 @@ def build_image(controller: Controller, number_format: str) -> bytes:
         parts = [float32_channel(channel) for channel in controller.channels]
     else:
         parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
-    touches = [touch_bytes(own, controller.rate_hz, place) for place, own in enumerate(controller.channels)]
+    touches = [touch_bytes(channel, controller.rate_hz, place) for place, channel in enumerate(controller.channels)]
     parts = [part + touch for part, touch in zip(parts, touches, strict=True)]
     for channel, body in zip(controller.channels, parts, strict=True):
         _require_range(channel, body, number_format)

@@ -194,23 +194,23 @@ def take_reference(reference: FloatArray) -> FloatArray:
 
     Raises BadInput for what is not finite or beyond 60 dB SL.
     """
-    own = _taken(reference, _ROUNDED_MAX)
-    if own is None:
+    copy = _taken(reference, _ROUNDED_MAX)
+    if copy is None:
         raise BadInput(
             "the reference is not finite or beyond 60 dB SL", f"finite, at most {REFERENCE_MAX:g} threshold units"
         )
-    return own
+    return copy
 
 
 def take_command(command_v: FloatArray) -> FloatArray:
     """Return a checked copy of a command of any shape, contiguous, volts. Raises BadInput for what is not finite."""
-    own = _taken(command_v, _SINGLE_MAX)
-    if own is None:
+    copy = _taken(command_v, _SINGLE_MAX)
+    if copy is None:
         raise BadInput("the command is not finite", "volts")
-    return own
+    return copy
 
 
 def _taken(samples: FloatArray, most: float) -> FloatArray | None:
-    own = np.empty(samples.shape)
-    theirs, ours = (ffi.from_buffer("double[]", array) for array in (samples, own))
-    return own if lib.tact_reference_take(theirs, ours, own.size, most) else None
+    copy = np.empty(samples.shape)
+    given, to = (ffi.from_buffer("double[]", array) for array in (samples, copy))
+    return copy if lib.tact_reference_take(given, to, copy.size, most) else None

@@ -126,41 +126,41 @@ def _hold(
     """Return the plant, held, in the states xi^(i) / scale^i, where xi is that of the plant without load times its
     gain.
     """
-    own = form.den.size - 1
+    order_held = form.den.size - 1
     gain = form.gain / reference_gain
-    a = np.eye(own, k=1) * scale
-    a[-1] -= form.den[:-1] * scale ** (np.arange(own) - own + 1.0)
-    b = np.zeros(own)
-    b[-1] = gain * scale ** (1.0 - own)
+    a = np.eye(order_held, k=1) * scale
+    a[-1] -= form.den[:-1] * scale ** (np.arange(order_held) - order_held + 1.0)
+    b = np.zeros(order_held)
+    b[-1] = gain * scale ** (1.0 - order_held)
     ad, bd = _exponential(a, b, 1.0 / rate_hz)
-    late = np.zeros(own)
+    late = np.zeros(order_held)
     if fraction > 0.0:
         after, _ = _exponential(a, b, (1.0 - fraction) / rate_hz)
         late = after @ _exponential(a, b, fraction / rate_hz)[1]
     sensor, sensor_direct = _row(reference_gain * form.sensor, form, gain, scale)
     displacement, displacement_direct = _row(reference_gain * form.displacement, form, gain, scale)
     held = HeldPlant(ad, bd, late, sensor, displacement, sensor_direct, displacement_direct)
-    return held if own == order else _raised(held, a, b, order, scale)
+    return held if order_held == order else _raised(held, a, b, order, scale)
 
 
 def _row(num: FloatArray, form: _Canonical, gain: float, scale: float) -> tuple[FloatArray, float]:
-    own = form.den.size - 1
-    if num.size <= own:
-        return np.append(num, np.zeros(own - num.size)) * scale ** np.arange(own), 0.0
-    direct = num[own]
-    return (num[:own] - direct * form.den[:own]) * scale ** np.arange(own), float(direct * gain)
+    size = form.den.size - 1
+    if num.size <= size:
+        return np.append(num, np.zeros(size - num.size)) * scale ** np.arange(size), 0.0
+    direct = num[size]
+    return (num[:size] - direct * form.den[:size]) * scale ** np.arange(size), float(direct * gain)
 
 
 def _exponential(a: FloatArray, b: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray]:
     """Return exp(a t) and its integral over [0, t] times b."""
-    own = b.size
-    block = np.zeros((own + 1, own + 1))
-    block[:own, :own], block[:own, own] = a * duration_s, b * duration_s
+    size = b.size
+    block = np.zeros((size + 1, size + 1))
+    block[:size, :size], block[:size, size] = a * duration_s, b * duration_s
     # scaled so that the input's column weighs as much as the rest: the exponential's error is relative to the norm
     weight = np.linalg.norm(b * duration_s) or 1.0
-    block[:own, own] /= weight
+    block[:size, size] /= weight
     exponential = matrix_exponential(block)
-    return exponential[:own, :own], exponential[:own, own] * weight
+    return exponential[:size, :size], exponential[:size, size] * weight
 
 
 def _raised(held: HeldPlant, a: FloatArray, b: FloatArray, order: int, scale: float) -> HeldPlant:
@@ -168,14 +168,14 @@ def _raised(held: HeldPlant, a: FloatArray, b: FloatArray, order: int, scale: fl
 
     They follow from the lower ones at the end of each sample, so that nothing jumps when the load is put on.
     """
-    own = held.b.size
+    order_held = held.b.size
     raised_a, raised_b, raised_late = np.zeros((order, order)), np.zeros(order), np.zeros(order)
-    raised_a[:own, :own], raised_b[:own], raised_late[:own] = held.a, held.b, held.late
-    row, held_input = a[-1] / scale, b[-1] / scale  # xi^(own) = row x + held_input u
-    for i in range(own, order):
-        raised_a[i, :own], raised_b[i], raised_late[i] = row @ held.a, row @ held.b + held_input, row @ held.late
+    raised_a[:order_held, :order_held], raised_b[:order_held], raised_late[:order_held] = held.a, held.b, held.late
+    row, held_input = a[-1] / scale, b[-1] / scale  # xi^(order_held) = row x + held_input u
+    for i in range(order_held, order):
+        raised_a[i, :order_held], raised_b[i], raised_late[i] = row @ held.a, row @ held.b + held_input, row @ held.late
         held_input, row = float(row @ b) / scale, row @ a / scale
-    pad = np.zeros(order - own)
+    pad = np.zeros(order - order_held)
     return HeldPlant(
         raised_a,
         raised_b,

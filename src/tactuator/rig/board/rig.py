@@ -204,9 +204,9 @@ class BoardRig(Rig):
 
     def weights(self) -> FloatArray:
         """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
-        told = self._client.must(Request.WEIGHTS)
+        answer = self._client.must(Request.WEIGHTS)
         with understood(Request.WEIGHTS):
-            pairs = np.frombuffer(told, dtype="<f4", offset=4).astype(np.float64).reshape(-1, 2)
+            pairs = np.frombuffer(answer, dtype="<f4", offset=4).astype(np.float64).reshape(-1, 2)
             return np.ascontiguousarray(pairs[: len(self.channels)])
 
     def commission(self) -> None:

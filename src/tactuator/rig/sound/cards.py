@@ -204,20 +204,20 @@ def list_cards() -> tuple[Card, ...]:
     """
     library = sounddevice()
     with quiet():
-        found, devices = PORTAUDIO.answer(
+        hosts_listed, devices = PORTAUDIO.answer(
             lambda: (library.query_hostapis(), list(library.query_devices())), "listing sound cards"
         )
-    hosts = [str(host["name"]) for host in found]
+    hosts = [str(host["name"]) for host in hosts_listed]
     return tuple(
         Card(
             index,
-            str(one["name"]),
-            hosts[one["hostapi"]],
-            int(one["max_output_channels"]),
-            int(one["max_input_channels"]),
-            float(one["default_samplerate"]),
+            str(device["name"]),
+            hosts[device["hostapi"]],
+            int(device["max_output_channels"]),
+            int(device["max_input_channels"]),
+            float(device["default_samplerate"]),
         )
-        for index, one in enumerate(devices)
+        for index, device in enumerate(devices)
     )
 
 
@@ -228,8 +228,8 @@ def find_card(name: str, cards: Sequence[Card]) -> Card:
     if not cards:
         raise BadInput("there is no sound card", "one that the system lists")
     for matches in (
-        [one for one in cards if name in (one.name, one.full_name)],
-        [one for one in cards if name.lower() in one.full_name.lower()],
+        [card for card in cards if name in (card.name, card.full_name)],
+        [card for card in cards if name.lower() in card.full_name.lower()],
     ):
         if len(matches) == 1:
             return matches[0]
@@ -239,7 +239,7 @@ def find_card(name: str, cards: Sequence[Card]) -> Card:
 
 
 def _listed(cards: Sequence[Card]) -> str:
-    return ", ".join(repr(one.full_name) for one in cards)
+    return ", ".join(repr(card.full_name) for card in cards)
 
 
 def sound_name(spec: str) -> tuple[str, float | None]:

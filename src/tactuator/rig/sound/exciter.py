@@ -87,8 +87,8 @@ class RunningExciter:
 
     def answer(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the samples of the accelerometer and of the displacement, (n,), for samples of command (n,)."""
-        one = self._exciter
-        passed, self._passed = signal.lfilter(*self._high_pass, one.volts * share, zi=self._passed)
+        exciter = self._exciter
+        passed, self._passed = signal.lfilter(*self._high_pass, exciter.volts * share, zi=self._passed)
         waiting = np.concatenate([self._late, passed])
         command, self._late = np.ascontiguousarray(waiting[: share.size]), waiting[share.size :]
         acceleration, moved = np.empty(share.size), np.empty(share.size)
@@ -96,9 +96,11 @@ class RunningExciter:
         lib.tact_exciter_run(self._state, *buffers, share.size)
         time = (self._samples + np.arange(share.size)) / self._rate_hz
         self._samples += share.size
-        noise = one.noise * self._rng.standard_normal(share.size)
-        heard = acceleration + noise + one.hum * np.sin(2.0 * np.pi * one.hum_hz * time)
-        return np.clip(heard / one.sensor_full_scale, -1.0, 1.0), np.clip(moved / one.felt_full_scale_mm, -1.0, 1.0)
+        noise = exciter.noise * self._rng.standard_normal(share.size)
+        heard = acceleration + noise + exciter.hum * np.sin(2.0 * np.pi * exciter.hum_hz * time)
+        return np.clip(heard / exciter.sensor_full_scale, -1.0, 1.0), np.clip(
+            moved / exciter.felt_full_scale_mm, -1.0, 1.0
+        )
 
 
 def demo_exciter(rng: np.random.Generator) -> Exciter:

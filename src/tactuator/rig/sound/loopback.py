@@ -65,7 +65,7 @@ def measure_delay(rig: Rig, level: float, rng: np.random.Generator) -> Delay:
     if not 0.0 < level <= 0.9:
         raise BadInput(f"level {level:g}", "above 0, at most 0.9 of full scale")
     count = round(BURST_S * rig.rate_hz)
-    found: list[int] = []
+    delays: list[int] = []
     gains: list[float] = []
     for _ in range(BURSTS):
         burst = np.zeros((2 * count, 1))
@@ -74,9 +74,9 @@ def measure_delay(rig: Rig, level: float, rng: np.random.Generator) -> Delay:
         asked, heard = trace.command_v[:, 0], trace.position_v[:, 0]
         for part in (slice(0, count // 2), slice(count // 2, count)):
             delay, gain = _delay(asked, heard, part)
-            found.append(delay)
+            delays.append(delay)
             gains.append(gain)
-    return Delay(round(float(np.median(found))), max(found) - min(found), float(np.mean(gains)))
+    return Delay(round(float(np.median(delays))), max(delays) - min(delays), float(np.mean(gains)))
 
 
 def _delay(asked: FloatArray, heard: FloatArray, part: slice) -> tuple[int, float]:

@@ -169,12 +169,12 @@ class SoundRig(Rig):
         Raises BadInput for what is not finite and where an input clips; SoundGap and CardGone.
         """
         rows = take_command(block_samples(command_v, len(self.channels), "command"))
-        for left in reversed(range(DRIVE_TRIES)):
+        for tries in reversed(range(DRIVE_TRIES)):
             try:
                 trace = join_traces(self._begin(self._driven(rows)), self.rate_hz, self.channels)
             except SoundGap:
                 self.rest()
-                if not left:
+                if not tries:
                     raise
             else:
                 self._refuse_clipped(trace)
@@ -288,13 +288,13 @@ class _Asked:
     def answered(self, taken: Rows) -> Trace:
         """Return the trace of the oldest rows, as far as they have been answered by rows taken in, (n, inputs)."""
         parts: list[Trace] = []
-        left = len(taken)
-        while left and self._pieces:
+        missing = len(taken)
+        while missing and self._pieces:
             piece = self._pieces.pop(0)
-            parts.append(piece.part(0, left))
-            if len(piece) > left:
-                self._pieces.insert(0, piece.part(left, len(piece)))
-            left -= len(parts[-1])
+            parts.append(piece.part(0, missing))
+            if len(piece) > missing:
+                self._pieces.insert(0, piece.part(missing, len(piece)))
+            missing -= len(parts[-1])
         asked = join_traces(parts, self._rate_hz, self._channels)
         position_v = np.zeros(asked.reference.shape)
         saturated = asked.saturated.copy()

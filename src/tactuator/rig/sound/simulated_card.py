@@ -64,7 +64,7 @@ def simulated_card(
         raise BadInput("the simulated sound card needs jackd", "where it is installed (apt-get install jackd2)")
     if "sounddevice" in sys.modules:
         raise BadInput("PortAudio has looked for its servers before", "the simulated card in a fresh program")
-    documents = [None if one is None else one.document() for one in exciters]
+    documents = [None if exciter is None else exciter.document() for exciter in exciters]
     with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
         file, device = Path(folder) / "exciters.json", f"{name}-exciters"
@@ -162,7 +162,7 @@ def main(arguments: Sequence[str]) -> None:
     jack.set_error_function(lambda text: None)
     client = opened(jack, settings["client"], settings["server"])
     rng = np.random.default_rng(settings["seed"])
-    answers = [answer_of(one, float(client.samplerate), rng) for one in settings["exciters"]]
+    answers = [answer_of(exciter, float(client.samplerate), rng) for exciter in settings["exciters"]]
     count = len(answers)
     drives = [client.inports.register(f"drive_{k + 1}") for k in range(count)]
     ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
