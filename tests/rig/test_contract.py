@@ -81,6 +81,8 @@ def test_play__before_any_controller__is_refused(name: str) -> None:
 def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converters(rig: Rig) -> None:
     trace = rig.play(tones())
     assert (len(trace), trace.channels, trace.rate_hz) == (1200, rig.channels, 4000.0)
+    assert (trace.duration_s, trace.time_s[1], trace.channel("thumb")) == (0.3, 1.0 / 4000.0, 1)
+    assert trace.saturated.dtype == bool
     np.testing.assert_allclose(trace.reference, tones(), rtol=2.0**-23, atol=1e-30)
     for index, channel in enumerate(designed().display.channels):
         step_v = channel.converter.step_v

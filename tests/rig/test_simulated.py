@@ -18,26 +18,6 @@ def loaded_rig(seed: int = 0) -> SimulatedRig:
     return rig
 
 
-def test_play__three_channels__gives_a_trace_of_every_sample() -> None:
-    reference = np.stack([tone(10.0, 1.0, level) for level in (0.0, 20.0, 30.0)], axis=1)
-    trace = loaded_rig().play(reference)
-    assert len(trace) == 4000
-    assert trace.duration_s == 1.0
-    assert trace.time_s[1] == 1.0 / 4000.0
-    assert np.array_equal(trace.reference, reference)
-    assert trace.command_v.shape == trace.position_v.shape == trace.saturated.shape == (4000, 3)
-    assert trace.saturated.dtype == bool
-    assert trace.channel("thumb") == 1
-
-
-def test_play__block_after_block__state_carries_on() -> None:
-    reference = np.stack([tone(10.0, 1.0, 30.0)] * 3, axis=1)
-    whole = loaded_rig(3).play(reference)
-    rig = loaded_rig(3)
-    halves = [rig.play(reference[:1700]), rig.play(reference[1700:])]
-    assert np.array_equal(whole.position_v, np.concatenate([half.position_v for half in halves]))
-
-
 def test_trace__command__is_what_the_motor_gets_delayed_by_the_computation() -> None:
     rig = loaded_rig()
     reference = np.zeros((10, 3))
@@ -45,14 +25,6 @@ def test_trace__command__is_what_the_motor_gets_delayed_by_the_computation() -> 
     trace = rig.play(reference)
     assert np.all(np.abs(trace.command_v[0]) < 1e-3)
     assert np.all(trace.command_v[1] > 1.0)
-
-
-def test_drive__step__reaches_the_motor_at_once_and_the_sensor_later() -> None:
-    trace = SimulatedRig(display()).drive(np.ones((400, 3)))
-    assert np.all(np.abs(trace.command_v - 1.0) <= 20.0 / 65536)
-    assert np.all(np.abs(trace.position_v[0]) < 5e-3)
-    assert np.all(trace.position_v[-1] > 0.3)
-    assert not trace.reference.any()
 
 
 def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
@@ -82,17 +54,6 @@ def test_finger__attached_feeler__gets_the_displacement_of_each_block() -> None:
     assert [block.size for block in felt] == [8000, 4000]
     sensor_mm = abs(lock_in(traces[0].position_v[4000:, 1], 10.0)) / 0.2012
     assert abs(lock_in(felt[0][4000:], 10.0)) == pytest.approx(sensor_mm, rel=1e-2)
-
-
-def test_finger__detached__feels_no_more() -> None:
-    rig, felt = loaded_rig(), []
-    port = rig.finger("index")
-    port.attach(felt.append)
-    port.detach(felt.append)
-    rig.drive(np.zeros((10, 3)))
-    assert felt == []
-    with pytest.raises(BadInput, match="not attached"):
-        port.detach(print)
 
 
 def test_finger__touch__takes_level_at_high_frequencies_and_gives_it_back() -> None:
@@ -173,18 +134,3 @@ def test_trace__unequal_shapes__are_refused() -> None:
 def test_trace__unknown_channel__is_refused() -> None:
     with pytest.raises(BadInput, match="channel 'ring' is not there"):
         loaded_rig().play(np.zeros((4, 3))).channel("ring")
-
-
-def test_play__nothing_at_all__is_an_empty_trace() -> None:
-    rig, felt = loaded_rig(), []
-    rig.finger("index").attach(felt.append)
-    assert len(rig.play(np.zeros((0, 3)))) == 0
-    assert len(rig.drive(np.zeros((0, 3)))) == 0
-    assert [block.size for block in felt] == [0, 0]
-
-
-def test_trace__reference__is_a_copy() -> None:
-    reference = np.ones((8, 3))
-    trace = loaded_rig().play(reference)
-    reference[:] = 7.0
-    assert np.array_equal(trace.reference, np.ones((8, 3)))

@@ -63,19 +63,7 @@ class ConsoleRig(Rig):
         self._controller: Controller | None = None
         self._told: queue.SimpleQueue[orders.Presented | None] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
-        self._began_at: int | None = None
-        self._rows_played = 0
         process.presented = self._told.put
-
-    @property
-    def began_at(self) -> int | None:
-        """Return the tick at which the last stream began, where the rig tells it."""
-        return self._began_at
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the stream that have been played, as far as that has been told."""
-        return self._rows_played
 
     @property
     def speed(self) -> float | None:

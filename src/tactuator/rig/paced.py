@@ -17,12 +17,6 @@ class PacedRig(WrappedRig):
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         super().__init__(rig)
         self._speed = speed
-        self._rows_played = 0
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the stream for which the rig has waited."""
-        return self._rows_played
 
     @property
     def speed(self) -> float:

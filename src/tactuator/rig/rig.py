@@ -18,6 +18,8 @@ from tactuator.model.description import Channel, Display
 from tactuator.rig.finger import Finger
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
 
+_ARRAYS = ("reference", "command_v", "position_v", "saturated")
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -38,9 +40,7 @@ class Trace:
 
     def __post_init__(self) -> None:
         shape = (self.reference.shape[0], len(self.channels))
-        if shape == self.reference.shape == self.command_v.shape == self.position_v.shape == self.saturated.shape:
-            return
-        for name in ("reference", "command_v", "position_v", "saturated"):
+        for name in _ARRAYS:
             if getattr(self, name).shape != shape:
                 raise BadInput(f"trace: {name} has shape {getattr(self, name).shape}", f"{shape}")
 
@@ -59,9 +59,11 @@ class Trace:
 
     def part(self, start: int, stop: int) -> Trace:
         """Return the part from sample start to sample stop."""
-        rows = slice(start, stop)
-        columns = (self.reference[rows], self.command_v[rows], self.position_v[rows], self.saturated[rows])
-        return Trace(self.rate_hz, self.channels, *columns)
+        return Trace(self.rate_hz, self.channels, *(getattr(self, name)[start:stop] for name in _ARRAYS))
+
+    def equals(self, other: Trace) -> bool:
+        """Return whether every array is the other's, bit for bit."""
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
 
     def channel(self, name: str) -> int:
         """Return the column of a channel. Raises BadInput if there is none of that name."""
@@ -93,8 +95,7 @@ def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ..
     if not parts:
         nothing = np.zeros((0, len(channels)))
         return Trace(rate_hz, channels, nothing, nothing, nothing, np.zeros(nothing.shape, dtype=np.bool_))
-    names = ("reference", "command_v", "position_v", "saturated")
-    return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
 
 
 class Rig(ABC):
@@ -106,7 +107,9 @@ class Rig(ABC):
 
     def __init__(self, display: Display) -> None:
         self._display = display
-        self._loaded = False
+        self._loaded = self._waits = False
+        self._began_at: int | None = None
+        self._rows_played = 0
         self._fingers: tuple[Finger, ...] = ()
 
     @property
@@ -174,7 +177,7 @@ class Rig(ABC):
         """Return the tick (sample of its run) of the first row of the last block or stream, by the rig's own clock;
         None before the first, and where it does not tell.
         """
-        return None
+        return self._began_at
 
     @property
     def rows_played(self) -> int:
@@ -182,12 +185,12 @@ class Rig(ABC):
 
         On a board whose time goes on that is more than the rows of which the trace has been read.
         """
-        return 0
+        return self._rows_played
 
     @property
     def waits(self) -> bool:
         """Return True where time stands still between blocks."""
-        return False
+        return self._waits
 
     @property
     def speed(self) -> float | None:

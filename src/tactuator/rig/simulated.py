@@ -48,27 +48,11 @@ class ComputedRig(Rig):
     def __init__(self, display: Display, device: Device) -> None:
         super().__init__(display)
         self._device = device
-        self._began_at: int | None = None
-        self._ticks = 0
+        self._ticks, self._waits = 0, True
         self._fingers = tuple(
             Finger((None, *(load.name for load in channel.loads)), partial(device.touch, index))
             for index, channel in enumerate(display.channels)
         )
-
-    @property
-    def began_at(self) -> int | None:
-        """Return the sample, of all that were played or driven, at which the last block or stream began."""
-        return self._began_at
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of samples played since the last block or stream began."""
-        return 0 if self._began_at is None else self._ticks - self._began_at
-
-    @property
-    def waits(self) -> bool:
-        """Return True: time stands still between blocks."""
-        return True
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
@@ -92,7 +76,7 @@ class ComputedRig(Rig):
         began_at = self._ticks
         for block in blocks:
             trace = self.play(block)
-            self._began_at = began_at
+            self._began_at, self._rows_played = began_at, self._ticks - began_at
             yield trace
 
     def drive(self, command_v: ArrayLike) -> Trace:
@@ -111,7 +95,7 @@ class ComputedRig(Rig):
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._fingers))))
 
     def _begin(self, count: int) -> FloatArray | None:
-        self._began_at, self._ticks = self._ticks, self._ticks + count
+        self._began_at, self._rows_played, self._ticks = self._ticks, count, self._ticks + count
         return take_forces(self._fingers, count)
 
     def _trace(self, block: Block, reference: FloatArray) -> Trace:

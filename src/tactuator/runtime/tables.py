@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -176,14 +176,13 @@ def _raised(held: HeldPlant, a: FloatArray, b: FloatArray, order: int, scale: fl
         raised_a[i, :order_held], raised_b[i], raised_late[i] = row @ held.a, row @ held.b + held_input, row @ held.late
         held_input, row = float(row @ b) / scale, row @ a / scale
     pad = np.zeros(order - order_held)
-    return HeldPlant(
-        raised_a,
-        raised_b,
-        raised_late,
-        np.append(held.sensor, pad),
-        np.append(held.displacement, pad),
-        held.sensor_direct,
-        held.displacement_direct,
+    return replace(
+        held,
+        a=raised_a,
+        b=raised_b,
+        late=raised_late,
+        sensor=np.append(held.sensor, pad),
+        displacement=np.append(held.displacement, pad),
     )
 
 
@@ -230,7 +229,12 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tup
     held = held_plants(channel, rate_hz)
     plants = ffi.new("tact_plant[]", len(held.plants))
     for table, plant in zip(plants, held.plants, strict=True):
-        _fill_plant(table, plant)
+        table.order = order = plant.b.size
+        for i in range(order):
+            table.a[i][0:order] = plant.a[i].tolist()
+        for name in ("b", "late", "sensor", "displacement"):
+            getattr(table, name)[0:order] = getattr(plant, name).tolist()
+        table.sensor_direct, table.displacement_direct = plant.sensor_direct, plant.displacement_direct
     if held.dead_time >= lib.TACT_DEAD_TIME_MAX:
         raise BadInput(
             f"channel {channel.name!r}: dead time is {held.dead_time} samples", f"below {lib.TACT_DEAD_TIME_MAX}"
@@ -244,29 +248,15 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tup
     display.friction.per_presliding = 1.0 / environment.presliding_v
     display.sensor_v_per_mm = channel.sensor_gain_v_per_mm
     display.noise_v = environment.noise_v_rms / ((2.0**32 - 1.0) / 3.0) ** 0.5
-    _fill_hum(display.hum, channel, rate_hz)
-    return display, [plants], held.load_names
-
-
-def _fill_plant(table: Any, plant: HeldPlant) -> None:
-    order = plant.b.size
-    table.order = order
-    for i in range(order):
-        table.a[i][0:order] = plant.a[i].tolist()
-    for name in ("b", "late", "sensor", "displacement"):
-        getattr(table, name)[0:order] = getattr(plant, name).tolist()
-    table.sensor_direct, table.displacement_direct = plant.sensor_direct, plant.displacement_direct
-
-
-def _fill_hum(hum: Any, channel: Channel, rate_hz: float) -> None:
-    environment = channel.environment
     lines = [(f, a) for f, a in zip(environment.hum_hz, environment.hum_v_peak, strict=True) if a > 0.0]
     if len(lines) > lib.TACT_HUM_MAX:
         raise BadInput(f"channel {channel.name!r}: {len(lines)} lines of hum", f"at most {lib.TACT_HUM_MAX}")
+    hum = display.hum
     hum.count = len(lines)
     for i, (frequency_hz, amplitude_v) in enumerate(lines):
         angle = 2.0 * np.pi * frequency_hz / rate_hz
         hum.cosine[i], hum.sine[i], hum.amplitude_v[i] = np.cos(angle), np.sin(angle), amplitude_v
+    return display, [plants], held.load_names
 
 
 def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple[str | None, ...], ...]]:
@@ -303,11 +293,9 @@ def _device_bytes(table: Any) -> bytes:
     content += struct.pack("<i", hum.count) + b"".join(struct.pack("<3d", *line) for line in lines)
     order = table.plants[0].order
     content += struct.pack("<ii", table.plant_count, order)
-    return content + b"".join(_plant_bytes(table.plants[i], order) for i in range(table.plant_count))
-
-
-def _plant_bytes(plant: Any, order: int) -> bytes:
-    numbers = [plant.a[i][j] for i in range(order) for j in range(order)]
-    for row in (plant.b, plant.late, plant.sensor, plant.displacement):
-        numbers += list(row[0:order])
-    return struct.pack(f"<{len(numbers) + 2}d", *numbers, plant.sensor_direct, plant.displacement_direct)
+    for plant in table.plants[0 : table.plant_count]:
+        numbers = [plant.a[i][j] for i in range(order) for j in range(order)]
+        for row in (plant.b, plant.late, plant.sensor, plant.displacement):
+            numbers += list(row[0:order])
+        content += struct.pack(f"<{len(numbers) + 2}d", *numbers, plant.sensor_direct, plant.displacement_direct)
+    return content

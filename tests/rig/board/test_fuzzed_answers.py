@@ -74,7 +74,7 @@ def errand(rng: np.random.Generator, controller: Controller, found: Counter[str]
         rig.play(rows)
         for _ in rig.stream([rows, rows]):
             pass
-        rig.acknowledge()
+        rig.client.acknowledge()
         rig.rest()
         client.ask(Request.STATUS)
         rig.close()

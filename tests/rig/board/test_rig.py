@@ -43,9 +43,7 @@ def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
     blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
     found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
     wanted = join_traces(expected, rig.rate_hz, rig.channels)
-    for name in ("position_v", "command_v", "saturated"):
-        assert np.array_equal(getattr(found, name), getattr(wanted, name))
-    assert np.array_equal(found.reference, wanted.reference)
+    assert found.equals(wanted)
 
 
 def test_rig__stream_left_early__goes_on_in_the_next(rig):

@@ -111,7 +111,7 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowl
             rig.play(np.zeros((20, 3)))
         assert rig.status().mode is Mode.OFF
         assert rig.client.ask(Request.ACKNOWLEDGE, (99).to_bytes(4, "little"))[0] is RequestOutcome.BAD_PAYLOAD
-        assert rig.acknowledge() == rig.acknowledge() == LOCK_FAULTS
+        assert rig.client.acknowledge() == rig.client.acknowledge() == LOCK_FAULTS
         assert len(rig.play(np.zeros((20, 3)))) == 20
 
 

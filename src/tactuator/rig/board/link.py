@@ -231,6 +231,11 @@ class Status:
 
     LAYOUT = struct.Struct("<16s8Bf16I")
 
+    def require_no_fault(self) -> None:
+        """Raise RigFault where the guard has ended the run."""
+        if self.mode is Mode.FAULT:
+            raise RigFault(self.fault, self.fault_channel)
+
     @classmethod
     def parse(cls, payload: bytes) -> Status:
         """Return the status that an answer to STATUS holds."""
@@ -242,9 +247,8 @@ class Status:
 
 @dataclass(frozen=True)
 class TraceRows:
-    """Rows of a board's trace from `first` on: codes and flags (n, channels); felt_mm where it was asked for."""
+    """Rows of a board's trace: codes and flags (n, channels); felt_mm where it was asked for."""
 
-    first: int
     command_code: NDArray[np.int32]
     flags: NDArray[np.uint8]
     position_code: NDArray[np.int32]
@@ -315,8 +319,7 @@ class LinkClient:
         if outcome is RequestOutcome.DONE:
             return rest
         status = self.status()
-        if status.mode is Mode.FAULT:
-            raise RigFault(status.fault, status.fault_channel)
+        status.require_no_fault()
         if outcome is RequestOutcome.LOCKED:
             raise RigLocked(status.sensor_faults - status.acknowledged)
         what, how = request.name.lower(), outcome.name.lower().replace("_", " ")
@@ -377,13 +380,8 @@ class LinkClient:
             raise LinkGarbled(Request.TRACE)
         command = table[:, :channels]
         felt_mm = table[:, 2 * channels :].copy().view(np.float32) if felt else None
-        return TraceRows(
-            begun,
-            (command << 8) >> 8,
-            ((command >> 24) & 0xFF).astype(np.uint8),
-            table[:, channels : 2 * channels].copy(),
-            felt_mm,
-        )
+        flags = ((command >> 24) & 0xFF).astype(np.uint8)
+        return TraceRows((command << 8) >> 8, flags, table[:, channels : 2 * channels].copy(), felt_mm)
 
 
 def _refusal(kind: int, code: int) -> str:

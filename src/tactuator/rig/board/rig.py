@@ -25,7 +25,6 @@ from tactuator.rig.board.link import (
     LinkClient,
     Mode,
     Request,
-    RigFault,
     Status,
     TraceRows,
     understood,
@@ -51,9 +50,14 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
 
+def _at_once(seconds: float) -> None:
+    """Wait for nothing: the board's time stands still."""
+
+
 class BoardRig(Rig):
     """The rig of `display` on a board that runs the firmware.
 
+    client: the link, for requests of one's own; fed_to: the tick of its run to which the board has been given rows.
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
     two, and its finger ports can be touched. On a real one, and on one that is told not to wait (`waits` False), time
@@ -70,16 +74,15 @@ class BoardRig(Rig):
         lead_s: float = STREAM_LEAD_S,
     ) -> None:
         super().__init__(display)
-        self._client, self._format, self._sleep = client, number_format, sleep
+        self.client, self._format = client, number_format
         status = client.status()
         if status.channels < len(display.channels):
             raise BadInput(
                 f"the board has {status.channels} channels; the display has {len(display.channels)}", "no more"
             )
         self._waits, self._lead_s = waits and status.allows_hold, lead_s
-        self._run, self._at, self._drives = status.run, 0, False
-        self._began: int | None = None
-        self._rows_played = 0
+        self._pause, self._sleep = sleep, _at_once if self._waits else sleep
+        self._run, self.fed_to, self._drives = status.run, 0, False
         self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
         if status.safety_crc == 0:
             self.off()
@@ -95,7 +98,7 @@ class BoardRig(Rig):
     def load_image(self, image: bytes) -> None:
         """Load an image as it is; the board itself refuses what is amiss (BadInput, with the reason)."""
         self.off()
-        self._client.upload(IMAGE, image)
+        self.client.upload(IMAGE, image)
         self._loaded = True
 
     def play(self, reference: ArrayLike) -> Trace:
@@ -129,17 +132,16 @@ class BoardRig(Rig):
         self._require_controller()
         if not 0.0 <= duration_s <= LONGEST_S:
             raise BadInput(f"tones for {duration_s:g} s", f"up to {LONGEST_S:g} s")
-        soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
+        soft, count = soft_ticks(self.rate_hz), round(duration_s * self.rate_hz)
         payloads = stimulus_payloads(tones, self.channels, self.rate_hz, soft)
         self._arm()
         for payload in payloads:
-            self._client.must(Request.STIMULUS, payload)
-        self._client.start(self._run, STIMULUS, False, False)
+            self.client.must(Request.STIMULUS, payload)
+        self.client.start(self._run, STIMULUS, False, False)
         asked = np.zeros((count, len(self.channels)), dtype=np.float32)
         for column, name in enumerate(self.channels):
             asked[:, column] = sum(tone.wave(count, self.rate_hz) for tone in tones.get(name, ()))
-        sleep = (lambda seconds: None) if self._waits else self._sleep
-        parts = read_run(self._client, self._run, soft, count, len(self.channels), self._fingers, sleep)
+        parts = read_run(self.client, self._run, soft, count, len(self.channels), self._fingers, self._sleep)
         waiting = [asked]
         try:
             return join_traces(
@@ -152,8 +154,8 @@ class BoardRig(Rig):
 
     def rest(self) -> None:
         """Fade the reference out, then the command; the board is ARMED or in FAULT afterwards."""
-        if self._client.status().mode is Mode.RUNNING:
-            self._client.ask(Request.STOP)
+        if self.client.status().mode is Mode.RUNNING:
+            self.client.ask(Request.STOP)
         self._wait(lambda status: status.mode is not Mode.RUNNING and status.at_rest)
 
     def break_sensor(self, channel: str, what: str, value: float = math.nan) -> None:
@@ -169,75 +171,44 @@ class BoardRig(Rig):
         if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
             raise BadInput(f"sensor fault {what!r} without a value", "a number")
         content = struct.pack("<BBf", self._index(channel), SENSOR_FAULTS.index(what), value)
-        self._client.must(Request.BREAK, content)
+        self.client.must(Request.BREAK, content)
 
     # -- what a board is besides --------------------------------------------------------------------------------------
 
-    @property
-    def client(self) -> LinkClient:
-        """Return the link, for requests of one's own."""
-        return self._client
-
-    @property
-    def fed_to(self) -> int:
-        """Return the tick of its run to which the board has been given rows."""
-        return self._at
-
-    @property
-    def began_at(self) -> int | None:
-        """Return the tick of its run at which the board played the first row of the last block or stream."""
-        return self._began
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the last block or stream that the board has played, as far as it has told."""
-        return self._rows_played
-
     def status(self) -> Status:
         """Return the status that the board reports."""
-        return self._client.status()
-
-    @property
-    def waits(self) -> bool:
-        """Return True where time stands still between blocks."""
-        return self._waits
+        return self.client.status()
 
     def weights(self) -> FloatArray:
         """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
-        answer = self._client.must(Request.WEIGHTS)
+        answer = self.client.must(Request.WEIGHTS)
         with understood(Request.WEIGHTS):
             pairs = np.frombuffer(answer, dtype="<f4", offset=4).astype(np.float64).reshape(-1, 2)
             return np.ascontiguousarray(pairs[: len(self.channels)])
 
     def commission(self) -> None:
         """Write the safety table of the display, whatever table was there; the board must be in OFF."""
-        self._client.upload(SAFETY, safety_bytes(safety_table(self._display)))
+        self.client.upload(SAFETY, safety_bytes(safety_table(self._display)))
 
     def simulate(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
         """Put a simulated display in the place of the converters (boards that have none)."""
-        self._client.upload(SIMULATED_DISPLAY, content)
+        self.client.upload(SIMULATED_DISPLAY, content)
         self._fingers = tuple(Finger(names, partial(self._touch, index, names)) for index, names in enumerate(loads))
 
     def _touch(self, channel: int, loads: tuple[str | None, ...], load: str | None) -> None:
-        self._client.must(Request.TOUCH, struct.pack("<BB", channel, loads.index(load)))
+        self.client.must(Request.TOUCH, struct.pack("<BB", channel, loads.index(load)))
 
     def off(self) -> None:
         """Bring the board to OFF, whatever it does; a fault is cleared once the guard has had time to believe a sensor
         again.
         """
         self.rest()
-        status = self._client.status()
+        status = self.client.status()
         if status.mode is Mode.FAULT:
             again = status.ticks + round(_RECOVERY_S * self.rate_hz)
             self._wait(lambda now: now.ticks >= again and now.locked_ticks == 0)
-            self._client.must(Request.CLEAR)
-        self._client.must(Request.OFF)
-
-    def acknowledge(self) -> int:
-        """Tell the board that a person knows of its sensor and travel faults, and give how many there were since it
-        began: after three that nobody knows of it stays in OFF.
-        """
-        return self._client.acknowledge()
+            self.client.must(Request.CLEAR)
+        self.client.must(Request.OFF)
 
     def close(self) -> None:
         """Bring the output to rest as far as the board can be reached, and close the transport."""
@@ -246,55 +217,50 @@ class BoardRig(Rig):
         except (BadInput, DeviceFault):
             pass
         finally:
-            self._client.close()
+            self.client.close()
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
     def _wait(self, reached: Callable[[Status], bool]) -> Status:
         for attempt in range(_SETTLE_TRIES):
-            status = self._client.status()
+            status = self.client.status()
             if reached(status):
                 return status
             if not self._waits or attempt > _PROMPT_TRIES:
-                self._sleep(0.002)
+                self._pause(0.002)
         raise BadInput("the board does not come to rest", "a board whose timer runs")
 
     def _begin(self, drives: bool) -> None:
         """Begin a run of the kind that is wanted and wait until its soft start is over."""
-        status = self._client.status()
-        if status.mode is Mode.FAULT:
-            raise RigFault(status.fault, status.fault_channel)
+        status = self.client.status()
+        status.require_no_fault()
         if status.mode is Mode.RUNNING and status.run == self._run and self._drives == drives:
             return
         self._arm()
         self._drives = drives
-        self._client.start(self._run, STREAM, drives, self._waits)
-        soft = self._soft_ticks
+        self.client.start(self._run, STREAM, drives, self._waits)
+        soft = soft_ticks(self.rate_hz)
         if self._waits:
             silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
             for _ in self._streaming(_WAITING_LEAD_S, felt=False).play([silence]):
                 pass
-            self._at = soft
+            self.fed_to = soft
         else:
             self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
 
     def _arm(self) -> None:
         """Bring the board to rest, ready for a run of another number."""
         self.rest()
-        self._client.must(Request.ARM)
-        self._run = (self._client.status().run + 1) & 0xFFFFFFFF
-
-    @property
-    def _soft_ticks(self) -> int:
-        """Return the number of ticks of a run until its soft start is over."""
-        return soft_ticks(self.rate_hz)
+        self.client.must(Request.ARM)
+        self._run = (self.client.status().run + 1) & 0xFFFFFFFF
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
         asked_s = min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s
         lead = min(round(asked_s * self.rate_hz), self._lead_most)
-        sleep = (lambda seconds: None) if self._waits else self._sleep
-        return BoardStream(self._client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, sleep)
+        return BoardStream(
+            self.client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, self._sleep
+        )
 
     def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
         """Send blocks to the board without a gap and yield its traces. However it ends before its time, the output goes
@@ -311,14 +277,14 @@ class BoardRig(Rig):
             self._begin(drives)
             stream = self._streaming(lead_s)
             try:
-                for part in stream.play(fed(), self._at, round(0.25 * lead_s * self.rate_hz)):
-                    self._began, self._rows_played = stream.first, stream.rows_played
+                for part in stream.play(fed(), self.fed_to, round(0.25 * lead_s * self.rate_hz)):
+                    self._began_at, self._rows_played = stream.first, stream.rows_played
                     if part is None:
                         yield join_traces([], self.rate_hz, self.channels)
                     else:
                         yield self._trace(part, take_rows(asked, len(part.flags)), drives)
             finally:
-                self._at, self._began, self._rows_played = stream.end, stream.first, stream.rows_played
+                self.fed_to, self._began_at, self._rows_played = stream.end, stream.first, stream.rows_played
         except LinkDown:
             raise
         except (Exception, KeyboardInterrupt):  # of the blocks' own making, too

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
-from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
+from tactuator.rig.board.link import LinkClient, Mode, TraceRows
 from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
 from tactuator.runtime.simulation import REFERENCE_MAX
 
@@ -179,8 +179,7 @@ class BoardStream:
     def _look(self) -> int:
         """Read the tick of the board, and return the tick up to which it has rows."""
         status = self._client.status()
-        if status.mode is Mode.FAULT:
-            raise RigFault(status.fault, status.fault_channel)
+        status.require_no_fault()
         if status.mode is not Mode.RUNNING:
             raise BadInput(f"the board is {status.mode.name}: somebody has stopped it", "one that nobody else uses")
         self._tick = status.tick
@@ -281,8 +280,7 @@ def read_run(
     felt = anybody_feels(fingers)
     while got < first + count:
         status = client.status()
-        if status.mode is Mode.FAULT:
-            raise RigFault(status.fault, status.fault_channel)
+        status.require_no_fault()
         if status.mode is not Mode.RUNNING or status.run != run:
             raise BadInput("the board plays this run no more", "one that nobody else uses")
         if status.tick <= got:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +75,11 @@ def check_period(
     """
     if ticks < 1:
         raise BadInput(f"ticks is {ticks}", "1 or more")
-    _require_table(target, controller)
+    (table_crc,) = struct.unpack("<I", safety_bytes(safety_table(controller.display))[-4:])
+    if target.status().safety_crc != table_crc:
+        raise BadInput(
+            "the board holds the safety table of another display", "the display that it was commissioned with"
+        )
     tally, difference = _Tally(), ""
     for number_format in formats:
         with in_process_rig(controller.display) as host:
@@ -92,20 +96,6 @@ def check_period(
         target.status().name, not difference, difference, ticks, len(controller.channels), formats, tally.running,
         tally.starts, faults, tally.played,
     )  # fmt: skip
-
-
-def _require_table(target: BoardRig, controller: Controller) -> None:
-    (wanted,) = struct.unpack("<I", safety_bytes(safety_table(controller.display))[-4:])
-    if target.status().safety_crc != wanted:
-        raise BadInput(
-            "the board holds the safety table of another display", "the display that it was commissioned with"
-        )
-
-
-def _stretches(ticks: int, seed: int) -> Iterator[tuple[int, int]]:
-    """Yield the seed and the length of one stretch after another."""
-    for index, at in enumerate(range(0, ticks, STRETCH_TICKS)):
-        yield (seed + index) & 0xFFFFFFFF, min(STRETCH_TICKS, ticks - at)
 
 
 def _ask(rig: BoardRig, seed: int, ticks: int) -> tuple[int, int, int, int]:
@@ -134,17 +124,16 @@ def _compare(
     tell: Callable[[int], None],
     locates: bool,
 ) -> str:
-    done = 0
-    for part_seed, count in _stretches(ticks, seed):
+    for index, at in enumerate(range(0, ticks, STRETCH_TICKS)):  # one stretch after another
+        part_seed, count = (seed + index) & 0xFFFFFFFF, min(STRETCH_TICKS, ticks - at)
         ours = _ask(host, part_seed, count)
         if _ask(target, part_seed, count) != ours:
-            at = f", tick {_first_difference(target, host, part_seed, count)} of a stretch" if locates else ""
-            return f"seed {part_seed}{at}"
+            tick = f", tick {_first_difference(target, host, part_seed, count)} of a stretch" if locates else ""
+            return f"seed {part_seed}{tick}"
         tally.running += ours[1]
         tally.starts += ours[2]
         tally.faults |= ours[3]
-        done += count
-        tell(done)
+        tell(at + count)
     return ""
 
 
@@ -171,20 +160,14 @@ def _compare_play(target: BoardRig, host: BoardRig, tally: _Tally) -> str:
             rig.off()
             rig.simulate(*simulated_board_bytes(rig.display, seed=1))
         theirs, ours = act(target), act(host)
-        if theirs[1:] != ours[1:] or not _same(theirs[0], ours[0]):
+        same = len(theirs[0]) == len(ours[0]) and all(map(Trace.equals, theirs[0], ours[0]))
+        if theirs[1:] != ours[1:] or not same:
             return f"played: {name}"
         tally.played += sum(len(trace) for trace in ours[0])
     return ""
 
 
 Played = tuple[list[Trace], str, int]
-
-
-def _same(theirs: list[Trace], ours: list[Trace]) -> bool:
-    names = ("command_v", "position_v", "saturated")
-    return len(theirs) == len(ours) and all(
-        np.array_equal(getattr(a, name), getattr(b, name)) for a, b in zip(theirs, ours, strict=True) for name in names
-    )
 
 
 def _rows(rig: BoardRig, level: float) -> NDArray[np.float64]:
@@ -227,7 +210,7 @@ def _play_broken(rig: BoardRig) -> Played:
     finally:
         rig.break_sensor(channel, "sound")
         rig.off()
-        rig.acknowledge()
+        rig.client.acknowledge()
     return traces, "", 0
 
 

@@ -32,7 +32,6 @@ _TONES_HZ = (7.0, 53.0, 201.0, 31.0)
 _SENSOR_OPEN = 1
 _USUAL_LEVEL = 20.0
 _POLL_S, _PIECES = 0.01, 30
-_COUNTS = struct.Struct("<4I")
 
 
 @dataclass(frozen=True)
@@ -74,39 +73,25 @@ class _Bench:
         with understood(Request.BENCH):
             return int(struct.unpack("<4I", self._client.must(Request.BENCH, struct.pack("<I", periods)))[1])
 
-    def usual(self) -> int:
-        """Return the cost of tones that stream in, after the soft start."""
-        return self._stream(self._waves())
-
-    def silent(self) -> int:
-        """Return the cost of a stream of zeros."""
-        return self._stream(np.zeros_like(self._waves()))
-
-    def soft_start(self) -> int:
-        """Return the cost of the soft start, tones streaming in."""
-        return self._stream(self._waves(), counts_start=True)
-
     def limited(self) -> int:
         """Return the cost where every channel's command is cut at nearly every tick."""
-        rows = self._waves()
+        rows = self.waves()
         signs = np.sign(np.sin(2.5 * np.arange(len(rows))))
-        return self._stream(np.repeat(REFERENCE_MAX * signs[:, None], rows.shape[1], axis=1))
-
-    def tones(self) -> int:
-        """Return the cost of as many tones as a board makes, all in their ramps, soft start and limits included."""
-        return self._play_tones(self._soft + _TICKS)
+        return self.stream(np.repeat(REFERENCE_MAX * signs[:, None], rows.shape[1], axis=1))
 
     def faults(self) -> int:
         """Return the cost where all sensors fail at once in the middle of all those tones, and of what follows."""
-        self._play_tones(self._soft + _TICKS // 2, rests=False)
+        self.play_tones(self._soft + _TICKS // 2, rests=False)
         for channel in range(len(self._names)):
             self._client.must(Request.BREAK, struct.pack("<2Bf", channel, _SENSOR_OPEN, 0.0))
         return self.most(_TICKS)
 
-    def _waves(self) -> FloatArray:
+    def waves(self) -> FloatArray:
+        """Return tones for the usual run and its soft start, (n, channels), threshold units."""
         return _LEVEL * _tones(self._controller, self._soft + _TICKS, 0.5)
 
-    def _stream(self, rows: FloatArray, counts_start: bool = False) -> int:
+    def stream(self, rows: FloatArray, counts_start: bool = False) -> int:
+        """Return the cost of rows that stream in: of the soft start, or of what follows it."""
         self._run += 1
         self._client.start(self._run, STREAM, False, True)
         end = 0
@@ -116,7 +101,9 @@ class _Bench:
         self._rest()
         return start if counts_start else rest
 
-    def _play_tones(self, ticks: int, rests: bool = True) -> int:
+    def play_tones(self, ticks: int = 0, rests: bool = True) -> int:
+        """Return the cost of as many tones as a board makes, all in their ramps, soft start and limits included."""
+        ticks = ticks or self._soft + _TICKS
         rate_hz, half = self._controller.rate_hz, ticks // 2 + 1
         tones = [
             BoardTone(180.0 + 23.0 * n, 150.0, 0.0, 2.0 * half / rate_hz, half / rate_hz) for n in range(TONES_MAX)
@@ -136,11 +123,11 @@ class _Bench:
 
 
 CASES: dict[str, Callable[[_Bench], int]] = {
-    "usual": _Bench.usual,
-    "silent": _Bench.silent,
-    "soft start": _Bench.soft_start,
+    "usual": lambda bench: bench.stream(bench.waves()),
+    "silent": lambda bench: bench.stream(np.zeros_like(bench.waves())),
+    "soft start": lambda bench: bench.stream(bench.waves(), counts_start=True),
     "limited": _Bench.limited,
-    "on-board tones": _Bench.tones,
+    "on-board tones": _Bench.play_tones,
     "faults": _Bench.faults,
 }
 
@@ -207,7 +194,11 @@ def count_cycles(
     rig.load(controller)
     rig.play(np.zeros((soft_ticks(controller.rate_hz), len(controller.channels))))
     for name, level in (("silent", 0.0), ("usual", _USUAL_LEVEL)):
-        counts[name] = counter.read_while(rig, level * _tones(controller, 3 * counter.periods, 0.0))
+        rows = level * _tones(controller, 3 * counter.periods, 0.0)
+        for at, _ in enumerate(rig.stream(np.array_split(rows, _PIECES))):
+            if at == 0:  # from where their trace begins to come
+                counter.begin()
+        counts[name] = counter.read()
     rig.off()
     known: dict[str, int] = {}
     with contextlib.suppress(BadInput):  # no emulator, or not of this board
@@ -222,19 +213,15 @@ def count_cycles(
     return PeriodCycles(status.name, "float32", len(controller.channels), cases)
 
 
+@dataclass(frozen=True)
 class _Counter:
     """The board's counter over so many periods: begun, and read once they are over."""
 
-    def __init__(
-        self,
-        client: LinkClient,
-        periods: int,
-        rate_hz: float,
-        clock: Callable[[], float],
-        sleep: Callable[[float], None],
-    ) -> None:
-        self._client, self.periods, self._rate_hz = client, periods, rate_hz
-        self._clock, self._sleep = clock, sleep
+    client: LinkClient
+    periods: int
+    rate_hz: float
+    clock: Callable[[], float]
+    sleep: Callable[[float], None]
 
     def begin(self) -> None:
         """Begin anew: another number of periods, none here, ends what was counted before."""
@@ -243,27 +230,20 @@ class _Counter:
 
     def read(self) -> tuple[int, int, int]:
         """Return the least, the most and the sum. Raises DeviceFault where the periods take three times their time."""
-        end_s = self._clock() + 1.0 + 3.0 * self.periods / self._rate_hz
-        while self._clock() < end_s:
+        end_s = self.clock() + 1.0 + 3.0 * self.periods / self.rate_hz
+        while self.clock() < end_s:
             least, most, total = self._ask(self.periods)
             if most:
                 return least, most, total
-            self._sleep(_POLL_S)
+            self.sleep(_POLL_S)
         raise DeviceFault(f"the board has not made {self.periods} periods", "one whose timer goes")
 
-    def read_while(self, rig: BoardRig, rows: FloatArray) -> tuple[int, int, int]:
-        """Return what is counted while the rows (n, channels) play: from where their trace begins to come."""
-        for at, _ in enumerate(rig.stream(np.array_split(rows, _PIECES))):
-            if at == 0:
-                self.begin()
-        return self.read()
-
     def _ask(self, periods: int) -> tuple[int, int, int]:
-        outcome, answer = self._client.ask(Request.BENCH, struct.pack("<I", periods))
+        outcome, answer = self.client.ask(Request.BENCH, struct.pack("<I", periods))
         if outcome is not RequestOutcome.DONE:
             raise BadInput("the board has no counter of cycles", "one that has, an STM32F405 say")
         with understood(Request.BENCH):
-            least, most, total, _ = _COUNTS.unpack(answer)
+            least, most, total, _ = struct.unpack("<4I", answer)
         return least, most, total
 
 

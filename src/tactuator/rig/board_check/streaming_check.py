@@ -207,8 +207,7 @@ def _is_ours(trace: Trace, controller: Controller, rows: Rows, first: int, seed:
         soft = soft_ticks(rig.rate_hz)
         rig.play(np.zeros((first - soft, rows.shape[1])))
         ours = join_traces(rig.stream(_blocks(rows, rig.rate_hz)), rig.rate_hz, rig.channels)
-    names = ("reference", "command_v", "position_v", "saturated")
-    return all(np.array_equal(getattr(trace, name), getattr(ours, name)) for name in names)
+    return trace.equals(ours)
 
 
 def _blocks(rows: Rows, rate_hz: float) -> Iterator[Rows]:

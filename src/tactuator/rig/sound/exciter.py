@@ -5,8 +5,7 @@ One is drawn at random for a demonstration, with its display.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,10 +46,6 @@ class Exciter:
     hum: float = 5.0
     hum_hz: float = 50.0
     felt_full_scale_mm: float = 2.0
-
-    def document(self) -> dict[str, Any]:
-        """Return the exciter as a plain table."""
-        return asdict(self)
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return mm at the finger for a volt asked of the card, at `frequency_hz` (any shape), for small amplitudes and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 
@@ -13,10 +13,10 @@ from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.requirements import SoundCard, Wires
+from tactuator.model.requirements import SoundCard
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
@@ -97,7 +97,7 @@ class SoundRig(Rig):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         super().__init__(display)
-        self._rows, self._port, self._sleep = rows, port, sleep
+        self._rows, self._port = rows, port
         self._card = sound_wiring(display)
         self._run = CardRun(rows, max(1, round(self._card.lead_s * display.rate_hz)), sleep)
         self._loop: OpenLoop | None = None
@@ -159,8 +159,7 @@ class SoundRig(Rig):
         Raises as `play` does.
         """
         self._require_controller()
-        assert self._loop is not None
-        return self._begin(self._played(self._loop, blocks))
+        return self._begin(self._played(blocks))
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts, from rest; its first 20 ms are faded in, as the trace
@@ -212,10 +211,11 @@ class SoundRig(Rig):
         self._active = self._traces(pieces)
         return self._active
 
-    def _played(self, loop: OpenLoop, blocks: Iterable[ArrayLike]) -> Iterator[_Piece]:
+    def _played(self, blocks: Iterable[ArrayLike]) -> Iterator[_Piece]:
+        assert self._loop is not None
         for block in blocks:
             reference = take_reference(block_samples(block, len(self.channels), "reference"))
-            command, limited = loop.command(reference)
+            command, limited = self._loop.command(reference)
             yield reference, command, limited
 
     def _driven(self, command_v: FloatArray) -> Iterator[_Piece]:
@@ -228,14 +228,15 @@ class SoundRig(Rig):
 
     def _traces(self, pieces: Iterator[_Piece]) -> Iterator[Trace]:
         """Put out the pieces, then what still rings, and yield the trace of every row of the pieces."""
-        asked = _Asked(self._card.wires, self.rate_hz, self.channels)
+        asked: list[Trace] = []
         late = self._card.latency_samples
 
         def fed() -> Iterator[Rows]:
             for reference, command, limited in pieces:
                 rows, wanted = self._samples(command)
                 self._length += len(rows)
-                asked.add(reference, wanted, limited | (wanted != command))
+                cut, unheard = limited | (wanted != command), np.zeros(wanted.shape)
+                asked.append(Trace(self.rate_hz, self.channels, reference, wanted, unheard, cut))
                 yield rows
             if self._loop is not None:
                 yield self._samples(self._loop.ringing())[0]
@@ -245,11 +246,28 @@ class SoundRig(Rig):
             for part in self._run.play(fed(), late, self.allow_gaps):
                 before = min(late - skipped, len(part))
                 skipped += before
-                trace = asked.answered(part[before:])
+                trace = self._answered(asked, part[before:])
                 if len(trace):
                     yield trace
         finally:
             self.gaps += self._rows.gaps
+
+    def _answered(self, asked: list[Trace], taken: Rows) -> Trace:
+        """Take the oldest rows off `asked`, as many as were taken in, (n, inputs), and return them with those."""
+        parts: list[Trace] = []
+        while asked and (missing := len(taken) - sum(map(len, parts))):
+            piece = asked.pop(0)
+            parts.append(piece.part(0, missing))
+            if len(piece) > missing:
+                asked.insert(0, piece.part(missing, len(piece)))
+        answered = join_traces(parts, self.rate_hz, self.channels)
+        position_v, saturated = np.zeros(answered.reference.shape), answered.saturated.copy()
+        for column, wires in enumerate(self._card.wires):
+            if wires.input:
+                samples = taken[: len(answered), wires.input - 1].astype(np.float64)
+                saturated[:, column] |= np.abs(samples) >= CLIPPED
+                position_v[:, column] = wires.input_full_scale_v * samples
+        return replace(answered, position_v=position_v, saturated=saturated)
 
     def _samples(self, command_v: FloatArray) -> tuple[Rows, FloatArray]:
         """Return the card's rows for volts (n, channels), and the volts that they are, within full scale."""
@@ -273,62 +291,33 @@ class SoundRig(Rig):
                 )
 
 
-class _Asked:
-    """Pieces that are on their way, until their answers come back. wires: of the trace's channels."""
-
-    def __init__(self, wires: Sequence[Wires], rate_hz: float, channels: tuple[str, ...]) -> None:
-        self._wires, self._rate_hz, self._channels = wires, rate_hz, channels
-        self._pieces: list[Trace] = []
-
-    def add(self, reference: FloatArray, command_v: FloatArray, limited: Flags) -> None:
-        """Keep a piece until it is answered."""
-        nothing = np.zeros(reference.shape)
-        self._pieces.append(Trace(self._rate_hz, self._channels, reference, command_v, nothing, limited))
-
-    def answered(self, taken: Rows) -> Trace:
-        """Return the trace of the oldest rows, as far as they have been answered by rows taken in, (n, inputs)."""
-        parts: list[Trace] = []
-        missing = len(taken)
-        while missing and self._pieces:
-            piece = self._pieces.pop(0)
-            parts.append(piece.part(0, missing))
-            if len(piece) > missing:
-                self._pieces.insert(0, piece.part(missing, len(piece)))
-            missing -= len(parts[-1])
-        asked = join_traces(parts, self._rate_hz, self._channels)
-        position_v = np.zeros(asked.reference.shape)
-        saturated = asked.saturated.copy()
-        for column, wires in enumerate(self._wires):
-            if wires.input:
-                samples = taken[: len(asked), wires.input - 1].astype(np.float64)
-                saturated[:, column] |= np.abs(samples) >= CLIPPED
-                position_v[:, column] = wires.input_full_scale_v * samples
-        return replace(asked, position_v=position_v, saturated=saturated)
-
-
 class OpenLoop:
     """The channels of a controller whose F gives the command itself. Raises BadInput for a closed loop."""
 
     def __init__(self, controller: Controller) -> None:
-        self._channels = [
-            _OpenChannel(described, own, controller.rate_hz)
-            for described, own in zip(controller.display.channels, controller.channels, strict=True)
+        for part in controller.channels:
+            if part.feedback_sos is not None:
+                raise BadInput(
+                    f"channel {part.name!r}: the controller closes a loop, and a sound card answers tens of "
+                    "milliseconds late",
+                    'structure = "none" in [feedback]',
+                )
+        self._rate_hz, self._channels = controller.rate_hz, controller.display.channels
+        self._limits_v = [part.limits.command_v for part in controller.channels]
+        self._cascades = [
+            (part.prefilter_sos / part.prefilter_sos[:, 3:4], *displacement_sections(channel, controller.rate_hz))
+            for channel, part in zip(self._channels, controller.channels, strict=True)
         ]
-        self._names = [channel.name for channel in controller.channels]
-        self._held = np.zeros((controller.delay_samples, len(self._names)))
-        comfort_db_sl = min(COMFORT_DB_SL, *(one.limits.comfort_db_sl for one in controller.channels))
-        self._most = _ROUNDING * float(from_db(comfort_db_sl))
-        self._comfort_db_sl = comfort_db_sl
-        self._rate_hz = controller.rate_hz
+        self._comfort_db_sl = min(COMFORT_DB_SL, *(part.limits.comfort_db_sl for part in controller.channels))
+        self._delay_samples = controller.delay_samples
         self.reset()
 
     def reset(self) -> None:
         """Bring every state to rest."""
-        self._held[:] = 0.0
-        for channel in self._channels:
-            channel.reset()
+        self._held = np.zeros((self._delay_samples, len(self._channels)))
+        self._states = [[np.zeros((len(sections), 2)) for sections in cascade] for cascade in self._cascades]
 
-    def command(self, reference: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    def command(self, reference: FloatArray) -> tuple[FloatArray, Flags]:
         """Return the volts (n, channels) for a reference (n, channels), threshold units, and where they were cut to the
         command's limit.
 
@@ -336,21 +325,35 @@ class OpenLoop:
         display's model.
         """
         peak = float(np.max(np.abs(reference), initial=0.0))
-        if peak > self._most:
+        if peak > _ROUNDING * float(from_db(self._comfort_db_sl)):
             raise BadInput(
                 f"the reference reaches {float(db(peak)):.1f} dB SL", f"comfort, {self._comfort_db_sl:g} dB SL"
             )
-        made = [channel.command(column) for channel, column in zip(self._channels, reference.T, strict=True)]
-        wanted = np.column_stack([volts for volts, _ in made])
-        limited = np.column_stack([cut for _, cut in made])
-        later = np.concatenate([self._held, wanted])
-        self._held = later[len(wanted) :].copy()
-        return later[: len(wanted)], limited
+        channels = [self._channel(index, column) for index, column in enumerate(reference.T)]
+        volts, limited = (np.column_stack(columns) for columns in zip(*channels, strict=True))
+        later = np.concatenate([self._held, volts])
+        self._held = later[len(volts) :].copy()
+        return later[: len(volts)], limited
+
+    def _channel(self, index: int, reference: FloatArray) -> tuple[FloatArray, Flags]:
+        """Return the volts (n,) of one channel and where they were cut. Raises BadInput beyond the travel."""
+        channel, cascade, states = self._channels[index], self._cascades[index], self._states[index]
+        wanted, states[0] = signal.sosfilt(cascade[0], reference, zi=states[0])
+        volts = moved = np.clip(wanted, -self._limits_v[index], self._limits_v[index])
+        for k, sections in enumerate(cascade[1:], start=1):
+            moved, states[k] = signal.sosfilt(sections, moved, zi=states[k])
+        reach = float(np.max(np.abs(moved), initial=0.0))
+        if reach > _ROUNDING * channel.travel_mm:
+            raise BadInput(
+                f"channel {channel.name!r}: the reference moves it by {reach:.3g} mm by the display's model",
+                f"its travel, {channel.travel_mm:g} mm",
+            )
+        return volts, volts != wanted
 
     def ringing(self) -> FloatArray:
         """Return the volts (n, channels) by which the controller dies away from here, faded out at their end."""
         count = round(_RING_S * self._rate_hz)
-        volts, _ = self.command(np.zeros((count, len(self._names))))
+        volts, _ = self.command(np.zeros((count, len(self._channels))))
         level = np.max(np.abs(volts), axis=1)
         loud = np.flatnonzero(level > float(from_db(_RING_DB)) * max(1e-9, float(np.max(level, initial=0.0))))
         fade = min(count, round(_FADE_S * self._rate_hz))
@@ -358,40 +361,6 @@ class OpenLoop:
         line = np.ones(end)
         line[-fade:] = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fade + 1) / fade)
         return np.asarray(volts[:end] * line[:, None])
-
-
-class _OpenChannel:
-    def __init__(self, channel: Channel, own: ChannelController, rate_hz: float) -> None:
-        if own.feedback_sos is not None:
-            raise BadInput(
-                f"channel {own.name!r}: the controller closes a loop, and a sound card answers tens of milliseconds "
-                "late",
-                'structure = "none" in [feedback]',
-            )
-        self._name, self._limits, self._travel_mm = own.name, own.limits, channel.travel_mm
-        self._prefilter = own.prefilter_sos / own.prefilter_sos[:, 3:4]
-        self._moves = displacement_sections(channel, rate_hz)
-        self.reset()
-
-    def reset(self) -> None:
-        """Bring the states to rest."""
-        self._state = np.zeros((len(self._prefilter), 2))
-        self._moved = [np.zeros((len(sections), 2)) for sections in self._moves]
-
-    def command(self, reference: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-        """Return the volts (n,) and where they were cut. Raises BadInput beyond the travel."""
-        wanted, self._state = signal.sosfilt(self._prefilter, reference, zi=self._state)
-        volts = np.clip(wanted, -self._limits.command_v, self._limits.command_v)
-        moved = volts
-        for k, sections in enumerate(self._moves):
-            moved, self._moved[k] = signal.sosfilt(sections, moved, zi=self._moved[k])
-        reach = float(np.max(np.abs(moved), initial=0.0))
-        if reach > _ROUNDING * self._travel_mm:
-            raise BadInput(
-                f"channel {self._name!r}: the reference moves it by {reach:.3g} mm by the display's model",
-                f"its travel, {self._travel_mm:g} mm",
-            )
-        return np.asarray(volts), np.asarray(volts != wanted)
 
 
 def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray, ...]:
@@ -409,12 +378,9 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
             "a stable plant",
         )
     still = ContinuousSystem(plant.zeros, plant.poles, plant.gain / channel.sensor_gain_v_per_mm)
-    cascades = [_normalised(zero_order_hold(still, rate_hz).sections())]
+    held = zero_order_hold(still, rate_hz).sections()
     slowest = 2.0 * np.pi * _SLOWEST * channel.threshold.band_hz[0]
     let_go = ContinuousSystem(np.zeros(1), np.array([-slowest, -slowest]), 1.0 + _SLOWEST**2)
-    once = bilinear(let_go, rate_hz).sections()
-    return (*cascades, *([_normalised(once)] * DERIVATIVES[channel.quantity]))
-
-
-def _normalised(sections: FloatArray) -> FloatArray:
-    return np.asarray(sections / sections[:, 3:4])
+    integral = bilinear(let_go, rate_hz).sections()
+    cascades = (held, *[integral] * DERIVATIVES[channel.quantity])
+    return tuple(np.asarray(sections / sections[:, 3:4]) for sections in cascades)

@@ -16,15 +16,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.sound.cards import leave_library
 from tactuator.rig.sound.exciter import Exciter, RunningExciter
@@ -34,7 +33,6 @@ START_S = 20.0
 PERIOD = 4096
 PRIORITY = 20
 _SERVERS = 6
-Answer = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass
@@ -64,7 +62,7 @@ def simulated_card(
         raise BadInput("the simulated sound card needs jackd", "where it is installed (apt-get install jackd2)")
     if "sounddevice" in sys.modules:
         raise BadInput("PortAudio has looked for its servers before", "the simulated card in a fresh program")
-    documents = [None if exciter is None else exciter.document() for exciter in exciters]
+    documents = [None if exciter is None else asdict(exciter) for exciter in exciters]
     with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
         file, device = Path(folder) / "exciters.json", f"{name}-exciters"
@@ -162,8 +160,11 @@ def main(arguments: Sequence[str]) -> None:
     jack.set_error_function(lambda text: None)
     client = opened(jack, settings["client"], settings["server"])
     rng = np.random.default_rng(settings["seed"])
-    answers = [answer_of(exciter, float(client.samplerate), rng) for exciter in settings["exciters"]]
-    count = len(answers)
+    running = [
+        None if exciter is None else RunningExciter(Exciter(**exciter), float(client.samplerate), rng)
+        for exciter in settings["exciters"]
+    ]
+    count = len(running)
     drives = [client.inports.register(f"drive_{k + 1}") for k in range(count)]
     ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
     ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
@@ -171,8 +172,9 @@ def main(arguments: Sequence[str]) -> None:
 
     @client.set_process_callback  # type: ignore[untyped-decorator]
     def process(frames: int) -> None:
-        for k, answer in enumerate(answers):
-            heard, moved = answer(drives[k].get_array().astype(np.float64))
+        for k, exciter in enumerate(running):
+            share = drives[k].get_array().astype(np.float64)
+            heard, moved = (share, share) if exciter is None else exciter.answer(share)
             ports[k].get_array()[:] = heard
             ports[count + k].get_array()[:] = moved
 
@@ -180,10 +182,14 @@ def main(arguments: Sequence[str]) -> None:
     def shutdown(status: object, reason: str) -> None:
         over.set()
 
+    def wait_for_end() -> None:  # of whoever began it
+        sys.stdin.read()
+        over.set()
+
     with client:
         sys.stdout.write("ready\n")
         sys.stdout.flush()
-        threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
+        threading.Thread(target=wait_for_end, daemon=True).start()
         over.wait()
 
 
@@ -197,19 +203,6 @@ def opened(jack: Any, name: str, server: str) -> Any:
             if time.monotonic() > until:
                 raise
             time.sleep(0.1)
-
-
-def _wait_for_end(over: threading.Event) -> None:
-    """End the program where whoever began it is gone."""
-    sys.stdin.read()
-    over.set()
-
-
-def answer_of(settings: dict[str, Any] | None, rate_hz: float, rng: np.random.Generator) -> Answer:
-    """Return what answers samples of command with those of sensor and displacement: an exciter, or a wire for None."""
-    if settings is None:
-        return lambda share: (share, share)
-    return RunningExciter(Exciter(**settings), rate_hz, rng).answer
 
 
 if __name__ == "__main__":
