@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -148,8 +147,3 @@ THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
     *_PRESENTATION,
 )
 """One row for each threshold of a finished run."""
-
-
-def dictionary(tables: Iterable[tuple[str, Iterable[Meaning]]]) -> list[tuple[str, str, str, str]]:
-    """Return rows (table, column, description, unit) of all the tables."""
-    return [(table, one.name, one.description, one.unit) for table, columns in tables for one in columns]

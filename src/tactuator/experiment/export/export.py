@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 
 from tactuator import __version__
 from tactuator.errors import BadInput
-from tactuator.experiment.export.dictionary import Meaning, dictionary
+from tactuator.experiment.export.dictionary import Meaning
 from tactuator.experiment.export.rows import (
     Exported,
-    ExportTable,
     TableRow,
     Value,
     cell,
-    described,
     description,
     exported,
     label,
     lines,
     participants,
-    runs_of,
     study_names,
-    table_text,
     task_name,
     task_names,
     write_json,
@@ -31,54 +27,7 @@ from tactuator.experiment.export.rows import (
 from tactuator.experiment.store.store import Store
 from tactuator.io.atomic import atomic_folder
 
-
-def write_psych_ds(found: Exported, folder: Path) -> None:
-    """Write the dataset: trials and intervals of each subject and task, and the tables of all of them."""
-    variables: dict[str, Meaning] = {}
-    for table in found.tables.values():
-        for one in table.columns if table.rows else ():
-            variables.setdefault(one.name, one)
-    write_json(
-        folder / "dataset_description.json",
-        {
-            "@context": "https://schema.org/",
-            "@type": "Dataset",
-            "name": study_names(found),
-            "description": description(found),
-            "schemaVersion": "Psych-DS 1.0.0",
-            "variableMeasured": [_property(one) for one in variables.values()],
-        },
-    )
-    (folder / "README.md").write_text(f"# {study_names(found)}\n\n{description(found)}\n", encoding="utf-8")
-    data = folder / "data"
-    data.mkdir()
-    for name in ("events", "subjects", "thresholds"):
-        table = found.tables[name]
-        if table.rows:
-            (data / f"description-{name}_data.csv").write_text(table_text(table), encoding="utf-8")
-    for person in participants(found):
-        mine = [row for row in found.trials.rows if person.has(row)]
-        for task in task_names(mine):
-            trials = [row for row in mine if task_name(row) == task]
-            _write(data, f"subject-{person.label}_task-{task}", "trials", found.trials, trials)
-            runs = {row["run"] for row in trials}
-            intervals = [row for row in found.intervals.rows if row["run"] in runs]
-            _write(data, f"subject-{person.label}_task-{task}", "intervals", found.intervals, intervals)
-    (folder / "analysis").mkdir()
-    for name, settings in found.settings.items():
-        write_json(folder / "analysis" / f"{name}.json", settings)
-
-
-def _write(folder: Path, stem: str, what: str, table: ExportTable, rows: list[TableRow]) -> None:
-    (folder / f"{stem}_description-{what}_data.csv").write_text(table_text(table, rows=rows), encoding="utf-8")
-
-
-def _property(one: Meaning) -> dict[str, str]:
-    unit = {"unitText": one.unit} if one.unit else {}
-    return {"@type": "PropertyValue", "name": one.name, "description": one.description, **unit}
-
-
-_VERSION, _MISSING = "1.10.0", "n/a"
+_MISSING = "n/a"
 _QUESTIONS = {
     "detection": "Which interval carries the vibration?",
     "recognition": "Which item was it? (ABX: A or B?)",
@@ -92,85 +41,6 @@ _EVENTS = (
     Meaning("commanded_db_sl", "Commanded level", "dB re the threshold curve"),
     Meaning("measured_db_sl", "Level at the sensor", "dB re the threshold curve"),
 )
-
-
-def write_bids(found: Exported, folder: Path) -> None:
-    """Write the dataset into the folder."""
-    about = {"Name": study_names(found), "BIDSVersion": _VERSION}
-    made_by = [{"Name": "tactuator", "Version": __version__}]
-    write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", "GeneratedBy": made_by})
-    (folder / "README.md").write_text(f"# {study_names(found)}\n\n{description(found)}\n", encoding="utf-8")
-    _participants(found, folder)
-    visits = any(int(row["visit"] or 1) > 1 for row in found.trials.rows)
-    for one in participants(found):
-        mine = [row for row in found.trials.rows if one.has(row)]
-        for visit in sorted({int(row["visit"] or 1) for row in mine}):
-            entities = [f"sub-{one.label}", *([f"ses-{visit:02d}"] if visits else [])]
-            place = folder.joinpath(*entities, "beh")
-            place.mkdir(parents=True)
-            _session(found, [row for row in mine if row["visit"] == visit], place, "_".join(entities))
-    _derivatives(found, folder / "derivatives" / "tactuator", {**about, "GeneratedBy": made_by})
-
-
-def _participants(found: Exported, folder: Path) -> None:
-    """Write the subjects with their demographics; the ids that others know them by stay in the laboratory."""
-    extra = [one for one in found.subjects.columns if one.name not in ("study", "subject", "outside_id")]
-    rows = [
-        (f"sub-{one.label}", *(cell(row[column.name], _MISSING) for column in extra))
-        for one in participants(found)
-        for row in found.subjects.rows
-        if one.has(row)
-    ]
-    names = [("participant_id", *(one.name for one in extra))]
-    (folder / "participants.tsv").write_text(lines([*names, *rows], "\t"), encoding="utf-8")
-    write_json(folder / "participants.json", described(extra))
-
-
-def _session(found: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
-    for task in task_names(trials):
-        asked = [row for row in trials if task_name(row) == task]
-        for number, run in enumerate(runs_of(asked), start=1):
-            stem = f"{entities}_task-{task}_run-{number:02d}"
-            rows = [row for row in asked if row["run"] == run]
-            table = table_text(found.trials, "\t", _MISSING, rows)
-            (place / f"{stem}_beh.tsv").write_text(table, encoding="utf-8")
-            write_json(place / f"{stem}_beh.json", {**_sidecar(task), **described(found.trials.columns)})
-            played = [row for row in found.intervals.rows if row["run"] == run]
-            if all(row["onset_s"] is not None for row in played):
-                (place / f"{stem}_events.tsv").write_text(_events(rows, played), encoding="utf-8")
-                write_json(place / f"{stem}_events.json", described(_EVENTS[2:]))
-
-
-def _sidecar(task: str) -> dict[str, str]:
-    return {"TaskName": task, "TaskDescription": _QUESTIONS[task]}
-
-
-def _events(trials: list[TableRow], played: list[TableRow]) -> str:
-    """Return every interval of a run, in the order of time, as separated values."""
-    began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
-    first = min(began.values())
-    rows: list[list[Value]] = []
-    for row in played:
-        assert isinstance(row["onset_s"], float)
-        onset = (began[row["trial"]] - first).total_seconds() + row["onset_s"]
-        others = [cell(row[one.name], _MISSING) for one in _EVENTS[2:]]
-        rows.append([round(onset, 6), cell(row["duration_s"], _MISSING), *others])
-    rows.sort(key=lambda row: float(row[0] or 0.0))
-    return lines([[one.name for one in _EVENTS], *rows], "\t")
-
-
-def _derivatives(found: Exported, folder: Path, about: dict[str, object]) -> None:
-    """Write thresholds, events and settings as a dataset of its own."""
-    folder.mkdir(parents=True)
-    write_json(folder / "dataset_description.json", {**about, "DatasetType": "derivative"})
-    for name in ("thresholds", "events"):
-        table = found.tables[name]
-        (folder / f"{name}.tsv").write_text(table_text(table, "\t", _MISSING), encoding="utf-8")
-        write_json(folder / f"{name}.json", described(table.columns))
-    for name, settings in found.settings.items():
-        write_json(folder / f"{name}.json", settings)
-
-
 _OWN_NAMES = frozenset(
     [
         "trials.csv", "intervals.csv", "events.csv", "subjects.csv", "thresholds.csv", "dictionary.csv", "settings",
@@ -186,26 +56,149 @@ def export(store: Store, folder: Path, form: str) -> int:
     Raises BadInput for another form or a store without a response.
     """
     if form not in FORMS:
-        raise BadInput(f"format {form!r}", f"{', '.join(FORMS)}")
-    all_of_it = exported(store)
-    names = {label(str(row["subject"])) for row in all_of_it.subjects.rows}
-    own = _OWN_NAMES | {f"sub-{one}" for one in names | {one.label for one in participants(all_of_it)}}
-    with atomic_folder(folder, frozenset(own)) as beside:
-        FORMS[form](all_of_it, beside)
-    return len(all_of_it.trials.rows)
+        raise BadInput(f"format {form!r}", ", ".join(FORMS))
+    data = exported(store)
+    names = {label(str(row["subject"])) for row in data.tables["subjects"].rows}
+    names |= {person.label for person in participants(data)}
+    with atomic_folder(folder, _OWN_NAMES | {f"sub-{name}" for name in names}) as beside:
+        FORMS[form](data, beside)
+    return len(data.tables["trials"].rows)
 
 
-def _tidy(found: Exported, folder: Path) -> None:
+def _write_tidy(data: Exported, folder: Path) -> None:
     """Write a CSV for each table, dictionary.csv for all of them, and the protocols' settings."""
-    for name, table in found.tables.items():
-        (folder / f"{name}.csv").write_text(table_text(table), encoding="utf-8")
-    meanings = dictionary((name, table.columns) for name, table in found.tables.items())
-    header = ("table", "column", "description", "unit")
-    (folder / "dictionary.csv").write_text(lines([header, *meanings], ","), encoding="utf-8")
-    (folder / "settings").mkdir()
-    for name, settings in found.settings.items():
-        write_json(folder / "settings" / f"{name}.json", settings)
+    meanings = [("table", "column", "description", "unit")]
+    for name, table in data.tables.items():
+        table.write(folder / f"{name}.csv")
+        meanings += [(name, column.name, column.description, column.unit) for column in table.columns]
+    (folder / "dictionary.csv").write_text(lines(meanings, ","), encoding="utf-8")
+    _write_settings(data, folder / "settings")
 
 
-FORMS: dict[str, Callable[[Exported, Path], None]] = {"tidy": _tidy, "psych-ds": write_psych_ds, "bids": write_bids}
+def _write_settings(data: Exported, folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    for name, settings in data.settings.items():
+        write_json(folder / f"{name}.json", settings)
+
+
+def _write_read_me(data: Exported, folder: Path) -> None:
+    (folder / "README.md").write_text(f"# {study_names(data)}\n\n{description(data)}\n", encoding="utf-8")
+
+
+def _write_psych_ds(data: Exported, folder: Path) -> None:
+    """Write trials and intervals of each subject and task, and the tables of all, described in schema.org's words."""
+    variables: dict[str, Meaning] = {}
+    for column in (column for table in data.tables.values() if table.rows for column in table.columns):
+        variables.setdefault(column.name, column)
+    measured = [
+        {"@type": "PropertyValue", "name": name, "description": about.description}
+        | ({"unitText": about.unit} if about.unit else {})
+        for name, about in variables.items()
+    ]
+    about = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": study_names(data),
+        "description": description(data),
+        "schemaVersion": "Psych-DS 1.0.0",
+        "variableMeasured": measured,
+    }
+    write_json(folder / "dataset_description.json", about)
+    _write_read_me(data, folder)
+    within = folder / "data"
+    within.mkdir()
+    for name in ("events", "subjects", "thresholds"):
+        if data.tables[name].rows:
+            data.tables[name].write(within / f"description-{name}_data.csv")
+    for person in participants(data):
+        mine = [row for row in data.tables["trials"].rows if person.has(row)]
+        for task in task_names(mine):
+            runs = {row["run"] for row in mine if task_name(row) == task}
+            for name in ("trials", "intervals"):
+                rows = [row for row in data.tables[name].rows if row["run"] in runs]
+                path = within / f"subject-{person.label}_task-{task}_description-{name}_data.csv"
+                data.tables[name].write(path, rows=rows)
+    _write_settings(data, folder / "analysis")
+
+
+def _write_bids(data: Exported, folder: Path) -> None:
+    """Write runs of each subject with side-cars, the subjects, and thresholds as a dataset derived from them."""
+    about = {"Name": study_names(data), "BIDSVersion": "1.10.0"}
+    by = {"GeneratedBy": [{"Name": "tactuator", "Version": __version__}]}
+    write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", **by})
+    _write_read_me(data, folder)
+    _write_participants(data, folder)
+    trials = data.tables["trials"].rows
+    visits = any(int(row["visit"] or 1) > 1 for row in trials)
+    for person in participants(data):
+        mine = [row for row in trials if person.has(row)]
+        for visit in sorted({int(row["visit"] or 1) for row in mine}):
+            entities = [f"sub-{person.label}", *([f"ses-{visit:02d}"] if visits else [])]
+            place = folder.joinpath(*entities, "beh")
+            place.mkdir(parents=True)
+            _write_session(data, [row for row in mine if row["visit"] == visit], place, "_".join(entities))
+    derived = folder / "derivatives" / "tactuator"
+    derived.mkdir(parents=True)
+    write_json(derived / "dataset_description.json", {**about, **by, "DatasetType": "derivative"})
+    for name in ("thresholds", "events"):
+        data.tables[name].write(derived / f"{name}.tsv", "\t", _MISSING)
+        write_json(derived / f"{name}.json", _described(data.tables[name].columns))
+    _write_settings(data, derived)
+
+
+def _described(columns: tuple[Meaning, ...]) -> Mapping[str, Mapping[str, str]]:
+    """Return a side-car's description of columns."""
+    return {
+        column.name: {"Description": column.description, **({"Units": column.unit} if column.unit else {})}
+        for column in columns
+    }
+
+
+def _write_participants(data: Exported, folder: Path) -> None:
+    """Write the subjects with their demographics; the ids that others know them by stay in the laboratory."""
+    subjects = data.tables["subjects"]
+    kept = tuple(column for column in subjects.columns if column.name not in ("study", "subject", "outside_id"))
+    rows: list[tuple[Value, ...]] = [("participant_id", *(column.name for column in kept))]
+    for person in participants(data):
+        mine = (row for row in subjects.rows if person.has(row))
+        rows += [(f"sub-{person.label}", *(cell(row[column.name], _MISSING) for column in kept)) for row in mine]
+    (folder / "participants.tsv").write_text(lines(rows, "\t"), encoding="utf-8")
+    write_json(folder / "participants.json", _described(kept))
+
+
+def _write_session(data: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
+    table = data.tables["trials"]
+    for task in task_names(trials):
+        asked = [row for row in trials if task_name(row) == task]
+        for number, run in enumerate(dict.fromkeys(row["run"] for row in asked), start=1):
+            stem = f"{entities}_task-{task}_run-{number:02d}"
+            rows = [row for row in asked if row["run"] == run]
+            table.write(place / f"{stem}_beh.tsv", "\t", _MISSING, rows)
+            sidecar = {"TaskName": task, "TaskDescription": _QUESTIONS[task], **_described(table.columns)}
+            write_json(place / f"{stem}_beh.json", sidecar)
+            played = [row for row in data.tables["intervals"].rows if row["run"] == run]
+            if all(row["onset_s"] is not None for row in played):
+                (place / f"{stem}_events.tsv").write_text(_events(rows, played), encoding="utf-8")
+                write_json(place / f"{stem}_events.json", _described(_EVENTS[2:]))
+
+
+def _events(trials: list[TableRow], played: list[TableRow]) -> str:
+    """Return every interval of a run, in the order of time, as separated values."""
+    began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
+    first = min(began.values())
+    rows: list[list[Value]] = []
+    for row in played:
+        assert isinstance(row["onset_s"], float)
+        onset = (began[row["trial"]] - first).total_seconds() + row["onset_s"]
+        others = [cell(row[column.name], _MISSING) for column in _EVENTS[2:]]
+        rows.append([round(onset, 6), cell(row["duration_s"], _MISSING), *others])
+    rows.sort(key=lambda row: float(row[0] or 0.0))
+    return lines([[column.name for column in _EVENTS], *rows], "\t")
+
+
+FORMS: dict[str, Callable[[Exported, Path], None]] = {
+    "tidy": _write_tidy,
+    "psych-ds": _write_psych_ds,
+    "bids": _write_bids,
+}
 """Names of the formats, and the functions that write them."""

@@ -39,13 +39,35 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """Characters that spreadsheets take for the beginning of a formula."""
 
 
-def table_text(
-    table: ExportTable, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
-) -> str:
-    """Return the table (or those of its rows) as separated values with a header; missing: of cells with nothing."""
-    names = [one.name for one in table.columns]
-    cells = ([cell(row[name], missing) for name in names] for row in (table.rows if rows is None else rows))
-    return lines([names, *cells], separator)
+Value = str | int | float | None
+TableRow = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class ExportTable:
+    """A table of an export: the meanings of its columns, and its rows as values by the columns' names."""
+
+    columns: tuple[Meaning, ...]
+    rows: tuple[TableRow, ...]
+
+    def write(
+        self, path: Path, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
+    ) -> None:
+        """Write the table (or those rows) as separated values with a header; missing: of cells with nothing."""
+        names = [column.name for column in self.columns]
+        cells = ([cell(row[name], missing) for name in names] for row in (self.rows if rows is None else rows))
+        path.write_text(lines([names, *cells], separator), encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The tables of a store by name: trials, intervals, events, subjects, thresholds.
+
+    settings: each version of each study's protocol, with its reason and time, by the name of its file.
+    """
+
+    tables: Mapping[str, ExportTable]
+    settings: Mapping[str, Mapping[str, object]]
 
 
 def cell(value: Value, missing: str = "") -> Value:
@@ -67,11 +89,6 @@ def write_json(path: Path, document: object) -> None:
     path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def described(columns: Iterable[Meaning]) -> dict[str, dict[str, str]]:
-    """Return a BIDS side-car's description of columns."""
-    return {one.name: {"Description": one.description, **({"Units": one.unit} if one.unit else {})} for one in columns}
-
-
 def label(text: str) -> str:
     """Return the text as a label in a file's name may be: letters and digits."""
     return re.sub(r"[^A-Za-z0-9]", "", text)
@@ -87,9 +104,9 @@ def task_names(rows: Sequence[TableRow]) -> list[str]:
     return sorted({task_name(row) for row in rows})
 
 
-def study_names(found: Exported) -> str:
+def study_names(data: Exported) -> str:
     """Return the names of the studies, joined."""
-    return "; ".join(sorted({str(row["study"]) for row in found.trials.rows}))
+    return "; ".join(sorted({str(row["study"]) for row in data.tables["trials"].rows}))
 
 
 @dataclass(frozen=True)
@@ -105,13 +122,13 @@ class Participant:
         return (row["study"], row["subject"]) == (self.study, self.subject)
 
 
-def participants(found: Exported) -> list[Participant]:
+def participants(data: Exported) -> list[Participant]:
     """Return the participants with trials, by study and code.
 
     A code that two studies of the store have, or two codes that a file system may take for one, are told apart: the
     name of the study stands before the code and, if that is not enough, a number follows.
     """
-    each = sorted({(str(row["study"]), str(row["subject"])) for row in found.trials.rows})
+    each = sorted({(str(row["study"]), str(row["subject"])) for row in data.tables["trials"].rows})
     codes = Counter(label(subject).casefold() for _, subject in each)
     taken: set[str] = set()
     all_of_them = []
@@ -124,69 +141,28 @@ def participants(found: Exported) -> list[Participant]:
     return all_of_them
 
 
-def runs_of(rows: Sequence[TableRow]) -> list[Value]:
-    """Return the runs of the trials, each once, in the order of the store."""
-    return list(dict.fromkeys(row["run"] for row in rows))
-
-
-def description(found: Exported) -> str:
+def description(data: Exported) -> str:
     """Return a description of the data in a sentence or two, which calls simulated data simulated."""
-    text = f"Vibrotactile {' and '.join(task_names(found.trials.rows))}, one row for each answered trial."
-    simulated = {row["respondent"] for row in found.trials.rows} & {"simulated", "script"}
+    trials = data.tables["trials"].rows
+    text = f"Vibrotactile {' and '.join(task_names(trials))}, one row for each answered trial."
+    simulated = {row["respondent"] for row in trials} & {"simulated", "script"}
     if simulated:
         text += " Simulated subjects answered; see the column respondent."
-    elif any(row["rig_simulated"] == 1 for row in found.trials.rows):
+    elif any(row["rig_simulated"] == 1 for row in trials):
         text += " The display was simulated: nothing could be felt; see the columns rig_simulated and shown."
     return text
-
-
-Value = str | int | float | None
-TableRow = Mapping[str, Value]
-
-
-@dataclass(frozen=True)
-class ExportTable:
-    """A table of an export: the meanings of its columns, and its rows as values by the columns' names."""
-
-    columns: tuple[Meaning, ...]
-    rows: tuple[TableRow, ...]
-
-
-@dataclass(frozen=True)
-class Exported:
-    """All tables of a store.
-
-    settings: each version of each study's protocol, with its reason and time, by the name of its file.
-    """
-
-    trials: ExportTable
-    intervals: ExportTable
-    events: ExportTable
-    subjects: ExportTable
-    thresholds: ExportTable
-    settings: Mapping[str, Mapping[str, object]]
-
-    @property
-    def tables(self) -> dict[str, ExportTable]:
-        """Return the tables by their names."""
-        return {
-            "trials": self.trials,
-            "intervals": self.intervals,
-            "events": self.events,
-            "subjects": self.subjects,
-            "thresholds": self.thresholds,
-        }
 
 
 def exported(store: Store) -> Exported:
     """Read all of the store. Raises BadInput for a store without a response that may be used."""
     with store.read() as connection:
-        trials = _trials(connection)
-        if not trials.rows:
+        tables = {"trials": _trials(connection)}
+        if not tables["trials"].rows:
             raise BadInput(f"store {store.path} has no response", "one with at least one")
-        intervals, events = _intervals(connection), _events(connection)
-        subjects, settings = _subjects(connection), _settings(connection)
-    return Exported(trials, intervals, events, subjects, _thresholds(store), settings)
+        tables |= {"intervals": _intervals(connection), "events": _events(connection)}
+        tables["subjects"], settings = _subjects(connection), _settings(connection)
+    tables["thresholds"] = _thresholds(store)
+    return Exported(tables, settings)
 
 
 _ANSWERED_TRIALS = (

@@ -92,35 +92,28 @@ class Procedure(Protocol):
 
     def placement(self) -> Placement | None:
         """Return where the next trial is put, or None when the run is over. Asking twice gives the same answer."""
-        ...
 
     def record(self, correct: bool) -> None:
         """Learn the outcome of the trial that `placement` returned. Raises BadInput once the run is over."""
-        ...
 
     @property
     def trials(self) -> int:
         """Return the number of trials recorded so far."""
-        ...
 
     @property
     def progress(self) -> float:
         """Return how far the run is, from 0 to 1; it never falls."""
-        ...
 
     def estimate(self) -> Estimate | None:
         """Return the threshold as the procedure itself states it, or None while (or where) it has none."""
-        ...
 
     @property
     def flags(self) -> tuple[str, ...]:
         """Return the names of what a reader must know of the run: floor, ceiling, trial-limit."""
-        ...
 
     @property
     def point(self) -> float:
         """Return the share correct, lapses included, at the level that its estimate stands for."""
-        ...
 
 
 @table("[procedure]")

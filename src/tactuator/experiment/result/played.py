@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
 from tactuator.experiment.trial.trial import Timing
 from tactuator.signals.decibels import from_db
 
@@ -118,29 +118,7 @@ _STEADY_VARIATION_MAX = 0.5
 _SIMULATED_RIGS = ("simulated", "in-process", "emulated")
 
 
-@dataclass(frozen=True)
-class PlayedIntervals:
-    """Intervals of a run as they were played; arrays (intervals,).
-
-    trial: index in the run. commanded_db_sl: NaN where blank. measured_db_sl: at the sensor. saturated: True where a
-    converter was.
-    """
-
-    trial: NDArray[np.intp]
-    commanded_db_sl: FloatArray
-    measured_db_sl: FloatArray
-    saturated: NDArray[np.bool_]
-
-
-def played(run: StoredRun) -> PlayedIntervals:
-    """Return the intervals of all the run's trials."""
-    seen = run.intervals
-    each = max(seen.saturated.size // max(run.correct.size, 1), 1)
-    trial = np.arange(seen.saturated.size) // each
-    return PlayedIntervals(trial, seen.commanded_db_sl, seen.measured_db_sl, seen.saturated)
-
-
-def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
+def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
     """Return whether hum was felt with the stimulus.
 
     That is a line of 50 or 60 Hz mains within the bandwidth of the stimulus, and blank intervals with a steady tenth or

@@ -19,15 +19,13 @@ from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
 from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
 from tactuator.experiment.result.played import (
     DeliveredLevel,
-    PlayedIntervals,
     attention,
     catch_kinds,
     delivered_level,
     hum_is_felt,
     is_simulated,
-    played,
 )
-from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
 
 _POINT_COUNT = 12
 
@@ -222,7 +220,7 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
     level, sd, low, high = (float(value) for value in fitted)
     at = _Level.clipped(level, sd, low, high, float(levels.min()), float(levels.max()))
-    seen, hertz = played(run), float(run.run.frequency_hz)
+    seen, hertz = run.intervals, float(run.run.frequency_hz)
     gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
     names = [*procedure.flags, *flags.names(row), *attention(run)]
     if hum_is_felt(seen, hertz, run.protocol.timing, at.level):
@@ -236,10 +234,11 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
 
 
 def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
-    kinds, seen = catch_kinds(run), played(run)
+    kinds, seen = catch_kinds(run), run.intervals
     own = kinds != "blank"
     if not own.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
+    trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)
     levels, hertz = run.levels_db_sl[own], run.frequency_hz[own]
     curve = curve_run(procedure.rule, hertz, levels, run.correct[own])
     order = np.argsort(run.frequency_hz, kind="stable")
@@ -250,7 +249,7 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
     for frequency, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
         low, high = level - _NORMAL_95 * sd, level + _NORMAL_95 * sd
         at = _Level.clipped(level, float(sd), low, high, float(levels.min()), float(levels.max()))
-        near = np.abs(np.log10(run.frequency_hz / frequency))[seen.trial] <= _NEAR_DECADES
+        near = np.abs(np.log10(run.frequency_hz / frequency))[trial] <= _NEAR_DECADES
         gain = delivered_level(
             seen.commanded_db_sl[near], seen.measured_db_sl[near], float(frequency), at.level, _NEAR_DB
         )
@@ -260,7 +259,7 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
     return found
 
 
-def _of_playing(seen: PlayedIntervals, at: _Level, gain: DeliveredLevel) -> list[str]:
+def _of_playing(seen: StoredIntervals, at: _Level, gain: DeliveredLevel) -> list[str]:
     found = {
         "out-of-range": bool(at.bound),
         "saturated": bool(seen.saturated.any()),

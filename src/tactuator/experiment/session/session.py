@@ -100,19 +100,14 @@ def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
     """Take a course through a run's answers. Raises BadInput where the store's trials are not those of the course."""
     for row in answers:
         trial = course.trial()
-        if trial is None or not _is_stored(trial, row):
+        level = None if trial is None or trial.placement is None else trial.placement.level_db_sl
+        if level is None or row.level_db_sl is None:
+            same = level is row.level_db_sl
+        else:
+            same = abs(level - row.level_db_sl) <= _LEVEL_TOLERANCE_DB
+        if trial is None or not same or trial.correct != row.correct_response:
             raise BadInput(f"run {run}, trial {row.number}: the store does not replay", "its own protocol")
         course.record(row.response)
-
-
-def _is_stored(trial: Trial, row: Found) -> bool:
-    """Return whether a trial is the one in the store's row."""
-    level = None if trial.placement is None else trial.placement.level_db_sl
-    if level is None or row.level_db_sl is None:
-        same = level is row.level_db_sl
-    else:
-        same = abs(level - row.level_db_sl) <= _LEVEL_TOLERANCE_DB
-    return same and trial.correct == row.correct_response
 
 
 Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
@@ -122,8 +117,8 @@ class Session:
     """One visit of a subject.
 
     row: the session's in the store. version: of the protocol that the task is of. sitting: who answers. held: the run
-    that waits until the experimenter says how it goes on, or None. Raises BadInput where the store's trials do not
-    replay.
+    that waits until the experimenter says how it goes on, or None. ended: how the session ended before its time
+    (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
     """
 
     def __init__(
@@ -141,7 +136,7 @@ class Session:
         self.runs = task.runs(*self._who)
         self.held: PlannedRun | None = None
         self._pace = Pace()
-        self._ended: str | None = None
+        self.ended: str | None = None
         self._rested_since_s = 0.0
         self._running: Running | None = None
         self._states: dict[int, str] = {}
@@ -155,37 +150,34 @@ class Session:
     def _load(self) -> None:
         with self.store.read() as connection:
             row = records.session(connection, self.id)
-            self._ended, pinned = row.ended, row.protocol_version_id
+            self.ended, pinned = row.ended, row.protocol_version_id
             self._consented = row.consented_utc is not None or not self.task.protocol.study.consent
-            last = records.last_answer_utc(connection, self.id)
-            self.trials = records.trial_count(connection, self.id)
+            tallies = records.tallies(connection, self.id)
+            self.trials = sum(tally.answered for tally in tallies.values())
             self._since_break = self.trials - records.last_break(connection, self.id)
             runs = records.latest_runs(connection, self.id)
-            tallies = records.tallies(connection, self.id)
             going = next((run for run in runs if run.state == "running"), None)
             answers = [] if going is None else records.answers(connection, going.id)
         if pinned not in (None, self.version):
             raise BadInput(f"session {self.id} began under another version of the protocol", "that one")
+        last = max((tally.last_utc for tally in tallies.values()), default=None)
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
-        self._states = {run.position: run.state for run in runs}
-        self._tally = {run.position: tallies.get(run.id, (0, 0)) for run in runs}
+        for run in runs:
+            tally = tallies.get(run.id)
+            self._states[run.position] = run.state
+            self._tally[run.position] = (0, 0) if tally is None else (int(tally.answered), int(tally.right))
         if going is not None:
-            self._running = self._replay(going, answers)
-            self._count_interruption(going, answers)
-            self._end_finished_run()
+            self._take_up(going, answers)
 
-    def _replay(self, run: Found, answers: list[Found]) -> Running:
-        running = self._new_running(run.id, self.runs[run.position], run.attempt)
-        replay(running.course, run.id, answers)
-        return running
-
-    def _count_interruption(self, run: Found, answers: list[Found]) -> None:
-        """Count how long the run has lain there already by the wall clock, which is all that is known after a crash."""
+    def _take_up(self, run: Found, answers: list[Found]) -> None:
+        """Go on with a run, and count how long it lay there by the wall clock, all that is known after a crash."""
+        self._running = self._new_running(run.id, self.runs[run.position], run.attempt)
+        replay(self._running.course, run.id, answers)
         gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
             self.note("clock-jump", f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted")
-        assert self._running is not None
         self._running.last_heard_s -= max(gap_s, 0.0)
+        self._end_finished_run()
 
     def _since_s(self, stamped: str) -> float:
         return (self.clock.utc() - datetime.fromisoformat(stamped)).total_seconds()
@@ -199,27 +191,19 @@ class Session:
     @property
     def stage(self) -> Stage:
         """Return what the subject is to do now."""
-        if self._ended is not None:
+        if self.ended is not None:
             return "ended"
         if not self._consented:
             return "consent"
         upcoming = self.upcoming
         if upcoming is None:
             return "done"
-        if self._break_is_due():
+        rules = self.task.rules
+        between = rules.break_between_runs and self._running is None and self._since_break > 0
+        if between or (rules.break_after_trials is not None and self._since_break >= rules.break_after_trials):
             return "break"
         introduced = self._introduced or self._running is not None or not upcoming.introduction
         return "trial" if introduced else "introduction"
-
-    def _break_is_due(self) -> bool:
-        rules = self.task.rules
-        between = rules.break_between_runs and self._running is None and self._since_break > 0
-        return between or (rules.break_after_trials is not None and self._since_break >= rules.break_after_trials)
-
-    @property
-    def ended(self) -> str | None:
-        """Return how the session ended before its time (declined, withdrawn, withdrawn-discard), or None."""
-        return self._ended
 
     @property
     def break_left_s(self) -> float:
@@ -282,16 +266,15 @@ class Session:
             raise BadInput(f"session is at {self.stage!r}", "a trial only where one is due")
         running = self._running
         if running is None:
-            running = self._begin(upcoming, self._attempts(upcoming.position))
+            with self.store.read() as connection:
+                runs = records.latest_runs(connection, self.id)
+            attempt = next((run.attempt + 1 for run in runs if run.position == upcoming.position), 0)
+            running = self._begin(upcoming, attempt)
         elif self.clock.monotonic_s() - running.last_heard_s > self.task.rules.resume_within_s:
             running = self._begin(running.planned, running.attempt + 1, replaced=running)
         trial = running.course.trial()
         assert trial is not None
         return NextTrial(running.row, running.planned, trial, running.course.seed)
-
-    def _attempts(self, position: int) -> int:
-        with self.store.read() as connection:
-            return records.attempts(connection, self.id, position)
 
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
         now = self.clock.utc()
@@ -387,13 +370,10 @@ class Session:
 
     def withdraw(self, keep: bool) -> None:
         """End the subject's part for good; keep: the answers so far may be used. Raises BadInput if it has ended."""
-        if self._ended is not None:
-            raise BadInput(f"session has ended ({self._ended})", "leaving one that goes on")
-        running = self._running
-        if running is not None:
-            with self.store.begin() as connection:
-                records.end_run(connection, running.row, "stopped", self.clock.utc())
-            self._leave_run("stopped")
+        if self.ended is not None:
+            raise BadInput(f"session has ended ({self.ended})", "leaving one that goes on")
+        if self._running is not None:
+            self.stop_run()
         self._end("withdrawn" if keep else "withdrawn-discard", "answers kept" if keep else "answers not to be used")
 
     def _end(self, how: str, detail: str) -> None:
@@ -401,7 +381,7 @@ class Session:
         with self.store.begin() as connection:
             records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
             records.note(connection, self.id, how, detail, now)
-        self._ended = how
+        self.ended = how
 
     def end_break(self) -> None:
         """End a break. Raises BadInput before the break has lasted as long as it has to."""
@@ -421,20 +401,17 @@ class Session:
 
     def stop_run(self) -> None:
         """Stop the run that goes on, or practice that was not passed; its trials stay, marked."""
-        if self._running is None and self.held is not None:
-            self._give_up_held(self.held)
-            return
-        if self._running is None:
+        planned = self.held if self._running is None else self._running.planned
+        if planned is None:
             raise BadInput("no run goes on", "stopping one that does")
         with self.store.begin() as connection:
-            records.end_run(connection, self._running.row, "stopped", self.clock.utc())
-        self._leave_run("stopped")
-
-    def _give_up_held(self, planned: PlannedRun) -> None:
-        with self.store.begin() as connection:
-            row = next(run for run in records.latest_runs(connection, self.id) if run.position == planned.position)
-            records.end_run(connection, row.id, "stopped", self.clock.utc())
-        self._states[planned.position], self.held = "stopped", None
+            runs = records.latest_runs(connection, self.id)
+            row = next(run.id for run in runs if run.position == planned.position)
+            records.end_run(connection, row, "stopped", self.clock.utc())
+        if self._running is None:
+            self._states[planned.position], self.held = "stopped", None
+        else:
+            self._leave_run("stopped")
 
     def note(self, kind: str, detail: str, trials: int | None = None) -> None:
         """Store an event of that kind."""

@@ -24,7 +24,7 @@ from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
 from tactuator.experiment.store import records
-from tactuator.experiment.store.records import Change, Found, NewSubject, Sitting, Tokens, note, stamp
+from tactuator.experiment.store.records import Change, Found, Sitting, Tokens, note, stamp
 from tactuator.experiment.store.store import Store
 
 _TOKEN_BYTES = 16
@@ -68,8 +68,7 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
     if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
         raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
     facts = books.protocol.facts(part.demographics)
-    new = NewSubject(part.code, part.group, part.participant_id, facts=facts)
-    row = records.add_subject(connection, books.study, new, books.now)
+    row = records.add_subject(connection, books.study, part, facts, books.now)
     for visit in range(1, books.protocol.study.visits + 1):
         token = books.tokens(part.code, visit)
         records.add_session(connection, books.protocol, row, token, books.now, part.skin_temperature_c)

@@ -17,7 +17,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol
-from tactuator.experiment.store.records import ApparatusRecord, PlayedTrial
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Timing, Trial
@@ -32,11 +32,9 @@ class Clock(Protocol):
 
     def utc(self) -> datetime:
         """Return the present time with its time zone."""
-        ...
 
     def monotonic_s(self) -> float:
         """Return seconds that only go forward."""
-        ...
 
 
 class SystemClock:
@@ -83,22 +81,26 @@ class Apparatus:
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
         raise BadInput(f"finger {finger!r} is not on the display", f"{fingers}")
 
-    def record(self, finger: str) -> ApparatusRecord:
-        """Return the description of the apparatus that is stored with a run on that finger."""
-        channel = self.channel(finger)
-        curve = channel.threshold.curve
-        return ApparatusRecord(
-            self.name,
-            self.controller.display.name,
-            self.controller.content_hash,
-            curve.name,
-            curve.content_hash,
-            channel.sensor_gain_v_per_mm,
-            *self.band_hz,
-            self.simulated,
-            self.rig.rate_hz,
-            self.rig.speed,
-        )
+    def record(self, finger: str) -> dict[str, object]:
+        """Return the columns of a run on that finger that describe the apparatus.
+
+        rig_simulated: True where nothing can be felt. speed: of presentation, 1 being real time, None as fast as the
+        rig can.
+        """
+        channel, (low_hz, high_hz) = self.channel(finger), self.band_hz
+        return {
+            "rig": self.name,
+            "display": self.controller.display.name,
+            "controller_sha256": self.controller.content_hash,
+            "curve": channel.threshold.curve.name,
+            "curve_sha256": channel.threshold.curve.content_hash,
+            "sensor_gain_v_per_mm": channel.sensor_gain_v_per_mm,
+            "band_low_hz": low_hz,
+            "band_high_hz": high_hz,
+            "rig_simulated": self.simulated,
+            "rig_rate_hz": self.rig.rate_hz,
+            "speed": self.rig.speed,
+        }
 
     def playable(self, timing: Timing) -> Playable:
         """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
@@ -212,42 +214,33 @@ class Course(Protocol):
     @property
     def seed(self) -> tuple[int, ...]:
         """Return the seed of the run."""
-        ...
 
     @property
     def trials(self) -> int:
         """Return the number of trials answered so far."""
-        ...
 
     @property
     def progress(self) -> float:
         """Return how far the run is, from 0 to 1."""
-        ...
 
     def trial(self) -> Trial | None:
         """Return the trial that stands, or None when the run is over. Asking twice gives the same."""
-        ...
 
     @property
     def passed(self) -> bool:
         """Return False for practice that is over and has not met its criterion, True otherwise."""
-        ...
 
     def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
         """Play the trial. presented: the present time. Raises Halted where it was stopped while it played."""
-        ...
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of what the interval plays."""
-        ...
 
     def record(self, response: str) -> None:
         """Record the response to the trial that stands. Raises BadInput if it is not allowed."""
-        ...
 
     def picture(self) -> Picture:
         """Return the run so far as an operator's page draws it."""
-        ...
 
 
 class SessionTask(Protocol):
@@ -256,46 +249,36 @@ class SessionTask(Protocol):
     @property
     def protocol(self) -> StudyProtocol:
         """Return the protocol as it was read."""
-        ...
 
     @property
     def apparatus(self) -> Apparatus:
         """Return the apparatus that plays the stimuli."""
-        ...
 
     @property
     def words(self) -> Words:
         """Return the words of the study's language."""
-        ...
 
     @property
     def question(self) -> Question:
         """Return the question that subjects see."""
-        ...
 
     @property
     def rules(self) -> Rules:
         """Return the rules of a session."""
-        ...
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Store what a new study has besides its sessions. Raises BadInput where the study is there with something
         else.
         """
-        ...
 
     def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
         """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
-        ...
 
     def course(self, planned: PlannedRun, subject: int, visit: int, attempt: int) -> Course:
         """Return the course of a planned run from its beginning."""
-        ...
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
-        ...
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return the results of the session's answers so far. Raises BadInput while there are none."""
-        ...

@@ -5,13 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, cast
 
-from sqlalchemy import Connection, Integer, Row, Select, cast, delete, func, insert, select, update
+from sqlalchemy import (
+    Column,
+    ColumnElement,
+    Connection,
+    Integer,
+    Row,
+    Select,
+    Table,
+    delete,
+    func,
+    insert,
+    select,
+    update,
+)
+from sqlalchemy import cast as sql_cast
 
 from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
-from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol
+from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol, SubjectPart
 from tactuator.experiment.store import schema
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
@@ -27,33 +41,29 @@ Tokens = Callable[[str, int], str]
 """A function of the subject's code and the number of the visit that returns the token of a link."""
 
 
-@dataclass(frozen=True)
-class NewSubject:
-    """A subject to enrol; facts: (value, unit) of each demographic item by its name."""
+def _last(connection: Connection, column: Column[Any], *where: ColumnElement[bool]) -> Any:
+    """Return the largest value of a column among those rows, or None without any."""
+    return connection.execute(select(func.max(column)).where(*where)).scalar()
 
-    code: str
-    group: str = "unknown"
-    participant_id: str | None = None
-    skin_temperature_c: float | None = None
-    facts: Mapping[str, tuple[str, str]] | None = None
+
+def _add(connection: Connection, table: Table, row: Mapping[str, Any]) -> Found:
+    return connection.execute(insert(table).values(row).returning(table)).one()
 
 
 def add_study(connection: Connection, name: str, now: datetime) -> int:
     """Store a new study and return its id."""
-    row = {"name": name, "created_utc": stamp(now)}
-    return int(connection.execute(insert(schema.study).values(row).returning(schema.study.c.id)).scalar_one())
+    return int(_add(connection, schema.study, {"name": name, "created_utc": stamp(now)}).id)
 
 
 def study_by_version(connection: Connection, text: str) -> int | None:
     """Return the newest study that has had a protocol of exactly that text, or None."""
-    version = schema.protocol_version
-    query = select(func.max(version.c.study_id)).where(version.c.sha256 == protocol_hash(text))
-    return connection.execute(query).scalar()
+    version = schema.protocol_version.c
+    return cast("int | None", _last(connection, version.study_id, version.sha256 == protocol_hash(text)))
 
 
 def study_by_name(connection: Connection, name: str) -> int | None:
     """Return the newest study of that name, or None."""
-    return connection.execute(select(func.max(schema.study.c.id)).where(schema.study.c.name == name)).scalar()
+    return cast("int | None", _last(connection, schema.study.c.id, schema.study.c.name == name))
 
 
 def study_names(connection: Connection) -> list[str]:
@@ -70,7 +80,7 @@ def versions(connection: Connection, study: int) -> list[Found]:
 def add_version(connection: Connection, study: int, text: str, reason: str, now: datetime) -> int:
     """Store a further version of the study's protocol and return its id."""
     table = schema.protocol_version
-    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar() or 0
+    last = _last(connection, table.c.number, table.c.study_id == study) or 0
     row = {
         "study_id": study,
         "number": last + 1,
@@ -80,7 +90,7 @@ def add_version(connection: Connection, study: int, text: str, reason: str, now:
         "tool_version": __version__,
         "created_utc": stamp(now),
     }
-    return int(connection.execute(insert(table).values(row).returning(table.c.id)).scalar_one())
+    return int(_add(connection, table, row).id)
 
 
 def subjects(connection: Connection, study: int) -> list[Found]:
@@ -89,10 +99,11 @@ def subjects(connection: Connection, study: int) -> list[Found]:
     return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
 
 
-def add_subject(connection: Connection, study: int, new: NewSubject, now: datetime) -> Found:
-    """Store a subject under the next number and return the row."""
-    table = schema.subject
-    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar()
+def add_subject(
+    connection: Connection, study: int, new: SubjectPart, facts: Mapping[str, tuple[str, str]], now: datetime
+) -> Found:
+    """Store a subject under the next number and return the row; facts: (value, unit) of each demographic item."""
+    last = _last(connection, schema.subject.c.number, schema.subject.c.study_id == study)
     row = {
         "study_id": study,
         "number": 0 if last is None else last + 1,
@@ -101,10 +112,10 @@ def add_subject(connection: Connection, study: int, new: NewSubject, now: dateti
         "participant_id": new.participant_id,
         "enrolled_utc": stamp(now),
     }
-    made = connection.execute(insert(table).values(row).returning(table)).one()
-    for name, (value, unit) in (new.facts or {}).items():
-        set_fact(connection, made.id, name, value, unit)
-    return made
+    subject = _add(connection, schema.subject, row)
+    for name, (value, unit) in facts.items():
+        set_fact(connection, subject.id, name, value, unit)
+    return subject
 
 
 def add_session(
@@ -117,7 +128,7 @@ def add_session(
 ) -> None:
     """Store the subject's next visit, under the circumstances of the protocol."""
     table = schema.session
-    last = connection.execute(select(func.max(table.c.visit)).where(table.c.subject_id == subject.id)).scalar() or 0
+    last = _last(connection, table.c.visit, table.c.subject_id == subject.id) or 0
     circumstances = dict(vars(protocol.circumstances))
     if skin_temperature_c is not None:
         circumstances["skin_temperature_c"] = skin_temperature_c
@@ -184,27 +195,6 @@ def set_fact(connection: Connection, subject: int, name: str, value: str | None,
 
 
 @dataclass(frozen=True)
-class ApparatusRecord:
-    """The apparatus that plays the stimuli, as it is stored with every run.
-
-    rig_simulated: True where nothing can be felt. speed: of presentation, 1 being real time, None as fast as the rig
-    can.
-    """
-
-    rig: str
-    display: str
-    controller_sha256: str
-    curve: str
-    curve_sha256: str
-    sensor_gain_v_per_mm: float
-    band_low_hz: float
-    band_high_hz: float
-    rig_simulated: bool = False
-    rig_rate_hz: float | None = None
-    speed: float | None = None
-
-
-@dataclass(frozen=True)
 class Sitting:
     """The respondent of a sitting and what of the stimuli they can see or hear, as stored with every run.
 
@@ -225,23 +215,20 @@ def latest_runs(connection: Connection, session: int) -> list[Found]:
     return list({row.position: row for row in connection.execute(query)}.values())
 
 
-def attempts(connection: Connection, session: int, position: int) -> int:
-    """Return the number of attempts at a planned run."""
-    query = select(func.count()).where(schema.run.c.session_id == session, schema.run.c.position == position)
-    return int(connection.execute(query).scalar_one())
-
-
 def begin_run(
     connection: Connection,
     session: int,
     planned: PlannedRun,
     attempt: int,
-    apparatus: ApparatusRecord,
+    apparatus: Mapping[str, Any],
     sitting: Sitting,
     version: int,
     now: datetime,
 ) -> int:
-    """Store a new attempt at a planned run under that version of the protocol, and return its id."""
+    """Store a new attempt at a planned run under that version of the protocol, and return its id.
+
+    apparatus: columns of the run that describe what plays it.
+    """
     row = {
         "session_id": session,
         "position": planned.position,
@@ -254,10 +241,10 @@ def begin_run(
         "frequency_hz": planned.frequency_hz,
         "started_utc": stamp(now),
         "protocol_version_id": version,
-        **vars(apparatus),
+        **apparatus,
         **vars(sitting),
     }
-    return int(connection.execute(insert(schema.run).values(row).returning(schema.run.c.id)).scalar_one())
+    return int(_add(connection, schema.run, row).id)
 
 
 def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
@@ -292,10 +279,8 @@ def note(
 
 def last_break(connection: Connection, session: int) -> int:
     """Return the number of trials that the session had when its last break ended; 0 if there was none."""
-    query = select(func.max(schema.event.c.trials)).where(
-        schema.event.c.session_id == session, schema.event.c.kind == "break"
-    )
-    return int(connection.execute(query).scalar() or 0)
+    event = schema.event.c
+    return int(_last(connection, event.trials, event.session_id == session, event.kind == "break") or 0)
 
 
 def answers(connection: Connection, run: int) -> list[Found]:
@@ -309,15 +294,24 @@ def answers(connection: Connection, run: int) -> list[Found]:
     return list(connection.execute(query))
 
 
-def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
-    """Return the numbers of answered and of right trials of a session's runs, by the run's row."""
+def tallies(connection: Connection, session: int) -> dict[int, Found]:
+    """Return what is answered of a session's runs, given up ones included, by the run's row.
+
+    answered, right: numbers of trials. last_utc: when the last response arrived.
+    """
+    response = schema.response.c
+    columns = (
+        func.count().label("answered"),
+        func.sum(sql_cast(response.correct, Integer)).label("right"),
+        func.max(response.server_received_utc).label("last_utc"),
+    )
     query = (
-        select(schema.run.c.id, func.count(), func.sum(cast(schema.response.c.correct, Integer)))
+        select(schema.run.c.id, *columns)
         .select_from(schema.run.join(schema.trial).join(schema.response))
         .where(schema.run.c.session_id == session)
         .group_by(schema.run.c.id)
     )
-    return {int(run): (int(count), int(right)) for run, count, right in connection.execute(query)}
+    return {int(row.id): row for row in connection.execute(query)}
 
 
 def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
@@ -391,6 +385,7 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
     ]
     if rows:
         connection.execute(insert(schema.interval), rows)
+    ended_s, received_s = played.ended_s, answer.received_s
     values = {
         "trial_id": key,
         "response": answer.response,
@@ -398,33 +393,6 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "client_shown_ms": answer.client_shown_ms,
         "client_pressed_ms": answer.client_pressed_ms,
         "server_received_utc": stamp(answer.received),
-        "server_after_end_s": _after_s(played, answer),
+        "server_after_end_s": None if received_s is None or ended_s is None else received_s - ended_s,
     }
     connection.execute(insert(schema.response), values)
-
-
-def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
-    """Return the seconds from the end of the last interval to the response's arrival, by a monotonic clock."""
-    if played.ended_s is None or answer.received_s is None:
-        return None
-    return answer.received_s - played.ended_s
-
-
-def last_answer_utc(connection: Connection, session: int) -> str | None:
-    """Return the arrival time of the session's last response, or None without one."""
-    query = (
-        select(func.max(schema.response.c.server_received_utc))
-        .select_from(schema.response.join(schema.trial).join(schema.run))
-        .where(schema.run.c.session_id == session)
-    )
-    return connection.execute(query).scalar()
-
-
-def trial_count(connection: Connection, session: int) -> int:
-    """Return the number of answered trials of the session, those of runs that were given up included."""
-    query = (
-        select(func.count())
-        .select_from(schema.response.join(schema.trial).join(schema.run))
-        .where(schema.run.c.session_id == session)
-    )
-    return int(connection.execute(query).scalar_one())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import (
     Boolean,
     CheckConstraint,
@@ -20,198 +22,146 @@ VERSION = 4
 
 tables = MetaData()
 
-schema_version = Table("schema_version", tables, Column("version", Integer, nullable=False))
 
-study = Table(
-    "study",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("name", String, nullable=False),
-    Column("created_utc", String, nullable=False),
-)
+def _key(name: str, needed: bool = True, **about: Any) -> Column[Any]:
+    """Return a column that refers to the row of another table: `study_id` to that of `study`."""
+    return Column(name, Integer, ForeignKey(f"{name.removesuffix('_id')}.id"), nullable=not needed, **about)
 
-protocol_version = Table(
+
+def _needed(kind: Any, *names: str) -> list[Column[Any]]:
+    return [Column(name, kind, nullable=False) for name in names]
+
+
+def _optional(kind: Any, *names: str) -> list[Column[Any]]:
+    return [Column(name, kind) for name in names]
+
+
+def _table(name: str, *parts: Any) -> Table:
+    return Table(name, tables, Column("id", Integer, primary_key=True), *parts)
+
+
+schema_version = Table("schema_version", tables, *_needed(Integer, "version"))
+
+study = _table("study", *_needed(String, "name", "created_utc"))
+
+protocol_version = _table(
     "protocol_version",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("number", Integer, nullable=False),
-    Column("toml", String, nullable=False),
-    Column("sha256", String, nullable=False),
-    Column("reason", String, nullable=False),
-    Column("tool_version", String, nullable=False),
-    Column("created_utc", String, nullable=False),
+    _key("study_id"),
+    *_needed(Integer, "number"),
+    *_needed(String, "toml", "sha256", "reason", "tool_version", "created_utc"),
     UniqueConstraint("study_id", "number"),
     UniqueConstraint("study_id", "sha256"),
 )
 
-subject = Table(
+subject = _table(
     "subject",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("number", Integer, nullable=False),
-    Column("code", String, nullable=False),
-    Column("subject_group", String, nullable=False),
-    Column("participant_id", String),
-    Column("enrolled_utc", String, nullable=False),
-    UniqueConstraint("study_id", "number"),
-    UniqueConstraint("study_id", "code"),
-    UniqueConstraint("study_id", "participant_id"),
+    _key("study_id"),
+    *_needed(Integer, "number"),
+    *_needed(String, "code", "subject_group"),
+    *_optional(String, "participant_id"),
+    *_needed(String, "enrolled_utc"),
+    *(UniqueConstraint("study_id", column) for column in ("number", "code", "participant_id")),
 )
 
-demographic = Table(
-    "demographic",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("subject_id", Integer, ForeignKey("subject.id"), nullable=False),
-    Column("name", String, nullable=False),
-    Column("value", String, nullable=False),
-    Column("unit", String, nullable=False),
-    UniqueConstraint("subject_id", "name"),
+demographic = _table(
+    "demographic", _key("subject_id"), *_needed(String, "name", "value", "unit"), UniqueConstraint("subject_id", "name")
 )
 
-session = Table(
+session = _table(
     "session",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("subject_id", Integer, ForeignKey("subject.id"), nullable=False),
-    Column("visit", Integer, nullable=False),
+    _key("study_id"),
+    _key("subject_id"),
+    *_needed(Integer, "visit"),
     Column("link_token", String, nullable=False, unique=True),
-    Column("protocol_version_id", Integer, ForeignKey("protocol_version.id")),
-    Column("experimenter", String, nullable=False),
-    Column("site", String, nullable=False),
-    Column("surround", String, nullable=False),
-    Column("contact_area_mm2", Float),
-    Column("skin_temperature_c", Float),
-    Column("preload_n", Float),
-    Column("masking_sound", String, nullable=False),
-    Column("masking_level_db_spl", Float),
-    Column("created_utc", String, nullable=False),
-    Column("consented_utc", String),
-    Column("consent_version", String),
-    Column("consent_sha256", String),
-    Column("ended", String),
-    Column("ended_utc", String),
+    _key("protocol_version_id", needed=False),
+    *_needed(String, "experimenter", "site", "surround"),
+    *_optional(Float, "contact_area_mm2", "skin_temperature_c", "preload_n"),
+    *_needed(String, "masking_sound"),
+    *_optional(Float, "masking_level_db_spl"),
+    *_needed(String, "created_utc"),
+    *_optional(String, "consented_utc", "consent_version", "consent_sha256", "ended", "ended_utc"),
     UniqueConstraint("subject_id", "visit"),
     CheckConstraint("ended IN ('declined', 'withdrawn', 'withdrawn-discard')", name="session_ended"),
 )
 
-run = Table(
+run = _table(
     "run",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("session_id", Integer, ForeignKey("session.id"), nullable=False),
-    Column("position", Integer, nullable=False),
-    Column("attempt", Integer, nullable=False),
-    Column("state", String, nullable=False),
-    Column("practice", Boolean, nullable=False),
-    Column("paradigm", String, nullable=False),
-    Column("procedure", String, nullable=False),
-    Column("finger", String, nullable=False),
-    Column("frequency_hz", Float),
-    Column("rig", String, nullable=False),
-    Column("display", String, nullable=False),
-    Column("controller_sha256", String, nullable=False),
-    Column("curve", String, nullable=False),
-    Column("curve_sha256", String, nullable=False),
-    Column("sensor_gain_v_per_mm", Float, nullable=False),
-    Column("band_low_hz", Float, nullable=False),
-    Column("band_high_hz", Float, nullable=False),
-    Column("started_utc", String, nullable=False),
-    Column("ended_utc", String),
-    Column("protocol_version_id", Integer, ForeignKey("protocol_version.id")),
+    _key("session_id"),
+    *_needed(Integer, "position", "attempt"),
+    *_needed(String, "state"),
+    *_needed(Boolean, "practice"),
+    *_needed(String, "paradigm", "procedure", "finger"),
+    *_optional(Float, "frequency_hz"),
+    *_needed(String, "rig", "display", "controller_sha256", "curve", "curve_sha256"),
+    *_needed(Float, "sensor_gain_v_per_mm", "band_low_hz", "band_high_hz"),
+    *_needed(String, "started_utc"),
+    *_optional(String, "ended_utc"),
+    _key("protocol_version_id", needed=False),
     Column("respondent", String, nullable=False, server_default="unknown"),
-    Column("rig_simulated", Boolean),
+    *_optional(Boolean, "rig_simulated"),
     Column("shown", String, nullable=False, server_default=""),
-    Column("rig_rate_hz", Float),
-    Column("speed", Float),
+    *_optional(Float, "rig_rate_hz", "speed"),
     UniqueConstraint("session_id", "position", "attempt"),
     CheckConstraint("state IN ('running', 'done', 'restarted', 'stopped')", name="run_state"),
 )
 
-trial = Table(
+trial = _table(
     "trial",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("run_id", Integer, ForeignKey("run.id"), nullable=False),
-    Column("number", Integer, nullable=False),
-    Column("frequency_hz", Float),
-    Column("level_db_sl", Float),
-    Column("curve_level_db_re_1um", Float),
-    Column("correct_response", String, nullable=False),
-    Column("presented_utc", String, nullable=False),
-    Column("ended_utc", String),
+    _key("run_id"),
+    *_needed(Integer, "number"),
+    *_optional(Float, "frequency_hz", "level_db_sl", "curve_level_db_re_1um"),
+    *_needed(String, "correct_response", "presented_utc"),
+    *_optional(String, "ended_utc"),
     Column("presentations", Integer, nullable=False, server_default="1"),
-    Column("rig_tick", Integer),
+    *_optional(Integer, "rig_tick"),
     UniqueConstraint("run_id", "number"),
 )
 
-interval = Table(
+interval = _table(
     "interval",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("trial_id", Integer, ForeignKey("trial.id"), nullable=False),
-    Column("position", Integer, nullable=False),
-    Column("stimulus", String, nullable=False),
-    Column("commanded_db_sl", Float),
-    Column("measured_db_sl", Float),
-    Column("saturated", Boolean, nullable=False),
-    Column("onset_s", Float),
-    Column("duration_s", Float),
-    Column("lamp_late_s", Float),
-    Column("client_lit_ms", Float),
+    _key("trial_id"),
+    *_needed(Integer, "position"),
+    *_needed(String, "stimulus"),
+    *_optional(Float, "commanded_db_sl", "measured_db_sl"),
+    *_needed(Boolean, "saturated"),
+    *_optional(Float, "onset_s", "duration_s", "lamp_late_s", "client_lit_ms"),
     UniqueConstraint("trial_id", "position"),
 )
 
 response = Table(
     "response",
     tables,
-    Column("trial_id", Integer, ForeignKey("trial.id"), primary_key=True),
-    Column("response", String, nullable=False),
-    Column("correct", Boolean, nullable=False),
-    Column("client_shown_ms", Float),
-    Column("client_pressed_ms", Float),
-    Column("server_received_utc", String, nullable=False),
-    Column("server_after_end_s", Float),
+    _key("trial_id", primary_key=True),
+    *_needed(String, "response"),
+    *_needed(Boolean, "correct"),
+    *_optional(Float, "client_shown_ms", "client_pressed_ms"),
+    *_needed(String, "server_received_utc"),
+    *_optional(Float, "server_after_end_s"),
 )
 
-event = Table(
+event = _table(
     "event",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("session_id", Integer, ForeignKey("session.id")),
-    Column("at_utc", String, nullable=False),
-    Column("kind", String, nullable=False),
-    Column("trials", Integer),
-    Column("detail", String, nullable=False),
-    Column("subject_id", Integer, ForeignKey("subject.id")),
-    Column("item", String),
-    Column("before", String),
-    Column("after", String),
+    _key("session_id", needed=False),
+    *_needed(String, "at_utc", "kind"),
+    *_optional(Integer, "trials"),
+    *_needed(String, "detail"),
+    _key("subject_id", needed=False),
+    *_optional(String, "item", "before", "after"),
 )
 
-stimulus = Table(
+stimulus = _table(
     "stimulus",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("label", String, nullable=False),
-    Column("source", String, nullable=False),
-    Column("sha256", String, nullable=False),
-    Column("duration_s", Float, nullable=False),
+    _key("study_id"),
+    *_needed(String, "label", "source", "sha256"),
+    *_needed(Float, "duration_s"),
     UniqueConstraint("study_id", "label"),
 )
 
-response_option = Table(
+response_option = _table(
     "response_option",
-    tables,
-    Column("id", Integer, primary_key=True),
-    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("position", Integer, nullable=False),
-    Column("label", String, nullable=False),
-    Column("key", String, nullable=False),
+    _key("study_id"),
+    *_needed(Integer, "position"),
+    *_needed(String, "label", "key"),
     UniqueConstraint("study_id", "label"),
     UniqueConstraint("study_id", "key"),
 )
