@@ -19,12 +19,11 @@ from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.family import sampled_plant
-from tactuator.synthesis.prefilter import fit_prefilter, prefilter_goal
+from tactuator.synthesis.prefilter import bare_loop, fit_prefilter, prefilter_goal
 
 RATE_HZ = 4000.0
 POLES = 8
@@ -69,8 +68,8 @@ def family(members: int) -> Display:
 
 def peer(channel: Channel) -> float:
     """Greatest error (dB) of least squares on real corners, from one start."""
-    plant = sampled_plant(channel.plant, RATE_HZ, 1)
-    goal = prefilter_goal(channel, bilinear(paper.FEEDBACK, RATE_HZ), plant, RATE_HZ)
+    plant = zero_order_hold(channel.plant, RATE_HZ, 1)
+    goal = prefilter_goal(channel, bare_loop(bilinear(paper.FEEDBACK, RATE_HZ), plant), RATE_HZ)
     inside = goal.allowance_db == 0.0
     frequency, level = goal.frequency_hz[inside], goal.level_db[inside]
 

@@ -12,8 +12,8 @@ from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
 from tactuator.io.shipped import EXAMPLES
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.synthesis.family import sampled_plant
 from tests.console.pages import console_page, dropped, go, saved_by, tab_to
 
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
@@ -62,7 +62,7 @@ def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain
     assert (tmp_path / "controller.json").read_text() == found["text"]
     made = read_controller(tmp_path / "controller.json")
     channel, own = made.display.channels[0], made.channels[0]
-    plant = sampled_plant(channel.plant, made.rate_hz, made.display.delay_samples)
+    plant = zero_order_hold(channel.plant, made.rate_hz, made.display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(made.rate_hz), own.feedback(made.rate_hz), plant)
     given_um = 1e3 * np.abs(loop.position_response([20.0])) / channel.sensor_gain_v_per_mm
     wanted_db = dict(plain["curve"]["points"])[20.0] + 1.5

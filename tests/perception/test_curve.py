@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.perception.curve import ThresholdCurve, curve, curve_names, displacement_mm, level_db_sl, sensor_volts
+from tactuator.perception.curve import ThresholdCurve, curve, curve_names, displacement_mm, level_db_sl
 
 BOLANOWSKI = curve("bolanowski-1988")
 
@@ -72,7 +72,7 @@ def test_levels__there_and_back__is_the_same(level: float, hz: float) -> None:
 
 def test_sensor_volts__300_hz_at_threshold__is_twenty_five_microvolts() -> None:
     # facts: 20-25 uV; -18 dB re 1 um = 0.1259 um, times 0.19898 V/mm
-    assert sensor_volts(0.0, 300.0, BOLANOWSKI, 0.19898) == pytest.approx(25.05e-6, rel=1e-3)
+    assert 0.19898 * displacement_mm(0.0, 300.0, BOLANOWSKI) == pytest.approx(25.05e-6, rel=1e-3)
 
 
 def test_content_hash__same_points__is_the_same() -> None:

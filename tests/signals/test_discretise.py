@@ -1,14 +1,17 @@
-"""Zero-order hold and bilinear transforms against closed forms, scipy and 50 digits."""
+"""Zero-order hold, bilinear transforms and decibels against closed forms, scipy and 50 digits."""
 
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+from scipy import linalg, signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.decibels import half_width_db
+from tactuator.signals.discretise import bilinear, matrix_exponential, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
@@ -106,3 +109,37 @@ def test_bilinear__dead_time_between_samples_or_pole_at_twice_the_rate__is_refus
 def test_zero_order_hold__gain_alone__stays_a_gain() -> None:
     static = zero_order_hold(ContinuousSystem(np.empty(0), np.empty(0), 3.0, 1.5 / 4000.0), 4000.0)
     assert (static.gain, static.delay_samples) == (3.0, 2)
+
+
+@settings(max_examples=60)
+@given(hnp.arrays(np.float64, st.integers(1, 9).map(lambda n: (n, n)), elements=st.floats(-0.7, 0.7)))
+def test_exponential__any_small_matrix__agrees_with_scipy(matrix: NDArray[np.float64]) -> None:
+    expected = linalg.expm(matrix)
+    assert matrix_exponential(matrix) == pytest.approx(expected, abs=1e-12 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("angle", [1e-12, 0.1, 0.5, 3.0, 40.0])
+def test_exponential__rotation__is_cosine_and_sine(angle: float) -> None:
+    turned = matrix_exponential(np.array([[0.0, -angle], [angle, 0.0]]))
+    cosine, sine = np.cos(angle), np.sin(angle)
+    assert turned == pytest.approx(np.array([[cosine, -sine], [sine, cosine]]), abs=3e-14)
+
+
+def test_exponential__slow_and_fast_together__keeps_the_slow_ones_digits() -> None:
+    matrix = np.array([[0.0, 0.02, 0.0], [-0.02, -8.0, 1.0], [0.0, 0.0, 0.0]])
+    with mpmath.workdps(40):
+        exact = mpmath.expm(mpmath.matrix(matrix.tolist()))
+        expected = np.array([[float(exact[i, j]) for j in range(3)] for i in range(3)])
+    assert matrix_exponential(matrix) == pytest.approx(expected, rel=1e-13, abs=1e-16)
+
+
+def test_exponential__zero__is_the_unit_matrix() -> None:
+    assert np.array_equal(matrix_exponential(np.zeros((4, 4))), np.eye(4))
+
+
+def test_half_width__of_a_tenth_of_the_magnitude__as_a_ratio() -> None:
+    assert half_width_db(-2.0j, 0.2) == pytest.approx(0.828, abs=1e-3)
+
+
+def test_half_width__that_reaches_the_magnitude__is_infinite() -> None:
+    assert np.isinf(half_width_db([1.0, 0.0, 1e-320, 1.0], [1.0, 0.0, 1.0, np.inf])).all()

@@ -1,5 +1,8 @@
 """Assembled controllers: sections, anti-windup, headroom, and what a finger feels of them on the simulated display."""
 
+from __future__ import annotations
+
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -8,14 +11,15 @@ import pytest
 
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, Controller
-from tactuator.model.description import Converter
+from tactuator.model.description import Converter, Display, Threshold
+from tactuator.model.requirements import FeedbackRequirements
+from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller, headroom
-from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tests.synthesis.displays import (
@@ -33,7 +37,7 @@ RATE_HZ = 4000.0
 
 def paper_loop() -> TwoDegreeLoop:
     own = paper_controller().channels[0]
-    plant = sampled_plant(paper.PLANT, RATE_HZ, 1)
+    plant = zero_order_hold(paper.PLANT, RATE_HZ, 1)
     return TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), plant)
 
 
@@ -175,7 +179,7 @@ def test_design__no_loop__prefilter_to_volts_of_command() -> None:
     own = design_controller(display, 8).channels[0]
     assert own.feedback_sos is None
     frequency = np.geomspace(0.4, 300.0, 50)
-    response = own.prefilter(RATE_HZ).response(frequency) * sampled_plant(paper.PLANT, RATE_HZ, 1).response(frequency)
+    response = own.prefilter(RATE_HZ).response(frequency) * zero_order_hold(paper.PLANT, RATE_HZ, 1).response(frequency)
     error = 20.0 * np.log10(np.abs(response) / display.channels[0].threshold_voltage(frequency))
     assert np.abs(error).max() <= 0.5
     assert "margins" not in own.report
@@ -247,3 +251,33 @@ def test_felt_response__eight_poles_unloaded__follows_the_curve(
 ) -> None:
     errors = felt_error_db(three_finger_controller(8), frequency_hz, level_db_sl)
     assert max(abs(error) for error in errors.values()) <= most_db
+
+
+MODELS = tuple(
+    ContinuousSystem.from_polynomials([gain], [1.0, damping, 0.0])
+    for gain, damping in ((1.5545, 1.0575), (1.5534, 1.0648), (1.5555, 1.0502))
+)
+
+
+def display(noise_gain: float) -> Display:
+    """A display to 30 Hz around the motor, for the models that its record does not exclude."""
+    limits = FeedbackRequirements(command_noise_gain_max=noise_gain)
+    made = channel(plant=MODELS[0], loads=(), sensor_gain_v_per_mm=0.05, feedback=limits)
+    made = replace(made, family=MODELS[1:], threshold=Threshold(curve("bolanowski-1988"), (0.4, 30.0)))
+    return Display("motor", 4000.0, 1, (made,))
+
+
+@pytest.mark.slow
+def test_design__motor_without_a_spring__finds_a_loop() -> None:
+    margins = design_controller(display(3000.0)).channels[0].report["margins"]
+    assert margins["phase_margin_deg"] >= 50.0
+    assert margins["command_noise_gain"] <= 3000.0
+
+
+@pytest.mark.soak
+def test_design__noise_gain_that_the_motor_cannot_keep__is_told_with_one_that_it_can() -> None:
+    with pytest.raises(NoDesign, match="command_noise_gain_max 30") as refused:
+        design_controller(display(30.0))
+    possible = re.search(r"all others kept: command_noise_gain_max (\S+)", str(refused.value))
+    assert possible is not None
+    assert design_controller(display(float(possible.group(1)))).channels

@@ -12,14 +12,13 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Threshold
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop, UnstableLoop
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude, fraction_roots
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis import prefilter as fit
-from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db
 from tests.synthesis.displays import channel, three_finger_controller, three_fingers
 
@@ -62,7 +61,7 @@ def test_fit_prefilter__report__is_what_the_sections_do() -> None:
     one = channel()
     c = bilinear(paper.FEEDBACK, 4000.0)
     fit = fit_prefilter(one, c, 4000.0, 1, 8)
-    loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, 4000.0), c, sampled_plant(one.plant, 4000.0, 1))
+    loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, 4000.0), c, zero_order_hold(one.plant, 4000.0, 1))
     error = response_error_db(one, loop, np.geomspace(0.4, 300.0, 777))
     assert np.abs(error).max() <= fit.max_error_db + 1e-3  # other frequencies than those of the report
     assert np.abs(error).max() >= fit.max_error_db - 0.02

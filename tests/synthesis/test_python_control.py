@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.exchange import continuous_form, from_control, to_control
-from tactuator.synthesis.family import sampled_plant
 from tests.synthesis.displays import three_finger_controller
 
 RATE_HZ = 4000.0
@@ -32,7 +31,7 @@ def test_to_control__sampled_with_delay__same_response_and_back() -> None:
     own = three_finger_controller().channels[0]
     feedback = own.feedback(RATE_HZ)
     assert feedback is not None
-    for system in (own.prefilter(RATE_HZ), feedback, sampled_plant(paper.PLANT, RATE_HZ, 1)):
+    for system in (own.prefilter(RATE_HZ), feedback, zero_order_hold(paper.PLANT, RATE_HZ, 1)):
         made = to_control(system)
         assert made.dt == pytest.approx(1.0 / RATE_HZ)
         response = np.array([made(np.exp(2j * np.pi * f / RATE_HZ)) for f in FREQUENCY])

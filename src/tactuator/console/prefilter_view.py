@@ -15,9 +15,9 @@ from tactuator.console.state import ConsoleState
 from tactuator.io.controller import controller_text
 from tactuator.io.csv_tables import curve_text, read_curve
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
 from tactuator.verbs.controller import design
 
@@ -74,7 +74,7 @@ class PrefilterFitted(_Curved):
             fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, prefilter.poles)
         frequency = np.geomspace(*channel.threshold.band_hz, _LINES)
         wanted = channel.threshold.curve.level_db_re_1um_at(frequency)
-        plant = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
+        plant = zero_order_hold(channel.plant, display.rate_hz, display.delay_samples)
         loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, display.rate_hz), feedback, plant)
         error = response_error_db(channel, loop, frequency)
         return {

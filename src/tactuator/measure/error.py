@@ -14,10 +14,10 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.touch import adapted_response
 
 
@@ -41,8 +41,8 @@ class ChannelPrediction:
         rate = controller.rate_hz
         loaded = channel.loaded_plant(None if load is None else channel.load(load))
         integrated = _integrated(loaded, DERIVATIVES[channel.quantity])
-        plant = sampled_plant(loaded, rate, controller.delay_samples)
-        moved = None if integrated is None else sampled_plant(integrated, rate, controller.delay_samples)
+        plant = zero_order_hold(loaded, rate, controller.delay_samples)
+        moved = None if integrated is None else zero_order_hold(integrated, rate, controller.delay_samples)
         return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant), moved)
 
     def command(self, frequency_hz: ArrayLike) -> ComplexArray:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tactuator.model.description import Channel, Display
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, margins
 from tactuator.synthesis import paper
-from tactuator.synthesis.family import sampled_plant
 
 
 @dataclass(frozen=True)
@@ -32,5 +31,5 @@ def paper_loop(display: Display) -> PaperLoop:
 
 def sampled_loop(display: Display, channel: Channel) -> FeedbackLoop:
     """Return the paper's C on one of the display's channels, as it runs."""
-    plant = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
+    plant = zero_order_hold(channel.plant, display.rate_hz, display.delay_samples)
     return FeedbackLoop(bilinear(paper.FEEDBACK, display.rate_hz), plant)

@@ -15,8 +15,8 @@ from tactuator.model.description import Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.synthesis.family import sampled_plant
 
 UNLOADED, LOADED = "none", "finger"
 CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
@@ -49,7 +49,7 @@ def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLi
     unit.
     """
     display, own = controller.display, controller.channel(channel)
-    plant = sampled_plant(display.channel(channel).plant, display.rate_hz, display.delay_samples)
+    plant = zero_order_hold(display.channel(channel).plant, display.rate_hz, display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
     return loop.position_response(frequency_hz)
 

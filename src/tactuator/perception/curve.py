@@ -79,13 +79,9 @@ class ThresholdCurve:
         frequency = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
         return np.asarray(np.interp(np.log(frequency), np.log(self.frequency_hz), self.level_db_re_1um))
 
-    def amplitude_um(self, frequency_hz: ArrayLike) -> FloatArray:
-        """Return the peak displacement at threshold, micrometres."""
-        return from_db(self.level_db_re_1um_at(frequency_hz))
-
     def displacement_mm(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the peak displacement at threshold, millimetres."""
-        return self.amplitude_um(frequency_hz) * 1e-3
+        return from_db(self.level_db_re_1um_at(frequency_hz)) * 1e-3
 
     def covers(self, low_hz: float, high_hz: float) -> bool:
         """Return whether the points reach over the whole band."""
@@ -128,13 +124,6 @@ def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: Thre
 def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
     """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
     return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
-
-
-def sensor_volts(
-    level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve, sensor_gain_v_per_mm: float
-) -> FloatArray:
-    """Return the peak sensor voltage (V) of a sinusoid at `level_db_sl`; arguments broadcast."""
-    return sensor_gain_v_per_mm * displacement_mm(level_db_sl, frequency_hz, curve)
 
 
 _SHIPPED: dict[str, tuple[str, Provenance, str]] = {

@@ -25,5 +25,5 @@ def half_width_db(magnitude: ArrayLike, half_width: ArrayLike) -> FloatArray:
     magnitude but says nothing of the response.
     """
     size, width = np.broadcast_arrays(np.abs(np.asarray(magnitude)), np.asarray(half_width, dtype=np.float64))
-    told = size > width
-    return np.where(told, 20.0 * np.log10(1.0 + width / np.where(told, size, 1.0)), np.inf)
+    is_clear = size > width
+    return np.where(is_clear, 20.0 * np.log10(1.0 + width / np.where(is_clear, size, 1.0)), np.inf)

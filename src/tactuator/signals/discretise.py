@@ -36,8 +36,8 @@ def matrix_exponential(matrix: FloatArray) -> FloatArray:
     return result
 
 
-def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
-    """Return the sampled equivalent of a plant driven through a zero-order hold.
+def zero_order_hold(system: ContinuousSystem, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
+    """Return the sampled equivalent of a plant driven through a zero-order hold, `delay_samples` late.
 
     Dead time may be any: whole samples become `delay_samples`, what is left splits the held input in two (Franklin,
     Powell & Workman 1990, section 4.3) and adds a pole at z = 0. Poles are exp(p T); zeros are those of the held state
@@ -48,25 +48,21 @@ def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
     samples = system.delay_s * rate_hz
     whole = math.floor(samples + 1e-9)
     fraction = max(0.0, samples - whole)
+    late = whole + delay_samples
     step = 1.0 / rate_hz
     poles = np.exp(system.poles * step)
     if system.poles.size == 0:
-        return _static(system.gain, rate_hz, whole, fraction)
+        return SampledSystem(np.empty(0), np.empty(0), system.gain, rate_hz, late + (fraction > 1e-9))
     ad, bd, c, d = held_state_space(system, step, fraction if fraction > 1e-9 else 0.0)
     if ad.shape[0] > system.poles.size:
         poles = np.append(poles, 0.0)
     zeros = _zeros(ad, bd, c, d)
-    return SampledSystem(zeros, poles, _answer(ad, bd, c, d, ad.shape[0] - zeros.size), rate_hz, whole)
+    return SampledSystem(zeros, poles, _answer(ad, bd, c, d, ad.shape[0] - zeros.size), rate_hz, late)
 
 
 def _answer(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float, after: int) -> float:
     """Return the impulse response `after` samples: the gain, where there are so many more poles than zeros."""
     return d if after == 0 else float(c @ np.linalg.matrix_power(ad, after - 1) @ bd)
-
-
-def _static(gain: float, rate_hz: float, whole: int, fraction: float) -> SampledSystem:
-    delay = whole + (1 if fraction > 1e-9 else 0)
-    return SampledSystem(np.empty(0), np.empty(0), gain, rate_hz, delay)
 
 
 def state_space(system: ContinuousSystem, step: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:

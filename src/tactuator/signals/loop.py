@@ -93,11 +93,15 @@ def closed_poles(open_loop: System) -> ComplexArray:
 def is_stable(open_loop: System) -> bool:
     """Return whether unity negative feedback around `open_loop` is stable (hidden cancellations included)."""
     if isinstance(open_loop, SampledSystem):
-        step = closed_poles(open_loop)
-        return bool(np.all(2.0 * step.real + np.abs(step) ** 2 < 0.0))  # |1 + d| < 1, without cancellation
+        return is_inside(closed_poles(open_loop))
     if open_loop.delay_s == 0.0:
         return bool(np.all(closed_poles(open_loop).real < 0.0))
     return _right_half_plane_roots(open_loop) == 0
+
+
+def is_inside(poles_in_d: ComplexArray) -> bool:
+    """Return whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
+    return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
 
 
 def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
@@ -117,13 +121,13 @@ def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
     steps = np.linspace(0.0, 10.0 * corner, int(min(400_000, 40_000 + 100.0 * corner * open_loop.delay_s)))
     omega = np.unique(np.concatenate([[0.0], np.geomspace(floor * 1e-2, corner * 1e2, 40_000), steps]))
     s = 1j * omega
-    left = np.ones_like(s)
+    below = np.ones_like(s)
     for pole, other in zip(open_loop.poles, substitute, strict=True):
-        left = left * (s - pole) / (s - other)
-    right = np.full_like(s, open_loop.gain) * np.exp(-s * open_loop.delay_s)
+        below = below * (s - pole) / (s - other)
+    above = np.full_like(s, open_loop.gain) * np.exp(-s * open_loop.delay_s)
     for index, other in enumerate(substitute):
-        right = right * ((s - open_loop.zeros[index]) if index < open_loop.zeros.size else 1.0) / (s - other)
-    turned = np.unwrap(np.angle(left + right))
+        above = above * ((s - open_loop.zeros[index]) if index < open_loop.zeros.size else 1.0) / (s - other)
+    turned = np.unwrap(np.angle(below + above))
     return int(np.round(-(turned[-1] - turned[0]) / np.pi))
 
 
@@ -336,9 +340,9 @@ def _highest_hz(open_loop: ContinuousSystem, roots: ComplexArray) -> float:
 def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, values: FloatArray) -> tuple[float, float]:
     """Return the greatest value and its frequency, refined around the three highest maxima of the grid."""
     best = int(np.argmax(values))
-    found, at = float(values[best]), float(grid[best])
+    greatest, at = float(values[best]), float(grid[best])
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
-    near = inner[values[inner] >= _NEAR * found]  # the grid is too dense for a lower one to win
+    near = inner[values[inner] >= _NEAR * greatest]  # the grid is too dense for a lower one to win
     for index in near[np.argsort(-values[near])][:3]:
         bounds = np.log(grid[[index - 1, index + 1]])
         result = optimize.minimize_scalar(
@@ -347,9 +351,9 @@ def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, value
             method="bounded",
             options={"xatol": 1e-9},
         )
-        if -result.fun > found:
-            found, at = -float(result.fun), float(np.exp(result.x))
-    return found, at
+        if -result.fun > greatest:
+            greatest, at = -float(result.fun), float(np.exp(result.x))
+    return greatest, at
 
 
 def _crossings(function: Callable[[float], float], grid: FloatArray, values: FloatArray) -> list[float]:
@@ -382,8 +386,8 @@ def _phase_margin(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) 
 
 def _gain_margins(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) -> tuple[float, float, float]:
     """Return (gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
-    found = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
-    crossings = [f for f in found if np.real(loop.open_response(f)) < 0.0]
+    real_crossings = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
+    crossings = [f for f in real_crossings if np.real(loop.open_response(f)) < 0.0]
     if isinstance(loop.open_loop, SampledSystem) and response[-1].real < 0.0:
         crossings.append(float(grid[-1]))  # L is real at the Nyquist frequency
     up, down, at = float("inf"), float("-inf"), float("nan")

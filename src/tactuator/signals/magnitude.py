@@ -83,11 +83,11 @@ def shaping_corners(corners: FloatArray, square: FloatArray, ratio: FloatArray) 
     half = 0.5 * (middles[1] - middles[0]) if corners.size > 1 else 1.0
     edges = np.append(middles - half, middles[-1] + half)
     change = np.diff(np.interp(edges, x, level))
-    found = np.sort(np.log(corners) - np.clip(change, -9.0, 9.0))
+    shaped = np.sort(np.log(corners) - np.clip(change, -9.0, 9.0))
     least = 0.05 * (middles[-1] - middles[0]) / corners.size if corners.size > 1 else 0.0
-    for index in range(1, found.size):
-        found[index] = max(found[index], found[index - 1] + least)
-    return np.asarray(np.exp(found))
+    for index in range(1, shaped.size):
+        shaped[index] = max(shaped[index], shaped[index - 1] + least)
+    return np.asarray(np.exp(shaped))
 
 
 def off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -153,8 +153,8 @@ class Program:
         self._zero_corners = shaping_corners(self._corners, squares, ratio) if shaped else self._corners
         self._sized_by: NDArray[np.complex128] | None = None
         if former is not None:
+            self._sized_by = fraction_roots(former._coefficients[1], former._corners)
             self._corners, self._zero_corners = former.root_corners()
-            self._sized_by = former.denominator_roots
         self._basis = fractions(squares, self._corners)
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
@@ -162,8 +162,9 @@ class Program:
         self._taken = np.zeros(goal.frequency_hz.size, dtype=bool)
         self._taken[::_EVERY] = self._taken[-1] = True
         self._lower_bound_db, self._is_delicate = 0.0, former is not None or steep
-        self._guess_db, self._step = (_TYPICAL_DB / order**2, 1.4) if former is None else (former.least_db, 1.1)
-        self._coefficients = self.best()
+        self._guess_db: float = _TYPICAL_DB / order**2 if former is None else former._guess_db
+        self._step = 1.4 if former is None else 1.1
+        self._coefficients: Coefficients = self.best()
         for _ in range(6):
             missed = self.violations(self._coefficients)
             if missed.size == 0:
@@ -175,38 +176,24 @@ class Program:
     def error_db(self) -> float:
         """Return the greatest error of the filter itself, over the band."""
         inside = self._goal.allowance_db == 0.0
-        miss = db(self.filter().response(self._goal.frequency_hz[inside])) - self._goal.level_db[inside]
+        miss = db(self.filter.response(self._goal.frequency_hz[inside])) - self._goal.level_db[inside]
         return float(np.max(np.abs(miss)))
 
     @cached_property
     def excess_db(self) -> float:
         """Return the excess of the filter itself over the ceiling above the band, dB; 0 for what does not matter."""
         above = np.geomspace(self._goal.above_hz[0], 0.4999 * self._rate_hz, 1000)
-        peaks = np.abs(np.angle(self.filter().poles)) * self._rate_hz / (2.0 * np.pi)
+        peaks = np.abs(np.angle(self.filter.poles)) * self._rate_hz / (2.0 * np.pi)
         above = np.append(above, peaks[(peaks > above[0]) & (peaks < above[-1])])
         ceiling_db = 10.0 * np.log10(self._ceiling(above, 0.0)) + self._middle_db
-        excess = float(np.max(db(self.filter().response(above)) - ceiling_db))
+        excess = float(np.max(db(self.filter.response(above)) - ceiling_db))
         return excess if excess > _EXCESS_DB else 0.0
-
-    @property
-    def least_db(self) -> float:
-        """Return the common error of the program, dB: the least that it found possible."""
-        return self._guess_db
-
-    @property
-    def denominator_roots(self) -> NDArray[np.complex128]:
-        """Return the roots in x of D."""
-        return fraction_roots(self._coefficients[1], self._corners)
 
     def again(self) -> Program:
         """Return a program of the same goal in the basis of this solution's roots, every constraint in proportion to
         this solution's D.
         """
         return Program(self._goal, self._rate_hz, self.order, False, self)
-
-    def filter(self) -> SampledSystem:
-        """Return the filter of the solution."""
-        return self.filter_of(self._coefficients)
 
     def root_corners(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners at the sizes of the solution's poles and zeros, kept apart: a basis that fits closely."""
@@ -259,9 +246,9 @@ class Program:
             low, high = high, high * (1.0 + _PRECISION)
         self._lower_bound_db, self._guess_db = low, high
         for times in _ALLOWED_MORE:
-            found = self._solve(times * high + 0.002)
-            if found is not None:
-                return found
+            coefficients = self._solve(times * high + 0.002)
+            if coefficients is not None:
+                return coefficients
         raise BadInput(f"no filter of {self.order} poles was found", "another number of poles")
 
     def _bracket(self) -> tuple[float, float]:
@@ -300,11 +287,11 @@ class Program:
         Points that the solution passes are taken in from then on. It tells the size of D too, in proportion to which
         later constraints are told.
         """
-        found = self._solve(error_db, {} if self._is_delicate else _QUICK, self._taken)
-        if found is None:
+        coefficients = self._solve(error_db, {} if self._is_delicate else _QUICK, self._taken)
+        if coefficients is None:
             return False
-        self._taken |= self._passed(found, error_db)
-        self._sized_by = fraction_roots(found[1], self._corners)
+        self._taken |= self._passed(coefficients, error_db)
+        self._sized_by = fraction_roots(coefficients[1], self._corners)
         return True
 
     def _passed(self, coefficients: Coefficients, error_db: float) -> NDArray[np.bool_]:
@@ -381,10 +368,11 @@ class Program:
         """Keep the constraints outside the band at these frequencies too."""
         self._above = np.unique(np.append(self._above, frequency_hz))
 
-    def filter_of(self, coefficients: Coefficients) -> SampledSystem:
+    @cached_property
+    def filter(self) -> SampledSystem:
         """Return the spectral factorisation: the roots of N and D in the stable half, with the mean error taken out."""
-        zeros = self._roots(coefficients[0], self._zero_corners)
-        poles = self._roots(coefficients[1], self._corners)
+        zeros = self._roots(self._coefficients[0], self._zero_corners)
+        poles = self._roots(self._coefficients[1], self._corners)
         shape = SampledSystem(zeros, poles, 1.0, self._rate_hz)
         inside = self._goal.allowance_db == 0.0
         frequency = self._goal.frequency_hz[inside]
@@ -411,16 +399,16 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
     """
     steep = float(np.ptp(goal.level_db)) > STEEP_DB
     failed: BadInput | None = None
-    found: list[Program] = []
+    programs: list[Program] = []
     for shaped in (False, True) if steep else (False,):
         try:
-            found.append(Program(goal, rate_hz, order, shaped))
+            programs.append(Program(goal, rate_hz, order, shaped))
         except BadInput as error:
             failed = error
-    if not found:
+    if not programs:
         assert failed is not None
         raise failed
-    return _refined(min(found, key=_off_db)).filter()
+    return _refined(min(programs, key=_off_db)).filter
 
 
 def fit_within(goal: MagnitudeGoal, rate_hz: float, order: int, error_db: float) -> SampledSystem | None:
@@ -429,11 +417,11 @@ def fit_within(goal: MagnitudeGoal, rate_hz: float, order: int, error_db: float)
     """
     for shaped in (False, True) if float(np.ptp(goal.level_db)) > STEEP_DB else (False,):
         try:
-            found = Program(goal, rate_hz, order, shaped, within_db=error_db)
+            program = Program(goal, rate_hz, order, shaped, within_db=error_db)
         except BadInput:
             continue
-        if found.excess_db == 0.0 and found.error_db <= _MEANT * error_db:
-            return found.filter()
+        if program.excess_db == 0.0 and program.error_db <= _MEANT * error_db:
+            return program.filter
     return None
 
 

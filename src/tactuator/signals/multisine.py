@@ -51,12 +51,6 @@ class Multisine:
         """Return `periods` periods in a row, shape (periods * period,)."""
         return np.tile(self.one_period(), periods)
 
-    @property
-    def crest_factor(self) -> float:
-        """Return the peak over root mean square of one period."""
-        wave = self.one_period()
-        return float(np.max(np.abs(wave)) / np.sqrt(np.mean(wave**2)))
-
 
 def _synthesise(period: int, bins: Bins, amplitude: FloatArray, phase: FloatArray) -> FloatArray:
     spectrum = np.zeros(period // 2 + 1, dtype=np.complex128)
@@ -158,11 +152,7 @@ class Periods:
         mains' frequency."""
         inside = np.setdiff1d(np.arange(int(self.lines[0]), int(self.lines[-1]) + 1), self.lines)
         spacing = rate_hz / self.period
-        off = [
-            np.abs(inside * spacing - mains * np.maximum(np.round(inside * spacing / mains), 1.0))
-            for mains in _MAINS_HZ
-        ]
-        inside = inside[np.minimum(*off) > 1.5 * spacing]
+        inside = inside[_off_mains_hz(np.asarray(inside * spacing, dtype=np.float64)) > 1.5 * spacing]
         return inside[inside % 2 == 1], inside[inside % 2 == 0]
 
     def attributes(self) -> dict[str, str]:
@@ -180,14 +170,14 @@ def periods_of(about: Mapping[str, str], samples: int) -> Periods | None:
         return None
     try:
         period, repeats, realisations = (int(float(about[key])) for key in _KEYS[:3])
-        lines = np.array([int(one) for one in about[_KEYS[3]].split()], dtype=np.int64)
+        lines = np.array([int(line) for line in about[_KEYS[3]].split()], dtype=np.int64)
     except ValueError:
-        found = ", ".join(f"{key} {about[key][:20]!r}" for key in _KEYS)
-        raise BadInput(f"record: {found}", "whole numbers") from None
-    made = Periods(period, repeats, realisations, lines)
-    if made.samples > samples:
-        raise BadInput(f"record: {samples} samples, its periods need {made.samples}", "as many or more")
-    return made
+        plan_as_read = ", ".join(f"{key} {about[key][:20]!r}" for key in _KEYS)
+        raise BadInput(f"record: {plan_as_read}", "whole numbers") from None
+    plan = Periods(period, repeats, realisations, lines)
+    if plan.samples > samples:
+        raise BadInput(f"record: {samples} samples, its periods need {plan.samples}", "as many or more")
+    return plan
 
 
 def without_periods(about: Mapping[str, str]) -> dict[str, str]:

@@ -67,11 +67,6 @@ class Response:
         """Return the phase delay in seconds: how much later than the reference a peak of y comes, (m,)."""
         return np.asarray(-self.phase_rad / (2.0 * np.pi * self.frequency_hz))
 
-    @property
-    def phase_confidence_rad(self) -> FloatArray:
-        """Return the 95 % half-width of the phase, (m,): the noise is alike in both quadratures."""
-        return np.minimum(10.0 ** (self.confidence_db / 20.0) - 1.0, np.pi)
-
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
@@ -119,12 +114,12 @@ def minimum_phase(frequency_hz: FloatArray, magnitude: FloatArray) -> FloatArray
     along = np.where(grid > place[-1], level[-1] + ends[1] * (grid - place[-1]), along)
     slope = np.diff(along) / np.diff(grid)
     middle = 0.5 * (grid[1:] + grid[:-1])
-    made = []
+    phase = []
     for at in place:
         # half a step off a singularity that can be integrated
         away = np.maximum(np.abs(middle - at), 0.0025)
-        made.append(float(np.sum(slope * np.log(1.0 / np.tanh(0.5 * away)) * 0.01)) / np.pi)
-    return np.array(made)
+        phase.append(float(np.sum(slope * np.log(1.0 / np.tanh(0.5 * away)) * 0.01)) / np.pi)
+    return np.array(phase)
 
 
 @dataclass(frozen=True, eq=False)

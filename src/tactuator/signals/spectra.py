@@ -58,9 +58,9 @@ class LockIn:
         """Return the complex amplitudes as `lock_in` does, of values (count,) or (count, channels)."""
         solution = self._inverse @ (self._columns.T @ values)
         count = self._turn.size
-        found = solution[:count] + 1j * solution[count : 2 * count]
+        amplitudes = solution[:count] + 1j * solution[count : 2 * count]
         turn = np.exp(self._turn * start)  # the block was taken to begin at k = 0
-        return np.asarray(found * (turn if values.ndim == 1 else turn[:, None]))
+        return np.asarray(amplitudes * (turn if values.ndim == 1 else turn[:, None]))
 
 
 def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start: int = 0) -> ComplexArray:
@@ -116,11 +116,11 @@ class PowerSpectrum:
         """
         edges = self.frequency_hz + 0.5 * self.spacing_hz
         share = np.clip(np.minimum(edges, high_hz) - np.maximum(edges - self.spacing_hz, low_hz), 0.0, None)
-        left = np.ones(share.size, dtype=bool)
+        kept = np.ones(share.size, dtype=bool)
         for line in np.atleast_1d(np.asarray(without_hz, dtype=np.float64)):
-            left &= np.abs(self.frequency_hz - line) > width_hz
-        kept = float(np.sum(share * left))
-        return float(np.sum(self.density * share * left)) * (float(np.sum(share)) / kept) if kept > 0.0 else 0.0
+            kept &= np.abs(self.frequency_hz - line) > width_hz
+        width = float(np.sum(share * kept))
+        return float(np.sum(self.density * share * kept)) * (float(np.sum(share)) / width) if width > 0.0 else 0.0
 
     def through(self, response: ComplexArray) -> PowerSpectrum:
         """Return the spectrum behind a system with that response (m,) at frequency_hz."""

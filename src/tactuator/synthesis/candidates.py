@@ -118,12 +118,12 @@ def _all_coefficients(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (c1, c0) of every pair, shape (5, 2), and their derivatives by log frequency and by log damping,
     shape (2, 5, 2).
     """
-    own = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
+    coefficients = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
     slopes = [
         _coefficient_slopes(float(parameters[index]), float(parameters[index + 1]), c0)
-        for index, (_, c0) in zip(_FIRST, own, strict=True)
+        for index, (_, c0) in zip(_FIRST, coefficients, strict=True)
     ]
-    return np.array(own), np.array(slopes).transpose(1, 0, 2)
+    return np.array(coefficients), np.array(slopes).transpose(1, 0, 2)
 
 
 def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:
@@ -172,8 +172,8 @@ _SOBOL_LOG2 = (12, 14)
 def modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
     """Return (natural frequency in rad/s, damping) of the plant's lightly damped pole pairs, the slowest first."""
     pairs = plant.poles[plant.poles.imag > 0.0]
-    found = [(float(abs(pole)), float(-pole.real / abs(pole))) for pole in pairs]
-    return sorted(pair for pair in found if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
+    damped = [(float(abs(pole)), float(-pole.real / abs(pole))) for pole in pairs]
+    return sorted(pair for pair in damped if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
 
 
 def crossovers_hz(rate_hz: float) -> FloatArray:
@@ -217,8 +217,8 @@ def _combined(fronts: list[Front], seconds: list[Second], notches: list[Second])
 
 def _zeros(first: float, second: float) -> tuple[float, float]:
     """Return the natural frequency and damping of two real roots at `first` and `second` rad/sample."""
-    own = float(np.sqrt(first * second))
-    return own, max(1.0, (first + second) / (2.0 * own))
+    natural = float(np.sqrt(first * second))
+    return natural, max(1.0, (first + second) / (2.0 * natural))
 
 
 def _integrator_and_pi(rate_hz: float, count: int) -> list[Front]:
@@ -234,12 +234,14 @@ def _pid(
     """Return the PID fronts: two zeros near the plant's two slowest poles, or together; the pole far away or at a share
     of the rate (rad per sample).
     """
-    own, damping = slow_pair(plant)
-    pairs = [(own * scale / rate_hz, min(max(damping, 0.7) * more, 4.0)) for scale in scales for more in (0.7, 1.0)]
+    natural, damping = slow_pair(plant)
+    pairs = [(natural * scale / rate_hz, min(max(damping, 0.7) * more, 4.0)) for scale in scales for more in (0.7, 1.0)]
     step = 2.0 * np.pi / rate_hz
     pairs += [(corner * step, 1.0) for corner in np.geomspace(5.0, 0.02 * rate_hz, 2 + 2 * len(scales)).tolist()]
     return [
-        (own, damping, _FAR if pole is None else pole) for (own, damping), pole in product(pairs, poles) if own < _FAR
+        (natural, damping, _FAR if pole is None else pole)
+        for (natural, damping), pole in product(pairs, poles)
+        if natural < _FAR
     ]
 
 
@@ -249,8 +251,8 @@ def slow_pair(plant: ContinuousSystem) -> tuple[float, float]:
     slow = plant.poles[np.argsort(np.abs(plant.poles), kind="stable")][:2]
     if slow.size < 2:
         return 2.0 * np.pi * 10.0, 1.0
-    own = max(float(np.sqrt(np.abs(np.prod(slow)))), 2.0 * np.pi)
-    return own, float(np.clip(np.abs(np.sum(slow).real) / 2.0 / own, 0.01, 3.9))
+    natural = max(float(np.sqrt(np.abs(np.prod(slow)))), 2.0 * np.pi)
+    return natural, float(np.clip(np.abs(np.sum(slow).real) / 2.0 / natural, 0.01, 3.9))
 
 
 def _roll_offs(rate_hz: float, count: int) -> list[Second]:
@@ -272,10 +274,10 @@ def _notches(
 ) -> list[Second]:
     """Return a notch on each mode: zeros as soft as the mode or three times that, poles of damping 0.9."""
     return [
-        (own / rate_hz * detuning, soft, own / rate_hz * detuning * width, 0.9)
-        for own, damping in modes(plant)
+        (natural / rate_hz * detuning, soft, natural / rate_hz * detuning * width, 0.9)
+        for natural, damping in modes(plant)
         for detuning, width, soft in product(detunings, widths, (max(damping, 1e-3), max(3.0 * damping, 0.1)))
-        if own / rate_hz * detuning * width < _FAR
+        if natural / rate_hz * detuning * width < _FAR
     ]
 
 
@@ -290,12 +292,12 @@ def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:
     skipped = 1 + sum(2**power for power in _SOBOL_LOG2[:block])
     sequence.fast_forward(skipped)
     share = sequence.random(2 ** _SOBOL_LOG2[block])
-    own = slow_pair(plant)[0] / rate_hz
+    natural = slow_pair(plant)[0] / rate_hz
     step = 2.0 * np.pi / rate_hz
     soft = min([0.7, *(damping for _, damping in modes(plant))])
     top = 0.4 * rate_hz * step
     ranges = [
-        (min(own * 0.5, 0.5 * top), min(own * 4.0, top)),
+        (min(natural * 0.5, 0.5 * top), min(natural * 4.0, top)),
         (0.7, 4.0),
         (20.0 * step, top),
         (20.0 * step, 0.1 * rate_hz * step),
@@ -308,10 +310,10 @@ def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:
         (0.9, 1.5),
     ]
     low, high = np.log(np.array(ranges)).T
-    made = np.zeros((share.shape[0], COUNT))
-    made[:, 1:] = low + (high - low) * share
-    made[:, 6] += made[:, 4]
-    made[:, 10] += made[:, 8]
+    points = np.zeros((share.shape[0], COUNT))
+    points[:, 1:] = low + (high - low) * share
+    points[:, 6] += points[:, 4]
+    points[:, 10] += points[:, 8]
     limit = np.log(_FAR)
-    made[:, [1, 3, 4, 6, 8, 10]] = np.minimum(made[:, [1, 3, 4, 6, 8, 10]], limit)
-    return made
+    points[:, [1, 3, 4, 6, 8, 10]] = np.minimum(points[:, [1, 3, 4, 6, 8, 10]], limit)
+    return points

@@ -50,17 +50,15 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
     that nothing satisfies: the message says which bind, and what would be possible.
     """
-    made: list[ChannelController] = []
+    designed: list[ChannelController] = []
     for channel in display.channels:
-        twin = next((own for own, other in zip(made, display.channels, strict=False) if _is_twin(channel, other)), None)
-        own = design_channel(display, channel, poles, error_db) if twin is None else replace(twin, name=channel.name)
-        made.append(own)
-    return Controller(display, tuple(made), __version__)
-
-
-def _is_twin(channel: Channel, other: Channel) -> bool:
-    """Tell whether two channels differ in name and finger only: what is designed for one is that of the other."""
-    return replace(channel, name=other.name, finger=other.finger) == other
+        others = [replace(channel, name=other.name, finger=other.finger) == other for other in display.channels]
+        twin = others.index(True)  # the first channel that differs in name and finger at most, or this one
+        if twin < len(designed):
+            designed.append(replace(designed[twin], name=channel.name))
+        else:
+            designed.append(design_channel(display, channel, poles, error_db))
+    return Controller(display, tuple(designed), __version__)
 
 
 def design_channel(
@@ -123,12 +121,12 @@ def feedback_candidates(
     else:
         require_consistent(channel, rate_hz)
         task = Task.of(family, requirements, rate_hz, resonance_peak)
-        found = False
-        for one in synthesise(task):
-            found = True
-            yield one
-        if not found:
+        candidates = synthesise(task)
+        best = next(candidates, None)
+        if best is None:
             raise NoDesign(f"channel {channel.name!r}: {diagnosis(task)}")
+        yield best
+        yield from candidates
 
 
 def assemble(
@@ -162,13 +160,15 @@ def assemble(
         fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, fit.poles, raised_db=raised_db)
         nominal = replace(nominal, prefilter=SampledSystem.from_sections(fit.sections, display.rate_hz))
         fed = design_feed_forward(display, channel, nominal)
+    at_rest = np.abs(nominal.position_response(channel.threshold.band_hz[0] * 1e-6))  # far below the band, never zero
+    travel_v = channel.travel_mm * channel.sensor_gain_v_per_mm
     return ChannelController(
         name=channel.name,
-        threshold_voltage_dc=_at_rest(nominal, channel),
+        threshold_voltage_dc=max(float(at_rest), np.finfo(float).tiny),
         prefilter_sos=fit.sections,
         feedback_sos=sections,
         anti_windup=gains,
-        limits=_limits(display, channel),
+        limits=Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl),
         designed_for=tuple(member.name for member in members),
         report=_report(display, channel, nominal, fit, assessments, members, fed),
         feed_forward=fed,
@@ -194,16 +194,6 @@ def _still_taken_db(
             taken_db.append(db(np.abs(response / touched)))
     raised_db = _TOWARDS_TOUCHED * np.mean(taken_db[1:] or taken_db, axis=0)
     return np.asarray(np.clip(raised_db, -_RAISED_MAX_DB, _RAISED_MAX_DB))
-
-
-def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
-    """Return |H(0)|, volts of y per threshold unit: the limit at a frequency far below the band, never zero."""
-    return max(float(np.abs(loop.position_response(channel.threshold.band_hz[0] * 1e-6))), np.finfo(float).tiny)
-
-
-def _limits(display: Display, channel: Channel) -> Limits:
-    travel_v = channel.travel_mm * channel.sensor_gain_v_per_mm
-    return Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl)
 
 
 BINDING = ("travel", "command", "comfort")
@@ -243,8 +233,8 @@ def headroom(
     position = np.abs(moved)
     speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
     displacement_mm = position / channel.sensor_gain_v_per_mm / speed
-    own = loop.command_response(frequency_hz) if answer is None else moved / loop.plant.response(frequency_hz)
-    command = np.abs(own)
+    driven = loop.command_response(frequency_hz) if answer is None else moved / loop.plant.response(frequency_hz)
+    command = np.abs(driven)
     room_v = channel.converter.range_v - abs(channel.converter.offset_v)
     felt_error = db(displacement_mm / channel.threshold.curve.displacement_mm(frequency_hz))
     levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfort_db_sl - felt_error])

@@ -7,6 +7,7 @@ polynomials: its transfer functions lose all their digits for a prefilter in ser
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,12 @@ def to_control(system: System) -> Any:
             "no more zeros than poles",
         )
     step: float = 1.0 / system.rate_hz if isinstance(system, SampledSystem) else 0
-    made = control.ss([], [], [], [[system.gain]], step)
+    series = control.ss([], [], [], [[system.gain]], step)
     for zeros, poles in _factors(system):
-        made = made * control.ss(*_factor_matrices(zeros, poles), step)
+        series = series * control.ss(*_factor_matrices(zeros, poles), step)
     for _ in range(system.delay_samples if isinstance(system, SampledSystem) else 0):
-        made = made * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], step)
-    return made
+        series = series * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], step)
+    return series
 
 
 def from_control(system: Any) -> System:
@@ -63,40 +64,22 @@ def _control() -> Any:
         raise BadInput("python-control is not installed", "after `pip install control`") from None
 
 
-def _factors(system: System) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
-    """Return the zeros and poles in groups of one real or one conjugate pair of poles, each with as many
-    zeros at most.
+def _factors(system: System) -> Iterator[tuple[Any, Any]]:
+    """Yield the zeros and poles in groups of two poles, real or a conjugate pair, or of the last real one, each with as
+    many zeros at most: every pair of zeros finds a place.
     """
-    zeros = sorted(system.zeros, key=abs)
-    pairs = [root for root in sorted(system.poles, key=abs) if root.imag >= 0.0]
-    groups: list[np.ndarray[Any, Any]] = [np.array([p, np.conj(p)]) if p.imag > 0.0 else np.array([p]) for p in pairs]
-    return _with_zeros(_merged(groups), zeros)
-
-
-def _merged(groups: list[np.ndarray[Any, Any]]) -> list[np.ndarray[Any, Any]]:
-    """Return the single poles put together two by two, so that every pair of zeros finds a place."""
-    doubles = [group for group in groups if group.size == 2]
-    singles = [group for group in groups if group.size == 1]
-    doubles += [np.concatenate(singles[i : i + 2]) for i in range(0, len(singles), 2)]
-    return sorted(doubles, key=lambda group: -group.size)
-
-
-def _with_zeros(
-    groups: list[np.ndarray[Any, Any]], zeros: list[complex]
-) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
-    complex_zeros = [zero for zero in zeros if zero.imag > 0.0]
-    real_zeros = [zero for zero in zeros if zero.imag == 0.0]
-    found = []
-    for poles in groups:
-        taken: list[complex] = []
-        if poles.size == 2 and complex_zeros:
-            zero = complex_zeros.pop(0)
-            taken = [zero, np.conj(zero)]
+    zeros, poles = (np.array(sorted(roots, key=abs), dtype=np.complex128) for roots in (system.zeros, system.poles))
+    real = poles[poles.imag == 0.0]
+    groups = [np.array([pole, np.conj(pole)]) for pole in poles[poles.imag > 0.0]]
+    groups += [real[i : i + 2] for i in range(0, real.size, 2)]
+    pairs, singles = zeros[zeros.imag > 0.0].tolist(), zeros[zeros.imag == 0.0].tolist()
+    for group in groups:
+        if group.size == 2 and pairs:
+            zero = pairs.pop(0)
+            yield np.array([zero, np.conj(zero)]), group
         else:
-            while real_zeros and len(taken) < poles.size:
-                taken.append(real_zeros.pop(0))
-        found.append((np.array(taken, dtype=np.complex128), poles))
-    return found
+            taken = [singles.pop(0) for _ in range(min(group.size, len(singles)))]
+            yield np.array(taken, dtype=np.complex128), group
 
 
 def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
@@ -134,11 +117,11 @@ def continuous_form(system: SampledSystem) -> ContinuousSystem:
     ratio = np.prod(zeros + 1.0) / np.prod(poles + 1.0)
     # z - r = ((1 + r) / (twice - s)) (s - s_r): every finite root brings (1 + r), every pole left over (twice - s)
     gain = system.gain * float(np.real(ratio))
-    left = zeros.size - poles.size + infinite
+    missing = zeros.size - poles.size + infinite
     gain *= (2.0 * twice) ** infinite
     s_zeros = twice * (zeros - 1.0) / (zeros + 1.0)
     s_poles = twice * (poles - 1.0) / (poles + 1.0)
-    more = max(0, -left)
+    more = max(0, -missing)
     s_zeros = np.concatenate([s_zeros, np.full(more, twice, dtype=np.complex128)])
-    s_poles = np.concatenate([s_poles, np.full(max(0, left), twice, dtype=np.complex128)])
-    return ContinuousSystem(s_zeros, s_poles, gain * (-1.0) ** left)
+    s_poles = np.concatenate([s_poles, np.full(max(0, missing), twice, dtype=np.complex128)])
+    return ContinuousSystem(s_zeros, s_poles, gain * (-1.0) ** missing)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
 from tactuator.signals.discretise import zero_order_hold
@@ -30,11 +28,6 @@ class Member:
         return self.load if self.model == 0 else f"{self.load}, model {self.model}"
 
 
-def sampled_plant(plant: ContinuousSystem, rate_hz: float, delay_samples: int) -> SampledSystem:
-    """Return `plant` behind a zero-order hold, with the computing delay."""
-    return zero_order_hold(plant, rate_hz) * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
-
-
 def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[Member, ...]:
     """Return every model of the channel, without and under each load; the nominal unloaded plant first."""
     loads: tuple[Load | None, ...] = (None, *channel.loads)
@@ -42,6 +35,6 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
     for model, plant in enumerate((channel.plant, *channel.family)):
         for load in loads:
             loaded = plant if load is None else load.applied_to(plant, channel.quantity)
-            sampled = sampled_plant(loaded, rate_hz, delay_samples)
+            sampled = zero_order_hold(loaded, rate_hz, delay_samples)
             members.append(Member(UNLOADED if load is None else load.name, model, loaded, sampled))
     return tuple(members)

@@ -15,9 +15,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.requirements import FeedbackRequirements
 
-Quantity = Literal[
-    "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak"
-]  # fmt: skip
+Quantity = Literal["|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak"]
 DB = 20.0 / np.log(10.0)
 DEGREES_PER_DB = 5.0
 _UNITS: Mapping[Quantity, str] = {"|T|": "dB", "|S|": "dB", "phase_margin_deg": "deg"}

@@ -236,7 +236,11 @@ _HELP = "allowed: looser limits of more than one kind, a faster rate, less delay
 def _sound(problem: LoopProblem, starts: Sequence[FloatArray], relaxed: Sequence[Limit] = ()) -> list[Solution]:
     """Return the solutions from `starts` whose loops are stable, the nearest to the requirements first."""
     solutions = [solve(problem, start, relaxed) for start in starts]
-    kept = [one for one in solutions if one and is_sound(problem.structure.system(one.parameters), problem.task)]
+    kept = [
+        solution
+        for solution in solutions
+        if solution and is_sound(problem.structure.system(solution.parameters), problem.task)
+    ]
     return sorted(kept, key=lambda solution: max(_worst_excess(problem, solution).values()))
 
 

@@ -22,8 +22,9 @@ from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES, Load
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.synthesis.family import UNLOADED, sampled_plant
+from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.touch import fed_push
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
@@ -71,8 +72,8 @@ class DrawnPlants:
     def document(self) -> dict[str, Any]:
         """Return plain tables, as `--json` prints them."""
         figures = {name: self.quantiles(getattr(self, name)) for name in FIGURES}
-        told = {"channel": self.channel, "load": self.load, "count": self.count, "source": self.source}
-        return {**told, "unstable": self.unstable, **figures, "quantiles": list(QUANTILES)}
+        plants = {"channel": self.channel, "load": self.load, "count": self.count, "source": self.source}
+        return {**plants, "unstable": self.unstable, **figures, "quantiles": list(QUANTILES)}
 
 
 def monte_carlo(
@@ -93,7 +94,7 @@ def monte_carlo(
 
 
 def _drawn_plants(
-    own: ChannelController,
+    controller: ChannelController,
     channel: Channel,
     display: Display,
     load: Load | None,
@@ -101,10 +102,10 @@ def _drawn_plants(
     rng: np.random.Generator,
     mode_shift: float,
 ) -> DrawnPlants:
-    grid = _Grids(own, channel, display, load)
+    grid = _Grids(controller, channel, display, load)
     rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
-    for some in _counts(count):
-        plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
+    for start in range(0, count, _AT_ONCE):
+        plants, lead = _drawn(channel, min(_AT_ONCE, count - start), rng, mode_shift, grid.frequency_hz)
         rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
     stable, *figures = (np.concatenate(column) for column in zip(*rows, strict=True))
     return DrawnPlants(
@@ -117,15 +118,10 @@ def _drawn_plants(
     )
 
 
-def _counts(count: int) -> Iterator[int]:
-    for start in range(0, count, _AT_ONCE):
-        yield min(_AT_ONCE, count - start)
-
-
 class _Grids:
     """One channel's controller on the frequencies of the band, the mains lines and the whole loop."""
 
-    def __init__(self, own: ChannelController, channel: Channel, display: Display, load: Load | None) -> None:
+    def __init__(self, controller: ChannelController, channel: Channel, display: Display, load: Load | None) -> None:
         rate_hz = display.rate_hz
         low, high = channel.threshold.band_hz
         parts = [np.geomspace(0.02 * low, low, 8), np.geomspace(low, 0.499 * rate_hz, 130)]
@@ -139,18 +135,18 @@ class _Grids:
         self._lines = np.searchsorted(self.frequency_hz, lines[lines < 0.5 * rate_hz])
         self._hum = np.array(channel.environment.hum_v_peak)[lines < 0.5 * rate_hz]
         self._band = (self.frequency_hz >= low) & (self.frequency_hz <= high)
-        feedback = own.feedback(rate_hz)
+        feedback = controller.feedback(rate_hz)
         delay = np.exp(-2j * np.pi * self.frequency_hz * (display.delay_samples + 0.5) / rate_hz)
         self._held = np.sinc(self.frequency_hz / rate_hz) * delay
-        self._prefilter = own.prefilter(rate_hz).response(self.frequency_hz)
+        self._prefilter = controller.prefilter(rate_hz).response(self.frequency_hz)
         self._feedback = None if feedback is None else feedback.response(self.frequency_hz)
         self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
         self._threshold_v = channel.threshold_voltage(self.frequency_hz)
         self._push: ComplexArray | float = 0.0
-        if own.feed_forward is not None and load is not None:
-            plant = sampled_plant(channel.plant, rate_hz, display.delay_samples)
-            free = TwoDegreeLoop(own.prefilter(rate_hz), feedback, plant)
-            self._push = fed_push(own.feed_forward, free, load, self.frequency_hz, rate_hz)
+        if controller.feed_forward is not None and load is not None:
+            plant = zero_order_hold(channel.plant, rate_hz, display.delay_samples)
+            free = TwoDegreeLoop(controller.prefilter(rate_hz), feedback, plant)
+            self._push = fed_push(controller.feed_forward, free, load, self.frequency_hz, rate_hz)
 
     def figures(self, plants: ComplexArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
         """Return (stable, max|S|, flatness in dB, felt hum in dB SL) of plants (n, f), each (n,)."""
@@ -188,19 +184,21 @@ def _drawn(
     leading coefficients (count, 1), in which loads are told."""
     s: ComplexArray = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     if channel.covariance:
-        made, lead = _from_covariance(channel, count, rng, s)
+        responses, lead = _from_covariance(channel, count, rng, s)
     else:
         plants = (channel.plant, *channel.family)
         which = rng.integers(len(plants), size=count)
-        made = np.array([plant.response(frequency_hz) for plant in plants])[which]
+        responses = np.array([plant.response(frequency_hz) for plant in plants])[which]
         lead = np.array([plant.gain for plant in plants])[which, None]
     for root, sign in _light_roots(channel):
-        own, damping = abs(root), -root.real / abs(root)
-        moved = own * np.exp(mode_shift * rng.standard_normal((count, 1)))
+        natural, damping = abs(root), -root.real / abs(root)
+        moved = natural * np.exp(mode_shift * rng.standard_normal((count, 1)))
         # of unit gain far below the mode, so that a shift does not change the plant at rest
-        factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (s**2 / own**2 + 2.0 * damping * s / own + 1.0)
-        made = made * factor**sign
-    return np.asarray(made, dtype=np.complex128), lead
+        factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (
+            s**2 / natural**2 + 2.0 * damping * s / natural + 1.0
+        )
+        responses = responses * factor**sign
+    return np.asarray(responses, dtype=np.complex128), lead
 
 
 def _light_roots(channel: Channel) -> Iterator[tuple[complex, int]]:

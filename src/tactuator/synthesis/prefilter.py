@@ -15,17 +15,17 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.loop import System, TwoDegreeLoop
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.felt import friction_loss_db
 from tactuator.synthesis.sections import cascade
 
@@ -65,17 +65,17 @@ def fit_prefilter(
     Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
     plant gives nothing somewhere in the band.
     """
-    plant = sampled_plant(channel.plant, rate_hz, delay_samples)
-    goal = prefilter_goal(channel, feedback, plant, rate_hz)
+    loop = bare_loop(feedback, zero_order_hold(channel.plant, rate_hz, delay_samples))
+    goal = prefilter_goal(channel, loop, rate_hz)
     raised = raised_db(goal.frequency_hz)
     floor_db = None if goal.floor_db is None else goal.floor_db - raised
     goal = replace(goal, level_db=goal.level_db + raised, ceiling_db=goal.ceiling_db + max(raised), floor_db=floor_db)
     if poles is not None:
-        return _fit(channel, feedback, plant, goal, poles, raised_db)
+        return _fit(channel, loop, rate_hz, goal, poles, raised_db)
     best = float("inf")
     for count in range(2, MOST_POLES + 1, 2):
         try:
-            fit = _fit(channel, feedback, plant, goal, count, raised_db)
+            fit = _fit(channel, loop, rate_hz, goal, count, raised_db)
         except BadInput:
             if count < MOST_POLES:
                 continue
@@ -89,21 +89,30 @@ def fit_prefilter(
     )
 
 
-def prefilter_goal(
-    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, rate_hz: float
-) -> MagnitudeGoal:
+def bare_loop(feedback: SampledSystem | None, plant: SampledSystem) -> TwoDegreeLoop:
+    """Return what stands behind a prefilter, T or the plant itself, as a loop whose prefilter is one.
+
+    Raises UnstableLoop for an unstable loop.
+    """
+    loop = TwoDegreeLoop(SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz), feedback, plant)
+    if loop.feedback is not None:
+        loop.feedback.require_stable()
+    return loop
+
+
+def prefilter_goal(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> MagnitudeGoal:
     """Return the goal |F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above
-    the band.
+    the band. loop: the bare one.
 
     Friction only takes away: where it does, the fit leans against it within its tolerance.
     """
     low, high = channel.threshold.band_hz
-    inside = design_grid_hz(channel, feedback, plant)
+    inside, zeros = _design_grid_hz(channel, loop, rate_hz), loop.plant.zeros
     below = np.append(np.geomspace(low * 1e-3, low / 15.0, 5), np.geomspace(low / 10.0, low / 1.03, 14))
-    if plant.zeros.size and np.min(np.abs(plant.zeros - 1.0)) < 1e-9:
+    if zeros.size and np.min(np.abs(zeros - 1.0)) < 1e-9:
         below = np.empty(0)  # a plant that gives nothing at rest asks nothing of the prefilter there
     frequency = np.append(below, inside)
-    level = db(channel.threshold_voltage(frequency) / np.abs(_behind(feedback, plant, frequency)))
+    level = db(channel.threshold_voltage(frequency) / np.abs(loop.position_response(frequency)))
     if not np.all(np.isfinite(level)):
         raise BadInput(f"channel {channel.name!r}: the plant gives nothing somewhere in the band", "no such zero")
     allowance = np.append(np.full(below.size, _BELOW_BAND_ALLOWANCE_DB), np.zeros(inside.size))
@@ -112,18 +121,21 @@ def prefilter_goal(
     if falls > 0.9 * top:
         falls = max(high * 1.02, 0.9 * top)
     above = np.unique(np.append(np.geomspace(high * 1.02, top, 50), falls))
-    floor = _floor_db(channel, feedback, plant, frequency)
-    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor, falls)
+    ceiling_db = float(np.max(level[allowance == 0.0]))
+    floors = [  # the least error that keeps what friction takes within bounds
+        friction_loss_db(channel, loop, frequency, level_db_sl) - most
+        for level_db_sl, most in _FRICTION_FLOORS_DB.items()
+    ]
+    return MagnitudeGoal(frequency, level, allowance, above, ceiling_db, np.asarray(np.max(floors, axis=0)), falls)
 
 
-def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> FloatArray:
+def _design_grid_hz(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> FloatArray:
     """Return frequencies of the band: even in log frequency, the curve's own, and dense around lightly damped roots."""
     low, high = channel.threshold.band_hz
     parts = [np.geomspace(low, high, 200), channel.threshold.curve.frequency_hz]
-    systems: list[System] = [plant] if feedback is None else [plant, feedback]
-    for system in systems:
+    for system in (loop.plant, *([] if loop.controller is None else [loop.controller])):
         roots = np.append(system.poles, system.zeros)
-        s = np.log(roots[np.abs(roots) > 1e-3]) * plant.rate_hz
+        s = np.log(roots[np.abs(roots) > 1e-3]) * rate_hz
         for root in s[(s.imag > 0.0) & (np.abs(s.imag) > 3.0 * np.abs(s.real))]:
             parts.append((root.imag + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi))
     grid = np.unique(np.concatenate(parts))
@@ -135,41 +147,19 @@ def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: Array
     return db(np.abs(loop.position_response(frequency_hz)) / channel.threshold_voltage(frequency_hz))
 
 
-def _floor_db(
-    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: FloatArray
-) -> FloatArray:
-    """Return the least error that keeps what friction takes, at the levels of `_FRICTION_FLOORS_DB`, within bounds."""
-    one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
-    loop = TwoDegreeLoop(one, feedback, plant)
-    floors = [
-        friction_loss_db(channel, loop, frequency_hz, level) - most for level, most in _FRICTION_FLOORS_DB.items()
-    ]
-    return np.asarray(np.max(floors, axis=0))
-
-
-def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-    """Return the response behind the prefilter: T, or the plant itself."""
-    one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
-    loop = TwoDegreeLoop(one, feedback, plant)
-    if loop.feedback is not None:
-        loop.feedback.require_stable()
-    return loop.position_response(frequency_hz)
-
-
 def _fit(
     channel: Channel,
-    feedback: SampledSystem | None,
-    plant: SampledSystem,
+    loop: TwoDegreeLoop,
+    rate_hz: float,
     goal: MagnitudeGoal,
     poles: int,
     raised_db: Callable[[FloatArray], FloatArray],
 ) -> PrefilterFit:
-    rate_hz = plant.rate_hz
     sections = cascade(fit_magnitude(goal, rate_hz, poles))
     low, high = channel.threshold.band_hz
-    own = channel.threshold.curve.frequency_hz
-    judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), own[(own >= low) & (own <= high)]]))
-    wanted = channel.threshold_voltage(judged) / np.abs(_behind(feedback, plant, judged))
+    points = channel.threshold.curve.frequency_hz
+    judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), points[(points >= low) & (points <= high)]]))
+    wanted = channel.threshold_voltage(judged) / np.abs(loop.position_response(judged))
     error = db(np.abs(sections_response(sections, judged, rate_hz)) / wanted)
     above = error - raised_db(judged)
     centre = 0.5 * float(np.max(above) + np.min(above))

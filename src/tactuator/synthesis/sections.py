@@ -87,8 +87,8 @@ def _integrator_section(zeros: ComplexArray, partner: float | None) -> NDArray[n
 def anti_windup(sections: FloatArray, crossover_hz: float, rate_hz: float) -> AntiWindup:
     """Return the gains of the rule above; zero where the last section holds no integrator."""
     _, _, _, a0, a1, a2 = sections[-1]
-    own = exact_sum(a0, a0, a1) / float(a0)
-    if abs(exact_sum(a0, a1, a2)) > _AT_ONE * abs(own):
+    pole = exact_sum(a0, a0, a1) / float(a0)
+    if abs(exact_sum(a0, a1, a2)) > _AT_ONE * abs(pole):
         return AntiWindup((0.0, 0.0))
     rate = -float(np.expm1(-2.0 * np.pi * crossover_hz / rate_hz))
-    return AntiWindup((rate, rate * own))
+    return AntiWindup((rate, rate * pole))

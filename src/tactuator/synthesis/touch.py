@@ -7,6 +7,8 @@ two weights on the designed finger (mass; damping with stiffness) are enough, an
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -14,7 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import PREVIEW_MAX, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import Load
-from tactuator.signals.decibels import db, from_db
+from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import UNLOADED
 
@@ -64,8 +66,7 @@ def require_adaptive(display: Display, channel: Channel, *, is_looped: bool) -> 
 def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop) -> FeedForward:
     """Return the model from which a channel feeds forward; loop: the designed one, unloaded and sampled.
 
-    Raises BadInput where the plant does not allow it: no loop, no load to design for, a plant that is not a
-    second-order motor with a displacement sensor, a delay beyond the preview.
+    Raises BadInput where `require_adaptive` does.
     """
     delay = require_adaptive(display, channel, is_looped=loop.feedback is not None)
     poles = channel.plant.poles
@@ -96,12 +97,12 @@ def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop)
     )
     heard_v = _heard_v(draft, channel, loop, display.rate_hz)
     most_v = WEIGHT_MAX * push_bound_v(draft, loop, display) * float(from_db(display.objectives.comfort_db_sl))
-    figures = {
-        "gate_v": heard_v * float(from_db(GATE_DB_SL)),
-        "ridge_v": heard_v * float(from_db(RIDGE_DB_SL)),
-        "push_max_v": min(most_v, channel.converter.range_v),
-    }
-    return FeedForward(**{**vars(draft), **figures})
+    return replace(
+        draft,
+        gate_v=heard_v * float(from_db(GATE_DB_SL)),
+        ridge_v=heard_v * float(from_db(RIDGE_DB_SL)),
+        push_max_v=min(most_v, channel.converter.range_v),
+    )
 
 
 def push_responses(model: FeedForward, loop: TwoDegreeLoop, frequency_hz: FloatArray) -> ComplexArray:
@@ -110,18 +111,6 @@ def push_responses(model: FeedForward, loop: TwoDegreeLoop, frequency_hz: FloatA
     moved = loop.position_response(frequency_hz) / model.gain
     mass, damping, stiffness = model.load
     return np.array([mass * s**2 * moved, (damping * s + stiffness) * moved])
-
-
-def loaded_change_db(
-    model: FeedForward, loop: TwoDegreeLoop, weights: FloatArray, frequency_hz: FloatArray
-) -> FloatArray:
-    """Return by how many dB the felt level changes when nothing touches and the weights (2,) are wrong, (n,).
-
-    The pushes then come on top of the reference's own: 1 + P S u_ff / H.
-    """
-    assert loop.feedback is not None
-    added = np.tensordot(_shares(model) * weights, push_responses(model, loop, frequency_hz), 1)
-    return db(np.abs(1.0 + loop.feedback.load_sensitivity(frequency_hz) * added / loop.position_response(frequency_hz)))
 
 
 def _shares(model: FeedForward) -> FloatArray:

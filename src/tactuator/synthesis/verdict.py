@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.verdict import OF_THE_LOOP, Finding, Outcome, Verdict, compared, rests_on, verdict_of
@@ -29,14 +29,24 @@ from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 from tactuator.synthesis.monte_carlo import DrawnPlants
-from tactuator.synthesis.touch import adapted_response
+from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.assessment import buildable
 
 _POINTS = 600
-_DB, _DB_SL = "dB", "dB SL"
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
+
+
+def whole_verdict(controller: Controller, display: Display | None = None, drawn: Sequence[DrawnPlants] = ()) -> Verdict:
+    """Return the verdict on the objectives and on building an image, for `display` (None: the controller's own), and on
+    the plants `drawn` for it, if any.
+    """
+    judged = judge(controller, display)
+    shown = controller if display is None else replace(controller, display=display)
+    findings = [finding for objective in judged.objectives for finding in objective.findings]
+    findings += judge_drawn(drawn, shown.display)
+    return verdict_of([*findings, buildable(shown)], (*judged.assumptions, *drawn_assumptions(drawn)))
 
 
 def judge(controller: Controller, display: Display | None = None) -> Verdict:
@@ -56,20 +66,19 @@ def judge(controller: Controller, display: Display | None = None) -> Verdict:
 
 def assumptions(display: Display) -> tuple[str, ...]:
     """Return what the display file leaves to be assumed, one sentence each."""
-    told: list[str] = []
+    sentences: list[str] = []
     for channel in display.channels:
         environment = channel.environment
+        lines = zip(environment.hum_hz, environment.hum_v_peak, strict=True)
         figures = {
-            "hum": ", ".join(f"{1e3 * v:g} mV at {f:g} Hz" for f, v in _hum(channel)) or "none",
+            "hum": ", ".join(f"{1e3 * v:g} mV at {f:g} Hz" for f, v in lines) or "none",
             "noise": f"{1e3 * environment.noise_v_rms:g} mV rms",
             "friction": f"{1e3 * environment.friction_v:g} mV of command",
         }
-        told += [f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed]
-    return tuple(told)
-
-
-def _hum(channel: Channel) -> Iterator[tuple[float, float]]:
-    return zip(channel.environment.hum_hz, channel.environment.hum_v_peak, strict=True)
+        sentences += [
+            f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed
+        ]
+    return tuple(sentences)
 
 
 def hum_remedy(line_hz: float) -> str:
@@ -88,49 +97,39 @@ class _Judge:
     nominal: TwoDegreeLoop
     feed_forward: FeedForward | None = None
 
-    def open(self, objective: str, quantity: str, remark: str, *, counts: bool = True) -> Finding:
+    def open(self, objective: str, quantity: str, remark: str) -> Finding:
         """Return a finding that was not judged, and why."""
-        return Finding(
-            objective,
-            self.channel.name,
-            self.member.name,
-            Outcome.NOT_JUDGED,
-            quantity,
-            remark=remark,
-            counts=counts,
-        )
+        return Finding(objective, self.channel.name, self.member.name, Outcome.NOT_JUDGED, quantity, remark=remark)
+
+    def compared(
+        self, kind: tuple[str, str], figure: tuple[float, float, str], at_hz: float, remedy: str, *assumed: str
+    ) -> Finding:
+        """Return the finding on a figure (value, what is allowed, unit) of one kind (objective, quantity)."""
+        (objective, quantity), (value, allowed, unit), rests = kind, figure, " and ".join(assumed)
+        channel, load = self.channel.name, self.member.name
+        return compared(objective, channel, load, quantity, value, allowed, unit, at_hz, assumed=rests, remedy=remedy)
 
     def flatness(self) -> Finding:
         """Judge objective i, with what the plant's magnitude may be off, over the frequencies where the plant is known;
         under a load, where feedback cannot help above its bandwidth, the figure is told only.
         """
-        frequency = _known_part(self.channel, _band(self.channel))
+        frequency = _band(self.channel)
+        frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
             return self.open("i", "error of |H|", _known_words(self.channel))
         error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
-        found = compared(
-            "i",
-            self.channel.name,
-            self.member.name,
-            "error of |H|",
-            float(abs(error[worst])) + unsure_db,
-            self.display.objectives.flatness_db,
-            _DB,
-            float(frequency[worst]),
-            remedy="more poles in [prefilter], or a wider flatness_db",
-        )
-        if unsure_db > 0.0:
-            found = unsure(found, self.channel)
+        figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
+        remedy = "more poles in [prefilter], or a wider flatness_db"
+        finding = self.compared(("i", "error of |H|"), figure, float(frequency[worst]), remedy)
+        finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
-            return found
-        told = "told only: what a load changes is objective iv's"
-        return replace(found, outcome=Outcome.NOT_JUDGED, remark=told, counts=False)
+            return finding
+        return replace(_open(finding, "told only: what a load changes is objective iv's"), counts=False)
 
     def unknown(self) -> Iterator[Finding]:
         """Tell where band and crossover leave the frequencies at which the plant is known."""
-        low, high = self.channel.threshold.band_hz
-        if not all(self.channel.is_known(edge) for edge in (low, high)):
+        if _is_beyond(self.channel):
             yield self.open("i", "error of |H| beyond the known band", _known_words(self.channel))
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
@@ -143,104 +142,62 @@ class _Judge:
         environment = self.channel.environment
         if self.loop.feedback is None:
             yield self.open("ii", FELT_HUM, NO_LOOP)
-            return
-        if not environment.hum_hz:
+        elif not environment.hum_hz:
             yield self.open("ii", FELT_HUM, "the display file names no mains line (hum_hz)")
-            return
-        lines = np.array(environment.hum_hz)
-        levels = felt_db_sl(self.channel, felt_hum_v(self.channel, self.loop), lines)
-        unknown = [what for what in ("hum", "friction") if what in environment.assumed]
-        for line, level in zip(lines.tolist(), levels.tolist(), strict=True):
-            yield compared(
-                "ii",
-                self.channel.name,
-                self.member.name,
-                FELT_HUM,
-                level,
-                self.display.objectives.mains_max_db_sl,
-                _DB_SL,
-                line,
-                assumed=" and ".join([*unknown, *_guessed(self.channel, line)]),
-                remedy=hum_remedy(line),
-            )
+        else:
+            lines = np.array(environment.hum_hz)
+            levels = felt_db_sl(self.channel, felt_hum_v(self.channel, self.loop), lines)
+            unknown = [what for what in ("hum", "friction") if what in environment.assumed]
+            for line, level in zip(lines.tolist(), levels.tolist(), strict=True):
+                figure = level, self.display.objectives.mains_max_db_sl, "dB SL"
+                assumed = [*unknown, *_guessed(self.channel, line)]
+                yield self.compared(("ii", FELT_HUM), figure, line, hum_remedy(line), *assumed)
 
     def noise(self) -> Iterator[Finding]:
         """Judge objective iii: the worst third octave, and the loop's resonance."""
         low, high = self.channel.threshold.band_hz
-        bands = third_octave_bands(low, high)
-        allowed = self.display.objectives
+        bands, allowed, feedback = third_octave_bands(low, high), self.display.objectives, self.loop.feedback
         if bands:
             edges = np.array([[band.low_hz, band.high_hz] for band in bands])
             centres = np.array([band.centre_hz for band in bands])
             peak = np.sqrt(2.0) * felt_noise_rms_v(self.channel, self.loop, self.display.rate_hz, edges)
             level = felt_db_sl(self.channel, peak, np.clip(centres, low, high))
             worst = int(np.argmax(level))
-            looped = self.loop.feedback is not None
-            yield compared(
-                "iii",
-                self.channel.name,
-                self.member.name,
-                FELT_NOISE if looped else "felt steps of the D/A",
-                float(level[worst]),
-                allowed.noise_max_db_sl,
-                _DB_SL,
-                float(centres[worst]),
-                assumed=" and ".join(
-                    ["noise"] * (looped and "noise" in self.channel.environment.assumed)
-                    + _guessed(self.channel, float(centres[worst]))
-                ),
-                remedy=NOISE_REMEDY,
-            )
+            at = float(centres[worst])
+            assumed = ["noise"] if feedback is not None and "noise" in self.channel.environment.assumed else []
+            quantity = "felt steps of the D/A" if feedback is None else FELT_NOISE
+            figure = float(level[worst]), allowed.noise_max_db_sl, "dB SL"
+            yield self.compared(("iii", quantity), figure, at, NOISE_REMEDY, *assumed, *_guessed(self.channel, at))
         else:
             yield self.open("iii", FELT_NOISE, f"no third octave lies within {low:g} to {high:g} Hz")
-        if self.loop.feedback is not None:
-            peak_t = margins(self.loop.feedback).complementary
-            yield compared(
-                "iii",
-                self.channel.name,
-                self.member.name,
-                RESONANCE,
-                peak_t.value,
-                allowed.resonance_peak,
-                "",
-                peak_t.frequency_hz,
-                remedy="a lower sensitivity_peak or a greater phase_margin_deg",
-            )
-
-    def _loaded_response(self, frequency_hz: FloatArray) -> ComplexArray:
-        if self.feed_forward is None:
-            return self.loop.position_response(frequency_hz)
-        load = self.channel.load(self.member.load)
-        rate_hz = self.display.rate_hz
-        return adapted_response(self.feed_forward, self.nominal, self.loop, load, frequency_hz, rate_hz)
+        if feedback is not None:
+            peak_t = margins(feedback).complementary
+            remedy = "a lower sensitivity_peak or a greater phase_margin_deg"
+            figure = peak_t.value, allowed.resonance_peak, ""
+            yield self.compared(("iii", RESONANCE), figure, peak_t.frequency_hz, remedy)
 
     def load(self) -> Finding:
         """Judge objective iv; the worst change over the band is told beside it. A controller that feeds forward for a
         finger is judged over the whole band, with the weights that it finds.
         """
-        asked = self.display.objectives
+        asked, rate_hz = self.display.objectives, self.display.rate_hz
         frequency = _band(self.channel)
-        change = db(np.abs(self._loaded_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
+        response = fed_response(
+            self.feed_forward, self.channel, self.nominal, self.loop, self.member.load, frequency, rate_hz
+        )
+        response = self.loop.position_response(frequency) if response is None else response
+        change = db(np.abs(response) / np.abs(self.nominal.position_response(frequency)))
         edge_hz = asked.load_band_hz if self.feed_forward is None else np.inf
         low = (frequency <= edge_hz) & self.channel.is_known(frequency)
         worst = int(np.argmax(np.abs(change)))
-        told = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
+        whole = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
         if not np.any(low):
             below = f"no frequency of the band up to load_band_hz {asked.load_band_hz:g}"
-            return self.open("iv", "change of |H|", f"{below} at which the plant is known; {told}")
+            return self.open("iv", "change of |H|", f"{below} at which the plant is known; {whole}")
         place = int(np.argmax(np.abs(change[low])))
-        found = compared(
-            "iv",
-            self.channel.name,
-            self.member.name,
-            "change of |H|",
-            float(np.abs(change[low])[place]),
-            asked.load_max_db,
-            _DB,
-            float(frequency[low][place]),
-            remedy=self._against_loads(),
-        )
-        return replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
+        figure = float(np.abs(change[low])[place]), asked.load_max_db, "dB"
+        finding = self.compared(("iv", "change of |H|"), figure, float(frequency[low][place]), self._against_loads())
+        return replace(finding, remark=f"{finding.remark}; {whole}" if finding.remark else whole)
 
     def _against_loads(self) -> str:
         """Return what would help a display that a load changes."""
@@ -252,60 +209,57 @@ class _Judge:
         return f"another load first in loads: fed forward is for {first!r}, up to {most:g} times its figures"
 
 
-def judge_channel(own: ChannelController, channel: Channel, display: Display) -> Iterator[Finding]:
+def judge_channel(controller: ChannelController, channel: Channel, display: Display) -> Iterator[Finding]:
     """Yield the findings on one channel, member by member of its family."""
     family = plant_family(channel, display.rate_hz, display.delay_samples)
-    prefilter, feedback = own.prefilter(display.rate_hz), own.feedback(display.rate_hz)
+    prefilter, feedback = controller.prefilter(display.rate_hz), controller.feedback(display.rate_hz)
     loops = [TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family]
-    for member, loop in zip(family, loops, strict=True):
-        judge = _Judge(channel, display, member, loop, loops[0], own.feed_forward)
-        if not _is_stable(loop):
-            yield from _unstable(judge)
+    stable = [loop.feedback is None or loop.feedback.is_stable for loop in loops]
+    for member, loop, is_stable in zip(family, loops, stable, strict=True):
+        judge = _Judge(channel, display, member, loop, loops[0], controller.feed_forward)
+        if not is_stable:
+            remedy = "a design for this display: the loop of this controller is unstable on it"
+            for number in OF_THE_LOOP:
+                unstable = judge.open(number, "the closed loop is unstable", remedy)
+                yield replace(unstable, outcome=Outcome.NOT_MET)
             continue
         yield judge.flatness()
         if member is family[0]:
             yield from judge.unknown()
         yield from judge.mains()
         yield from judge.noise()
-        if member.load != UNLOADED and _is_stable(loops[0]):
+        if member.load != UNLOADED and stable[0]:
             yield judge.load()
     if not channel.loads:
         nominal = _Judge(channel, display, family[0], loops[0], loops[0])
         yield nominal.open("iv", "change of |H|", "the display file describes no load (loads)")
 
 
-def unsure(found: Finding, channel: Channel) -> Finding:
+def _unsure(finding: Finding, channel: Channel) -> Finding:
     """Return a finding on |H| whose value holds what the plant is unsure of: not judged where that decides."""
-    most, allowed = found.value or 0.0, found.allowed or 0.0
+    most, allowed = finding.value or 0.0, finding.allowed or 0.0
     unsure_db = channel.model_error_db
-    told = f"of which {unsure_db:.2f} dB that the plant itself is unsure of"
+    share = f"of which {unsure_db:.2f} dB that the plant itself is unsure of"
     if most <= allowed or most - 2.0 * unsure_db > allowed:
-        return replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
+        return replace(finding, remark=f"{finding.remark}; {share}" if finding.remark else share)
     pair = channel.model_error_hz
     where = "" if pair is None else f", most of all between {pair[0]:.4g} and {pair[1]:.4g} Hz"
-    return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{told}: more points of its response{where}")
+    return _open(finding, f"{share}: more points of its response{where}")
 
 
-def _unstable(judge: _Judge) -> Iterator[Finding]:
-    remedy = "a design for this display: the loop of this controller is unstable on it"
-    for number in OF_THE_LOOP:
-        yield Finding(
-            number, judge.channel.name, judge.member.name, Outcome.NOT_MET, "the closed loop is unstable", remark=remedy
-        )
-
-
-def _is_stable(loop: TwoDegreeLoop) -> bool:
-    return loop.feedback is None or loop.feedback.is_stable
+def _open(finding: Finding, why: str) -> Finding:
+    return replace(finding, outcome=Outcome.NOT_JUDGED, remark=why)
 
 
 def _band(channel: Channel) -> FloatArray:
     low, high = channel.threshold.band_hz
-    own = channel.threshold.curve.frequency_hz
-    return np.unique(np.append(np.geomspace(low, high, _POINTS), own[(own >= low) & (own <= high)]))
+    points = channel.threshold.curve.frequency_hz
+    return np.unique(np.append(np.geomspace(low, high, _POINTS), points[(points >= low) & (points <= high)]))
 
 
-def _known_part(channel: Channel, frequency_hz: FloatArray) -> FloatArray:
-    return np.asarray(frequency_hz[channel.is_known(frequency_hz)])
+def _is_beyond(channel: Channel) -> bool:
+    """Tell whether the band reaches beyond the frequencies at which the plant is known."""
+    return not all(channel.is_known(edge) for edge in channel.threshold.band_hz)
 
 
 def _known_words(channel: Channel) -> str:
@@ -317,17 +271,6 @@ def _guessed(channel: Channel, frequency_hz: float) -> list[str]:
     return [] if channel.is_known(frequency_hz) else [f"the plant at {frequency_hz:.4g} Hz"]
 
 
-def whole_verdict(controller: Controller, display: Display | None = None, drawn: Sequence[DrawnPlants] = ()) -> Verdict:
-    """Return the verdict on the objectives and on building an image, for `display` (None: the controller's own), and on
-    the plants `drawn` for it, if any.
-    """
-    judged = judge(controller, display)
-    shown = controller if display is None else replace(controller, display=display)
-    findings = [finding for objective in judged.objectives for finding in objective.findings]
-    findings += judge_drawn(drawn, shown.display)
-    return verdict_of([*findings, buildable(shown)], (*judged.assumptions, *drawn_assumptions(drawn)))
-
-
 MAY_PASS, CONFIDENCE = 0.05, 0.95
 """Share of plants that may pass a limit, and the confidence with which that is told."""
 _UNSTABLE = "unstable loops"
@@ -336,67 +279,56 @@ _UNSTABLE = "unstable loops"
 def judge_drawn(drawn: Sequence[DrawnPlants], display: Display) -> list[Finding]:
     """Return the findings on plants drawn for `display`'s channels: stability and max|S| (iii), flatness without load
     (i), felt hum (ii)."""
-    return [finding for one in drawn for finding in _findings(one, display.channel(one.channel), display)]
+    return [finding for plants in drawn for finding in _findings(plants, display.channel(plants.channel), display)]
 
 
 def drawn_assumptions(drawn: Sequence[DrawnPlants]) -> tuple[str, ...]:
     """Return what the draws assume, one sentence each."""
-    shifts = {one.channel: one.mode_shift for one in drawn if one.mode_shift > 0.0}
+    shifts = {plants.channel: plants.mode_shift for plants in drawn if plants.mode_shift > 0.0}
     return tuple(
         f"modes of {name}: {100.0 * shift:g} % of standard deviation in frequency (--mode-shift)"
         for name, shift in shifts.items()
     )
 
 
-def _findings(one: DrawnPlants, channel: Channel, display: Display) -> Iterator[Finding]:
+def _findings(plants: DrawnPlants, channel: Channel, display: Display) -> Iterator[Finding]:
     asked = display.objectives
-    if np.any(np.isfinite(one.sensitivity_peak)) or one.unstable > 0.0:
-        yield _judged(one, "iii", _UNSTABLE, np.where(one.stable, 0.0, 100.0), 0.0, "%")
+    if np.any(np.isfinite(plants.sensitivity_peak)) or plants.unstable > 0.0:
+        yield _judged(plants, "iii", _UNSTABLE, np.where(plants.stable, 0.0, 100.0), 0.0, "%")
         peak = channel.feedback.sensitivity_peak
         if peak is not None:
-            yield _judged(one, "iii", "max|S|", one.sensitivity_peak, peak, "")
-    if one.load == UNLOADED:
-        found = _judged(one, "i", "error of |H|", one.flatness_db + channel.model_error_db, asked.flatness_db, "dB")
-        found = unsure(found, channel) if channel.model_error_db > 0.0 else found
-        yield _open(found, "the plant is not known over the whole band (valid_hz)") if _is_beyond(channel) else found
-    if np.any(np.isfinite(one.felt_hum_db_sl)):
-        hum = _judged(one, "ii", "felt hum", one.felt_hum_db_sl, asked.mains_max_db_sl, "dB SL")
+            yield _judged(plants, "iii", "max|S|", plants.sensitivity_peak, peak, "")
+    if plants.load == UNLOADED:
+        errors = plants.flatness_db + channel.model_error_db
+        flat = _judged(plants, "i", "error of |H|", errors, asked.flatness_db, "dB")
+        flat = _unsure(flat, channel) if channel.model_error_db > 0.0 else flat
+        yield _open(flat, "the plant is not known over the whole band (valid_hz)") if _is_beyond(channel) else flat
+    if np.any(np.isfinite(plants.felt_hum_db_sl)):
+        hum = _judged(plants, "ii", FELT_HUM, plants.felt_hum_db_sl, asked.mains_max_db_sl, "dB SL")
         assumed = [what for what in ("hum", "friction") if what in channel.environment.assumed]
         yield _open(hum, rests_on(" and ".join(assumed))) if assumed else hum
 
 
-def _judged(one: DrawnPlants, objective: str, quantity: str, values: FloatArray, allowed: float, unit: str) -> Finding:
+def _judged(
+    plants: DrawnPlants, objective: str, quantity: str, values: FloatArray, allowed: float, unit: str
+) -> Finding:
     """Return the finding that no more than `MAY_PASS` of the plants pass `allowed`."""
     passing = int(np.sum(~(values <= allowed)))
-    few = float(special.bdtr(passing, one.count, MAY_PASS)) <= 1.0 - CONFIDENCE
-    many = passing > 0 and float(special.bdtrc(passing - 1, one.count, MAY_PASS)) <= 1.0 - CONFIDENCE
+    few = float(special.bdtr(passing, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
+    many = passing > 0 and float(special.bdtrc(passing - 1, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
+    named, value = f"{quantity}, 95 % of plants", 100.0 * plants.unstable
     if quantity == _UNSTABLE:
-        few, many = few and passing == 0, passing > 0
-    outcome = Outcome.MET if few else Outcome.NOT_MET if many else Outcome.NOT_JUDGED
-    share = f"{passing} of {one.count} plants drawn from the {one.source} pass it"
-    remarks = {
-        Outcome.MET: share,
-        Outcome.NOT_MET: f"{share}; more reserve in [feedback], or a plant that is better known",
-        Outcome.NOT_JUDGED: f"{share}: too few to tell whether 5 % do; more plants (--monte-carlo)",
-    }
-    if quantity == _UNSTABLE:
-        value = 100.0 * one.unstable
+        named, few, many = quantity, few and passing == 0, passing > 0
     else:
         value = float(np.quantile(np.where(np.isfinite(values), values, np.inf), 1.0 - MAY_PASS, method="higher"))
-    named = quantity if quantity == _UNSTABLE else f"{quantity}, 95 % of plants"
-    found = Finding(
-        objective, one.channel, one.load, outcome, named, value if np.isfinite(value) else None, allowed, unit,
-        remark=remarks[outcome],
-    )  # fmt: skip
-    if one.source == "nominal":
-        return _open(found, "nothing tells how the plant may differ; a model by `identify`, a covariance or a family")
-    return found
-
-
-def _open(found: Finding, why: str) -> Finding:
-    return replace(found, outcome=Outcome.NOT_JUDGED, remark=why)
-
-
-def _is_beyond(channel: Channel) -> bool:
-    """Tell whether the band reaches beyond the frequencies at which the plant is known."""
-    return not all(channel.is_known(edge) for edge in channel.threshold.band_hz)
+    share = f"{passing} of {plants.count} plants drawn from the {plants.source} pass it"
+    outcome, remark = Outcome.NOT_JUDGED, f"{share}: too few to tell whether 5 % do; more plants (--monte-carlo)"
+    if few:
+        outcome, remark = Outcome.MET, share
+    elif many:
+        outcome, remark = Outcome.NOT_MET, f"{share}; more reserve in [feedback], or a plant that is better known"
+    if plants.source == "nominal":
+        outcome = Outcome.NOT_JUDGED
+        remark = "nothing tells how the plant may differ; a model by `identify`, a covariance or a family"
+    value_or_none = value if np.isfinite(value) else None
+    return Finding(objective, plants.channel, plants.load, outcome, named, value_or_none, allowed, unit, remark=remark)

@@ -7,7 +7,7 @@ the faster the loop is sampled, those in d = z - 1 do not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -115,17 +115,16 @@ def holds(controller: Controller, index: int, written: Written) -> bool:
 
 def response_error_db(controller: Controller, index: int, written: Written) -> float:
     """Return the worst error of |H| over the band, dB, of a channel so written."""
-    own, plant = controller.channels[index], _loop_plant(controller.display, index)
+    channel, plant = controller.channels[index], _loop_plant(controller.display, index)
     grid = np.geomspace(*controller.display.channels[index].threshold.band_hz, 120)
-    exact = delta_coefficients(own.prefilter_sos)
-    feedback = None if own.feedback_sos is None else delta_coefficients(own.feedback_sos)
+    exact = delta_coefficients(channel.prefilter_sos)
+    feedback = None if channel.feedback_sos is None else delta_coefficients(channel.feedback_sos)
     responses = [_response(*rows, plant, grid) for rows in ((written.prefilter, written.feedback), (exact, feedback))]
     return float(np.max(np.abs(db(responses[0] / responses[1]))))
 
 
 def _loop_plant(display: Display, index: int) -> SampledSystem:
-    plant = zero_order_hold(display.channels[index].plant, display.rate_hz)
-    return replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
+    return zero_order_hold(display.channels[index].plant, display.rate_hz, display.delay_samples)
 
 
 def _response(

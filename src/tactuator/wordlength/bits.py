@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import reduce
 from math import comb
 from typing import Literal
 
@@ -27,7 +28,7 @@ from tactuator.model.controller import ChannelController, Controller
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
-from tactuator.signals.loop import closed_roots
+from tactuator.signals.loop import closed_roots, is_inside
 from tactuator.signals.sections import backward_difference, check_sections
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -72,20 +73,13 @@ def in_difference(coefficients: FloatArray) -> FloatArray:
         power = order - index
         for lower in range(power + 1):
             sums[order - lower] += Fraction(float(value)) * comb(power, lower)
-    return np.array([float(one) for one in sums])
+    return np.array([float(value) for value in sums])
 
 
 def _product(factors: FloatArray) -> FloatArray:
     """Return the product of polynomials, exact before it is rounded to double."""
-    exact = [Fraction(1)]
-    for factor in factors:
-        terms = [Fraction(float(value)) for value in factor]
-        longer = [Fraction(0)] * (len(exact) + len(terms) - 1)
-        for i, one in enumerate(exact):
-            for j, other in enumerate(terms):
-                longer[i + j] += one * other
-        exact = longer
-    return np.array([float(value) for value in exact])
+    exact = reduce(np.convolve, [np.array([Fraction(float(value)) for value in factor]) for factor in factors])
+    return exact.astype(np.float64)
 
 
 def rows_response(rows: FloatArray, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
@@ -113,11 +107,6 @@ def is_stable(rows: FloatArray, plant: SampledSystem | None = None) -> bool:
         gain * plant.gain,
     )
     return is_inside(closed)
-
-
-def is_inside(poles_in_d: ComplexArray) -> bool:
-    """Return whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
-    return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
 
 
 def _fraction(row: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -252,12 +241,11 @@ def controller_bits(controller: Controller, rates_hz: Sequence[float]) -> Needed
     needed: Needed = {"prefilter": {form: {} for form in FORMS}}
     for rate_hz in rates_hz:
         moved = at_rate(controller, rate_hz)
-        for channel, own in zip(moved.display.channels, moved.channels, strict=True):
+        for channel, filters in zip(moved.display.channels, moved.channels, strict=True):
             band = np.geomspace(*channel.threshold.band_hz, 120)
-            plant = zero_order_hold(channel.plant, rate_hz)
-            plant = replace(plant, delay_samples=plant.delay_samples + moved.delay_samples)
-            feedback = own.feedback(rate_hz)
-            prefilter = own.prefilter(rate_hz)
+            plant = zero_order_hold(channel.plant, rate_hz, moved.delay_samples)
+            feedback = filters.feedback(rate_hz)
+            prefilter = filters.prefilter(rate_hz)
             unity = replace(prefilter, gain=prefilter.gain / float(abs(prefilter.response(band[0]))))
             for form in FORMS:
                 _raise(needed, "prefilter", form, rate_hz, filter_bits(unity, form, band))

@@ -97,15 +97,15 @@ class FixedSections:
         most = self._most
         for section, state in zip(self._sections, self._states, strict=True):
             (b0, b1, b2), (a1, a2), bits = section.b, section.a, section.a_bits
-            x1, x2, y1, y2, left = state
+            x1, x2, y1, y2, rest = state
             fresh = b0 * value + b1 * x1 + b2 * x2
             shift = section.b_bits - bits
-            total = (fresh >> shift if shift >= 0 else fresh << -shift) + left - a1 * y1 - a2 * y2
+            total = (fresh >> shift if shift >= 0 else fresh << -shift) + rest - a1 * y1 - a2 * y2
             y = nearest = (total + (1 << (bits - 1))) >> bits
             if not -most <= nearest < most:
                 y = saturated(nearest, most)
-            left = total - (y << bits) if self._fed_back and y == nearest else 0
-            state[:] = value, x1, y, y1, left
+            rest = total - (y << bits) if self._fed_back and y == nearest else 0
+            state[:] = value, x1, y, y1, rest
             value = y
         return value
 
@@ -166,9 +166,9 @@ def _single_biquads(controller: Controller, index: int) -> Written:
         return step
 
     rate = controller.rate_hz
-    left = quantised_rows(channel.prefilter_sos, "sections", None, rate)
+    ahead = quantised_rows(channel.prefilter_sos, "sections", None, rate)
     behind = None if feedback_sos is None else quantised_rows(feedback_sos, "sections", None, rate)
-    return Written(left, behind, start)
+    return Written(ahead, behind, start)
 
 
 def _fixed_biquads(bits: int, fed_back: bool) -> Callable[[Controller, int], Written]:
@@ -178,14 +178,14 @@ def _fixed_biquads(bits: int, fed_back: bool) -> Callable[[Controller, int], Wri
         per_unit, per_volt = full / REFERENCE_FULL_SCALE, full / FULL_SCALE_V
         most = round(channel.limits.command_v * per_volt)
 
-        def made() -> tuple[FixedSections, FixedSections | None]:
+        def cascades() -> tuple[FixedSections, FixedSections | None]:
             prefilter = FixedSections(channel.prefilter_sos, rate, REFERENCE_FULL_SCALE, bits, fed_back)
             if channel.feedback_sos is None:
                 return prefilter, None
             return prefilter, FixedSections(channel.feedback_sos, rate, FULL_SCALE_V, bits, fed_back)
 
         def start() -> Step:
-            prefilter, feedback = made()
+            prefilter, feedback = cascades()
 
             def step(reference: float, position: float) -> float:
                 wanted = prefilter(saturated(round(reference * per_unit), full))
@@ -196,7 +196,7 @@ def _fixed_biquads(bits: int, fed_back: bool) -> Callable[[Controller, int], Wri
 
             return step
 
-        prefilter, feedback = made()
+        prefilter, feedback = cascades()
         return Written(prefilter.rows(), None if feedback is None else feedback.rows(), start)
 
     return write

@@ -19,9 +19,6 @@ from tactuator.model.description import Channel, Display
 from tactuator.runtime._core import ffi, lib
 from tactuator.signals.discretise import held_state_space
 
-Rows = FloatArray
-
-
 Step = Callable[[float, float], float]
 
 _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
@@ -135,7 +132,12 @@ def felt_db_sl(error_v: FloatArray, channel: Channel, rate_hz: float) -> float:
 
 
 def exact_loop(
-    channel: Channel, display: Display, prefilter: Rows, feedback: Rows | None, most_v: float, reference: FloatArray
+    channel: Channel,
+    display: Display,
+    prefilter: FloatArray,
+    feedback: FloatArray | None,
+    most_v: float,
+    reference: FloatArray,
 ) -> FloatArray:
     """Return y (n,), volts, of `run_loop` with `double_step` of these rows, within most_v volts."""
     whole, fraction = whole_delay(channel, display)
@@ -154,8 +156,8 @@ class _Loop:
 
     def __init__(
         self,
-        prefilter: Rows,
-        feedback: Rows | None,
+        prefilter: FloatArray,
+        feedback: FloatArray | None,
         plant: tuple[FloatArray, FloatArray, FloatArray, float],
         delay_samples: int,
     ) -> None:
@@ -182,11 +184,11 @@ class _Loop:
         self.change[states] += np.outer(b, value if held is None else self._one(held))
 
     def _one(self, place: int) -> FloatArray:
-        one = np.zeros(self.count + 1)
-        one[place] = 1.0
-        return one
+        row = np.zeros(self.count + 1)
+        row[place] = 1.0
+        return row
 
-    def _cascade(self, rows: Rows, value: FloatArray, first: int) -> FloatArray:
+    def _cascade(self, rows: FloatArray, value: FloatArray, first: int) -> FloatArray:
         """Set the changes of a cascade's states and return its output, as `double_step` has them."""
         for at, (b0, b1, b2, a1, a2) in zip(range(first, first + 2 * len(rows), 2), rows, strict=True):
             out = b0 * value + self._one(at)
@@ -202,7 +204,7 @@ class _Loop:
         )
         driver, state = np.ascontiguousarray(reference, dtype=np.float64), np.zeros(self.count)
         states = np.empty((driver.size, self.count))
-        taken = (ffi.from_buffer("double[]", one) for one in (matrix, drive, nothing))
-        rest = (ffi.from_buffer("double[]", one) for one in (driver, state, states))
+        taken = (ffi.from_buffer("double[]", array) for array in (matrix, drive, nothing))
+        rest = (ffi.from_buffer("double[]", array) for array in (driver, state, states))
         refused = lib.tact_states_run(self.count, *taken, driver.size, *rest)
         return None if refused else states

@@ -1,6 +1,7 @@
-"""Margins against the paper's own loop (facts, section 1), closed forms and python-control."""
+"""Loops: responses, stability, margins against the paper's loop (facts, section 1), closed forms and python-control."""
 
 import control
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +9,17 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.signals.discretise import bilinear, zero_order_hold
-from tactuator.signals.loop import FeedbackLoop, Margins, UnstableLoop, analysis_grid_hz, margins
+from tactuator.signals.loop import (
+    FeedbackLoop,
+    Margins,
+    TwoDegreeLoop,
+    UnstableLoop,
+    analysis_grid_hz,
+    closed_poles,
+    closed_roots,
+    is_stable,
+    margins,
+)
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 
@@ -155,3 +166,148 @@ def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> 
     found, near = margins(sampled_paper_loop(rate_hz)), margins(sampled_paper_loop(rate_hz * 1.001))
     assert found.phase_margin_deg == pytest.approx(near.phase_margin_deg, abs=0.5)
     assert found.crossover_hz == pytest.approx(near.crossover_hz, rel=0.01)
+
+
+def paper_loop(rate_hz: float) -> TwoDegreeLoop:
+    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
+    plant = zero_order_hold(paper.PLANT, rate_hz) * delay
+    return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), bilinear(paper.FEEDBACK, rate_hz), plant)
+
+
+def test_position_response__where_polynomials_lose_all_digits__is_right() -> None:
+    """facts, section 2: python-control gives -80.8 dB at 10 Hz (4 kHz) and -65.3 dB at 60 Hz (8 kHz); the true values
+    are about -6.0 and -20.0 (with the sample of delay |T| is 0.1 dB more)."""
+    at_10 = 20.0 * np.log10(abs(paper_loop(4000.0).position_response(10.0)))
+    at_60 = 20.0 * np.log10(abs(paper_loop(8000.0).position_response(60.0)))
+    assert at_10 == pytest.approx(-6.0, abs=0.2)
+    assert at_60 == pytest.approx(-20.0, abs=0.2)
+
+
+def test_position_response__paper_continuous__facts_section_1() -> None:
+    loop = TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
+    frequency = [1, 2, 5, 10, 20, 30, 50, 100, 150, 200, 250, 300, 400]
+    wanted = [0.32, 0.41, -1.91, -5.94, -9.45, -11.57, -17.33, -28.73, -36.59, -42.68, -47.68, -51.92, -58.86]
+    level = 20.0 * np.log10(np.abs(loop.position_response(frequency)) / abs(loop.position_response(1e-6)))
+    assert level == pytest.approx(wanted, abs=0.006)
+
+
+def test_responses__hold_together() -> None:
+    loop = paper_loop(4000.0)
+    assert loop.feedback is not None
+    f = np.geomspace(0.1, 1900.0, 50)
+    plant = loop.plant.response(f)
+    assert np.allclose(loop.command_response(f) * plant, loop.position_response(f), rtol=1e-12)
+    assert np.allclose(loop.feedback.load_sensitivity(f), plant * loop.feedback.sensitivity(f), rtol=1e-12)
+
+
+def test_open_loop_display__prefilter_ahead_of_the_plant() -> None:
+    plant, prefilter = ContinuousSystem([], [-5.0], 5.0), ContinuousSystem([-5.0], [-50.0], 10.0)
+    loop = TwoDegreeLoop(prefilter, None, plant)
+    assert loop.feedback is None
+    assert np.allclose(loop.position_response(3.0), plant.response(3.0) * prefilter.response(3.0))
+    assert np.allclose(loop.command_response(3.0), prefilter.response(3.0))
+
+
+def test_require_stable__unstable__says_so() -> None:
+    loop = FeedbackLoop(ContinuousSystem([], [0.0, -1.0, -1.0], 10.0), ContinuousSystem([], [], 1.0))
+    with pytest.raises(UnstableLoop, match="unstable"):
+        loop.require_stable()
+
+
+SAMPLED = FeedbackLoop(bilinear(paper.FEEDBACK, 4000.0), zero_order_hold(paper.PLANT, 4000.0))
+
+
+@pytest.mark.parametrize("loop", [FeedbackLoop(paper.FEEDBACK, paper.PLANT), SAMPLED])
+def test_loop__at_zero_frequency_under_an_integrator__follows_and_rejects_exactly(loop: FeedbackLoop) -> None:
+    assert loop.complementary(0.0) == pytest.approx(1.0, abs=1e-12)
+    assert abs(loop.sensitivity(0.0)) == pytest.approx(0.0, abs=1e-12)
+    # the command that holds a volt of position: 290/2875
+    assert loop.command_sensitivity(0.0) == pytest.approx(290.0 / 2875.0, rel=1e-9)
+    assert abs(loop.load_sensitivity(0.0)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_loop__everywhere__sensitivities_add_up_to_one() -> None:
+    hertz = np.geomspace(0.01, 1999.0, 50)
+    np.testing.assert_allclose(SAMPLED.sensitivity(hertz) + SAMPLED.complementary(hertz), 1.0, rtol=1e-12)
+
+
+def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.ndarray:
+    """Roots of prod(x - poles) + gain prod(x - zeros) with 60 digits."""
+    with mpmath.workdps(60):
+        left, right = [mpmath.mpf(1)], [mpmath.mpf(gain)]
+        for roots, polynomial in ((poles, "left"), (zeros, "right")):
+            for root in roots:
+                old = left if polynomial == "left" else right
+                new = [*old, mpmath.mpf(0)]
+                for index, value in enumerate(old):
+                    new[index + 1] -= mpmath.mpmathify(root) * value
+                if polynomial == "left":
+                    left = new
+                else:
+                    right = new
+        shift = len(left) - len(right)
+        total = [value + (right[i - shift] if i >= shift else 0) for i, value in enumerate(left)]
+        return np.array(
+            [complex(root) for root in mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, asc=True)]
+        )
+
+
+@pytest.mark.parametrize("rate_hz", [4e3, 8e3, 16e3, 32e3, 64e3])
+def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
+    open_loop = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz)
+    delayed = open_loop * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
+    found = np.sort_complex(closed_poles(delayed))
+    shifted = [complex(z) - 1.0 for z in delayed.zeros], [*(complex(p) - 1.0 for p in delayed.poles), -1.0 + 0j]
+    wanted = np.sort_complex(exact_roots(*shifted, delayed.gain))
+    for root in wanted:
+        assert np.min(np.abs(found - root)) < 1e-9 * abs(root) + 1e-15
+
+
+@given(st.lists(st.floats(-50.0, -0.1), min_size=2, max_size=6), st.floats(0.01, 100.0))
+def test_closed_roots__random_real_poles__residual_is_small(poles: list[float], gain: float) -> None:
+    zeros = np.array([-3.0 + 0j])
+    found = closed_roots(zeros, np.array(poles, dtype=complex), gain)
+    for root in found:
+        parts = np.prod(root - np.array(poles)), gain * np.prod(root - zeros)
+        scale = np.prod(np.abs(root) + np.abs(poles)) + abs(gain) * np.prod(np.abs(root) + np.abs(zeros))
+        assert abs(sum(parts)) < 1e-9 * scale
+
+
+def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:
+    """A controller that cancels an unstable pole leaves it in the loop."""
+    c = ContinuousSystem([2.0], [0.0], 1.0)
+    p = ContinuousSystem([], [2.0, -3.0], 5.0)
+    assert not is_stable(c * p)
+
+
+def test_is_stable__dead_time__as_the_closed_form_says() -> None:
+    """e^(-sT) k/(s + 1), k = 2: stable while T < arccos(-1/k)/sqrt(k^2 - 1) = 1.2092 s."""
+    assert is_stable(ContinuousSystem([], [-1.0], 2.0, 1.20))
+    assert not is_stable(ContinuousSystem([], [-1.0], 2.0, 1.22))
+    assert is_stable(ContinuousSystem([], [-1.0], 0.9, 50.0))
+
+
+def test_is_stable__unstable_plant_held_by_feedback_with_dead_time__stable() -> None:
+    """k e^(-sT)/(s - 1), k = 2: stable while T < arccos(1/k)/sqrt(k^2 - 1) = 0.6046 s."""
+    assert is_stable(ContinuousSystem([], [1.0], 2.0, 0.60))
+    assert not is_stable(ContinuousSystem([], [1.0], 2.0, 0.61))
+
+
+def test_closed_poles__dead_time__refused() -> None:
+    with pytest.raises(BadInput, match="dead time"):
+        closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1))
+
+
+def test_closed_roots__improper__refused() -> None:
+    with pytest.raises(BadInput, match="no more zeros than poles"):
+        closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0)
+
+
+def test_closed_roots__algebraic_loop_without_solution__refused() -> None:
+    with pytest.raises(BadInput, match="direct gain"):
+        closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0)
+
+
+def test_is_stable__dead_time_and_direct_path__refused() -> None:
+    with pytest.raises(BadInput, match="strictly proper"):
+        is_stable(ContinuousSystem([-1.0], [-2.0], 0.5, 0.1))
