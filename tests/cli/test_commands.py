@@ -45,7 +45,7 @@ def test_written_file__is_told_once_and_a_verb_gives_its_result_as_json(
     assert main(["init", "--out", "mine.toml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"written": ["mine.toml"]}
     assert main(["design", "mine.toml", "--poles", "1"]) == 2
-    assert "prefilter: poles is 1; allowed: 2 to 16" in capsys.readouterr().err
+    assert "poles is 1; allowed: a whole number, 2 to 16" in capsys.readouterr().err
 
 
 def test_parsing__help_and_a_missing_file__import_nothing_heavy(tmp_path: Path) -> None:

@@ -137,8 +137,8 @@ def command_of(verb: Verb) -> Callable[..., None]:
         answer(result, as_json, [place for place in places if Path(place).exists()])
         if result.ending is not None:
             raise result.ending
-        if result.exit_status:
-            raise typer.Exit(result.exit_status)
+        if not result.holds:
+            raise typer.Exit(1)
 
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
     if ends:

@@ -27,12 +27,10 @@ class RenderedCorpus(Result):
     corpus: "CorpusResult"
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where a file failed."""
-        return 1 if self.corpus.failures else 0
+    def holds(self) -> bool:
+        return not self.corpus.failures
 
     def headline(self) -> Mapping[str, str]:
-        """Return how many files were rendered, kept, and failed."""
         return {
             "rendered": str(self.corpus.done),
             "kept from an earlier run": str(self.corpus.kept),
@@ -40,7 +38,6 @@ class RenderedCorpus(Result):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return folder, manifest, counts and failures."""
         return {
             "out": self.out,
             "manifest": self.manifest,
@@ -51,7 +48,6 @@ class RenderedCorpus(Result):
         }
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the counts, the failures and the files."""
         table = ResultTable("Corpus", ("what", "files"), tuple(self.headline().items()))
         failures = (f"failed: {failure['error']}" for failure in self.corpus.failures)
         return [table, *failures, f"written: {self.out}", f"written: {self.manifest}"]

@@ -24,19 +24,15 @@ class PaperResult(Result):
     remarks: tuple[str, ...] = ()
 
     def headline(self) -> Mapping[str, str]:
-        """Return the first rows of the table paper against here, and where the report lies."""
         return {"report": str(self.folder / "report.html")} | {what: here for what, _, here in self.comparison[:4]}
 
     def columns(self) -> Mapping[str, Any]:
-        """Return the table of README: what, paper, here."""
         return columns_of(("what", "paper", "here"), self.comparison)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the summary."""
         return dict(self.summary)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the table paper against here, and where the report lies."""
         table = ResultTable("The paper, end to end", ("", "paper (2004)", "here"), self.comparison)
         return [table, *(f"note: {remark}" for remark in self.remarks), f"report: {self.folder / 'report.html'}"]
 

@@ -1,25 +1,26 @@
 """The verbs from models to images: design, check, wordlength, build, image."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_display, read
 from tactuator.verbs.parameters import CONTROLLER_HELP, Argument, Curve, Figures, Option, Place, Seed
 from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, figure, promoted
+from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
     from tactuator.model.controller import Controller
     from tactuator.model.description import Display
-    from tactuator.runtime.image import ImageHeader
     from tactuator.verbs.designed import ControllerResult, VerdictResult
     from tactuator.wordlength.assessment import FormatReport
 
 _RATE_DOUBLINGS = 4
+_Bytes = bytes
 
 ControllerFile = Annotated["Controller | Place", Argument(CONTROLLER_HELP, file=True)]
 
@@ -103,26 +104,18 @@ class WordlengthResult(Result):
     figures: Path | None = None
     resolution_bits: Mapping[str, Any] | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        """Return the rate, the recommended format and those that are safe."""
-        safe = ", ".join(report.name for report in self.formats if report.safe)
-        return {"rate": figure(self.rate_hz, "Hz"), "recommended": self.recommended or "none", "safe": safe or "none"}
-
     @property
-    def exit_status(self) -> int:
-        """Return 1 where nothing that a board runs is safe, or the format that was asked for is not."""
+    def holds(self) -> bool:
         asked = [report.safe for report in self.formats if report.name == self.asked]
-        return 1 if self.recommended is None or not all(asked) else 0
+        return self.recommended is not None and all(asked)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report on each format, and the numbers of the figure where it was asked for."""
         reports = [asdict(report) for report in self.formats]
         document = {"rate_hz": self.rate_hz, "formats": reports, "recommended": self.recommended}
         drawn = {"figures": self.figures, "resolution_bits": self.resolution_bits}
         return document | (drawn if self.figures else {})
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each format."""
         title = f"Word length at {self.rate_hz:g} Hz; recommended: {self.recommended or 'none of what a board runs'}"
         columns = ("format", "stable", "error (dB)", "round-off", "limit cycle", "safe")
         rows = tuple(
@@ -199,72 +192,52 @@ def _draw_resolution(controller: "Controller", folder: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImageResult(Result):
-    """An image as the core reads it. content: its bytes; path: its file, if any.
+    """An image as the core reads it. image: its file, if any; controller: the hash of its controller; content: its
+    bytes.
 
-    response_error_db: what the number format costs, of an image that was built here. controller: the controller of
-    which it was asked whether the image is its, and is_of_controller: whether it is.
+    response_error_db: what the number format costs, of an image that was built here. is_of_controller: whether it is
+    the image of the controller of which that was asked, which is `asked`.
     """
 
-    content: bytes
-    header: "ImageHeader"
-    path: Path | None = None
+    SHOWN: ClassVar[Mapping[str, str]] = {
+        "bytes": "size (bytes)",
+        "format": "number format",
+        "rate_hz": "sampling rate (Hz)",
+        "delay_samples": "computing delay (samples)",
+        "channels": "channels",
+        "controller": "hash of the controller",
+        "crc32": "checksum (CRC-32)",
+        "response_error_db": "greatest error of |H| (dB)::.1g",
+    }
+    title = "Image"
+
+    image: Path | None
+    bytes: int
+    format: str
+    rate_hz: float
+    delay_samples: int
+    channels: int
+    controller: str
+    crc32: str
+    content: _Bytes = field(repr=False)
     response_error_db: float | None = None
-    controller: str | None = None
     is_of_controller: bool | None = None
+    asked: str = field(default="", repr=False)
 
     @property
-    def number_format(self) -> str:
-        """Return the number format."""
-        return self.header.format
-
-    @property
-    def exit_status(self) -> int:
-        """Return 1 where the image is another controller's."""
-        return 1 if self.is_of_controller is False else 0
-
-    def headline(self) -> Mapping[str, str]:
-        """Return format, size and the error of the number format."""
-        error = {}
-        if self.response_error_db is not None:
-            error = {"error of the format": figure(self.response_error_db, "dB", 2)}
-        return {"format": self.number_format, "size": f"{len(self.content)} bytes", **error}
+    def holds(self) -> bool:
+        return self.is_of_controller is not False
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the header says; the bytes are for `write`."""
-        header = self.header
-        document: dict[str, Any] = {
-            "image": self.path,
-            "bytes": len(self.content),
-            "format": header.format,
-            "rate_hz": header.rate_hz,
-            "delay_samples": header.delay_samples,
-            "channels": header.channels,
-            "controller": header.controller_hash,
-            "crc32": f"{header.crc:08x}",
-        }
-        if self.response_error_db is not None:
-            document["response_error_db"] = self.response_error_db
-        if self.is_of_controller is not None:
-            document["is_of_controller"] = self.is_of_controller
-        return document
+        return {name: value for name, value in super().to_dict().items() if value is not None or name == "image"}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return what the header says."""
-        header = self.header
-        rows = [
-            ("size (bytes)", str(len(self.content))),
-            ("number format", header.format),
-            ("sampling rate (Hz)", f"{header.rate_hz:g}"),
-            ("computing delay (samples)", str(header.delay_samples)),
-            ("channels", str(header.channels)),
-            ("hash of the controller", header.controller_hash),
-            ("checksum (CRC-32)", f"{header.crc:08x}"),
-        ]
-        if self.response_error_db is not None:
-            rows.append(("greatest error of |H| (dB)", f"{self.response_error_db:.1g}"))
-        if self.is_of_controller is not None:
-            rows.append((f"made from {self.controller}", "yes" if self.is_of_controller else "no"))
-        return [ResultTable("Image", ("what", "value"), tuple(rows))]
+        (table,) = super().tables()
+        assert isinstance(table, ResultTable)
+        if self.is_of_controller is None:
+            return [table]
+        row = (f"made from {self.asked}", "yes" if self.is_of_controller else "no")
+        return [replace(table, rows=(*table.rows, row))]
 
     def write(self, path: Place) -> None:
         """Write the image, whole or not at all."""
@@ -272,6 +245,17 @@ class ImageResult(Result):
 
         with atomic_path(path) as beside:
             beside.write_bytes(self.content)
+
+
+def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:
+    """Return what the core reads of an image. Raises BadInput for what is none."""
+    from tactuator.runtime.image import read_image_header
+
+    header = read_image_header(content)
+    return ImageResult(
+        None if path is None else Path(path), len(content), header.format, header.rate_hz, header.delay_samples,
+        header.channels, header.controller_hash, f"{header.crc:08x}", content, **more,
+    )  # fmt: skip
 
 
 def build(
@@ -286,21 +270,16 @@ def build(
     >>> tt.build(controller, "q31").number_format
     'q31'
     """
-    from contextlib import nullcontext
-
     from tactuator.io.atomic import atomic_path
-    from tactuator.runtime.image import read_image_header
     from tactuator.wordlength.assessment import built
 
     loaded = read(controller)
     with nullcontext() if out is None else atomic_path(out) as beside:  # a folder that is not there is told at once
         with working("comparing the number format with double precision"):
             content, report = built(loaded, number_format)
-        header = read_image_header(content)
         if beside is not None:
             beside.write_bytes(content)
-    path = None if out is None else Path(out)
-    return ImageResult(content, header, path, float(report.response_error_db or 0.0))
+    return _image(content, out, response_error_db=float(report.response_error_db or 0.0))
 
 
 def image(
@@ -318,23 +297,21 @@ def image(
     True
     """
     from tactuator.io.text import read_content
-    from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
+    from tactuator.runtime.image import REASONS, ImageRefusal, check_image
 
-    path = Path(file)
     try:
-        content = read_content(path)
+        content = read_content(Path(file))
     except BadInput as error:
         raise BadInput(f"image {file}: {error}", "a file that `build` wrote") from None
     try:
-        header = read_image_header(content)
+        read_of = _image(content, file)
     except BadInput as error:
         raise error.within(f"{file}") from None
     if controller is None:
-        return ImageResult(content, header, path)
+        return read_of
     loaded = read(controller)
     refusal = check_image(content, loaded.rate_hz, loaded.delay_samples, len(loaded.channels))
     if refusal is not ImageRefusal.GOOD:
         raise BadInput(f"{file}: image: {REASONS[refusal]}")
-    whose = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
-    is_its = loaded.content_hash == header.controller_hash
-    return ImageResult(content, header, path, controller=whose, is_of_controller=is_its)
+    asked = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
+    return replace(read_of, asked=asked, is_of_controller=loaded.content_hash == read_of.controller)

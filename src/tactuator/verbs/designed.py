@@ -47,12 +47,10 @@ class ControllerResult(Result, Controller):
         return whole_verdict(self)
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where an objective is not met."""
-        return 1 if self.verdict.outcome is Outcome.NOT_MET else 0
+    def holds(self) -> bool:
+        return self.verdict.outcome is not Outcome.NOT_MET
 
     def headline(self) -> Mapping[str, str]:
-        """Return rate, and for every channel phase margin and error."""
         figures = {"rate": figure(self.rate_hz, "Hz")}
         for channel in self.channels:
             margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
@@ -61,11 +59,9 @@ class ControllerResult(Result, Controller):
         return figures
 
     def to_dict(self) -> dict[str, Any]:
-        """Return each channel's report and the verdict; `document()` is the document of controller.json."""
         return {channel.name: dict(channel.report) for channel in self.channels} | {"verdict": self.verdict.document()}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the figures of every channel, C and F in factors, and the verdict."""
         columns = ("figure (worst over the loads)", *(channel.name for channel in self.channels))
         return [
             ResultTable("Design", columns, tuple(design_rows(self.channels))),
@@ -81,7 +77,6 @@ class ControllerResult(Result, Controller):
                     yield f"{channel.name}: {letter}(s) = {printed_factors(continuous_form(system))}"
 
     def lines(self) -> Lines:
-        """Return the magnitude of every prefilter over its band."""
         each = []
         for channel in self.channels:
             frequency = np.geomspace(*self.display.channel(channel.name).threshold.band_hz, 300)
@@ -103,32 +98,26 @@ class VerdictResult(Result, Verdict):
     drawn: tuple[DrawnPlants, ...] = ()
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where an objective is not met."""
-        return 1 if self.outcome is Outcome.NOT_MET else 0
+    def holds(self) -> bool:
+        return self.outcome is not Outcome.NOT_MET
 
     def headline(self) -> Mapping[str, str]:
-        """Return the outcome and the sentence of the verdict."""
         return {"outcome": self.outcome.value, "verdict": self.sentence}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return every finding, and what was drawn."""
         drawn = {"monte_carlo": [plants.document() for plants in self.drawn]} if self.drawn else {}
         return self.document() | drawn
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the worst findings, and the plants that were drawn."""
         return [*verdict_tables(self), *([_plants_table(self.drawn)] if self.drawn else [])]
 
     def columns(self) -> Mapping[str, Any]:
-        """Return objective, channel, load, quantity, value, allowed, unit and outcome, a row for each finding."""
         names = ("objective", "channel", "load", "quantity", "value", "allowed", "unit")
         findings = [finding for objective in self.objectives for finding in objective.findings]
         columns = {name: [getattr(finding, name) for finding in findings] for name in names}
         return columns | {"outcome": [str(finding.outcome) for finding in findings]}
 
     def lines(self) -> Lines:
-        """Return value and limit of every finding that has both, in the order of the findings."""
         findings = [f for objective in self.objectives for f in objective.findings if f.allowed is not None]
         number = np.arange(len(findings))
         each = [(name, number, [getattr(finding, name) for finding in findings]) for name in ("value", "allowed")]

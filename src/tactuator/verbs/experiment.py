@@ -44,17 +44,11 @@ class EnrolledResult(Result):
     subject: str
     visits: Mapping[int, str]
 
-    def headline(self) -> Mapping[str, str]:
-        """Return study, subject and the number of visits."""
-        return {"study": self.study, "subject": self.subject, "visits": str(len(self.visits))}
-
     def to_dict(self) -> dict[str, Any]:
-        """Return study, subject and the path of each visit's page."""
         visits = [{"visit": visit, "path": path} for visit, path in self.visits.items()]
         return {"study": self.study, "subject": self.subject, "visits": visits}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each visit."""
         rows = tuple((str(visit), path) for visit, path in self.visits.items())
         return [ResultTable(f"{self.study}: {self.subject}", ("visit", "link, after the server's address"), rows)]
 
@@ -97,12 +91,7 @@ class CorrectedResult(Result):
     subject: str
     changes: tuple[Mapping[str, Any], ...]
 
-    def headline(self) -> Mapping[str, str]:
-        """Return study, subject and the number of changes."""
-        return {"study": self.study, "subject": self.subject, "changes": str(len(self.changes))}
-
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each change."""
         rows = tuple(
             (str(change["item"]), *(change[at] or "-" for at in ("before", "after"))) for change in self.changes
         )
@@ -183,20 +172,13 @@ class ObservedResult(Result):
     store: Path
     truth: tuple[tuple[str, float, float], ...]
 
-    def headline(self) -> Mapping[str, str]:
-        """Return the store and the number of subjects."""
-        return {"store": str(self.store), "subjects": str(len({subject for subject, *_ in self.truth}))}
-
     def columns(self) -> Mapping[str, Any]:
-        """Return subject, frequency (Hz) and true threshold (dB re 1 µm)."""
         return columns_of(("subject", "frequency_hz", "true_db_re_1um"), self.truth)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the store and the truth."""
         return {"store": self.store, "truth": [dict(zip(self.columns(), row, strict=True)) for row in self.truth]}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each subject and frequency."""
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
         columns = ("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
         return [ResultTable("", columns, rows), f"written: {self.store}"]
@@ -281,7 +263,6 @@ class StoreThresholds(Result):
         return self.results.no_curve if self.is_curve_asked else None
 
     def headline(self) -> Mapping[str, str]:
-        """Return the number of runs and subjects, and the range of the thresholds."""
         thresholds = self.results.thresholds
         levels = [threshold.refit_db_sl for threshold in thresholds]
         people = {threshold.subject for threshold in thresholds}
@@ -291,14 +272,12 @@ class StoreThresholds(Result):
         return figures | simulated
 
     def columns(self) -> Mapping[str, Any]:
-        """Return subject, finger, frequency (Hz), refitted threshold with its interval (dB SL), and flags."""
         thresholds = self.results.thresholds
         names = ("subject", "finger", "frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl", "trials")
         columns = {name: [getattr(threshold, name) for threshold in thresholds] for name in names}
         return columns | {"flags": [", ".join(threshold.flags) for threshold in thresholds]}
 
     def lines(self) -> "Lines":
-        """Return every subject's thresholds over frequency."""
         people: dict[str, list[tuple[float, float]]] = {}
         for threshold in sorted(self.results.thresholds, key=lambda each: (each.subject, each.frequency_hz)):
             people.setdefault(threshold.subject, []).append((threshold.frequency_hz, threshold.refit_db_sl))
@@ -306,11 +285,9 @@ class StoreThresholds(Result):
         return lines_of("frequency (Hz)", "threshold (dB SL)", each, log_x=True, points=True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return thresholds, the points of the curve across subjects, and what was left out of it."""
         return self.results.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each threshold, and who stands in the curve across subjects."""
         from tactuator.experiment.language.words import shipped_words
         from tactuator.experiment.result.confusion import threshold_table
 
@@ -379,12 +356,7 @@ class ExportedResult(Result):
     format: str
     trials: int
 
-    def headline(self) -> Mapping[str, str]:
-        """Return folder, format and the number of trials."""
-        return {"folder": str(self.folder), "format": self.format, "trials": str(self.trials)}
-
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the number of trials."""
         return [f"{self.trials} trials exported"]
 
 
@@ -410,7 +382,6 @@ class QualityResult(Result):
     figures: Mapping[str, Any]
 
     def headline(self) -> Mapping[str, str]:
-        """Return the figures, each with its unit."""
         rows = []
         for key, value in self.figures.items():
             if isinstance(value, dict):
@@ -420,11 +391,9 @@ class QualityResult(Result):
         return dict(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures."""
         return dict(self.figures)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each figure."""
         return [ResultTable(f"{self.procedure}, {self.runs} runs", ("figure", "value"), tuple(self.headline().items()))]
 
 

@@ -35,12 +35,7 @@ class ProgramResult(Result):
     ram_bytes: int
 
     def headline(self) -> Mapping[str, str]:
-        """Return the processor and the memory."""
         return {self.processor: f"{self.flash_bytes} bytes of flash, {self.ram_bytes} bytes of RAM"}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        """Return a line."""
-        return [f"{name}: {memory}" for name, memory in self.headline().items()]
 
 
 def program(
@@ -72,7 +67,6 @@ class VerifyResult(Result):
     check: "PeriodCheck"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the board and the verdict."""
         check = self.check
         word = "bit for bit the same" if check.bit_exact else f"DIFFERENT ({check.first_difference})"
         return {
@@ -81,17 +75,11 @@ class VerifyResult(Result):
         }
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where a bit differs."""
-        return 0 if self.check.bit_exact else 1
+    def holds(self) -> bool:
+        return self.check.bit_exact
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures of the comparison."""
         return asdict(self.check)
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        """Return a line."""
-        return [f"{name}: {verdict}" for name, verdict in self.headline().items()]
 
 
 def verify(
@@ -119,12 +107,10 @@ class StreamResult(Result):
     check: "StreamingCheck"
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where an interrupt was late or a row missing."""
-        return 0 if self.check.holds else 1
+    def holds(self) -> bool:
+        return self.check.holds
 
     def headline(self) -> Mapping[str, str]:
-        """Return what was sent, what was played, and what was late."""
         check = self.check
         return {
             "samples sent": f"{check.samples}",
@@ -140,11 +126,9 @@ class StreamResult(Result):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures of the check, and whether it holds."""
         return asdict(self.check) | {"holds": self.check.holds}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each figure."""
         check = self.check
         clock = f"{check.instructions_per_s / 1e6:g} million instructions a second"
         title = f"{check.board}: {check.channels} channels at {check.rate_hz:g} Hz, {clock}"
@@ -172,15 +156,12 @@ class BenchResult(Result):
     costs: "tuple[PeriodCost, ...]"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the usual count on each board, in each format."""
         return {f"{cost.board}, {cost.format}": f"{cost.cases['usual']} instructions" for cost in self.costs}
 
     def to_dict(self) -> Any:
-        """Return a list, one object for each board and format."""
         return [asdict(cost) for cost in self.costs]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each board and format."""
         cases = list(self.costs[0].cases)
         rows = []
         for cost in self.costs:
@@ -197,15 +178,12 @@ class CyclesResult(Result):
     cycles: "PeriodCycles"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the mean of each case."""
         return {name: f"{case.mean:.0f} cycles" for name, case in self.cycles.cases.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures of every case."""
         return asdict(self.cycles)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each case."""
         columns = ("", "periods", "least", "mean", "most", "of the period", "instructions")
         rows = tuple(
             (
@@ -257,12 +235,7 @@ class AcknowledgedResult(Result):
     sensor_faults: int
 
     def headline(self) -> Mapping[str, str]:
-        """Return the number of faults."""
         return {self.rig: f"{self.sensor_faults} sensor and travel faults acknowledged"}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        """Return a line."""
-        return [f"{rig}: {faults}" for rig, faults in self.headline().items()]
 
 
 def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:

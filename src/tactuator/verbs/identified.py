@@ -46,19 +46,16 @@ class _FittedResult(Result):
         return np.geomspace(*self.model.band_hz, count)
 
     def notices(self) -> Sequence[str]:
-        """Return what there is to remark, and why not to trust the model."""
         return [
             *(f"note: {remark}" for remark in self.remarks),
             *(f"the model is not to be trusted: {reason}" for reason in self.distrust),
         ]
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where the model is not to be trusted."""
-        return 1 if self.distrust else 0
+    def holds(self) -> bool:
+        return not self.distrust
 
     def columns(self) -> Mapping[str, Any]:
-        """Return frequency (Hz), magnitude (dB) and phase (degrees) with their 95 % half-widths."""
         frequency = self.frequency_hz()
         response = self.model.response(frequency)
         return {
@@ -70,7 +67,6 @@ class _FittedResult(Result):
         }
 
     def lines(self) -> Lines:
-        """Return the magnitude of the model over frequency."""
         frequency = self.frequency_hz()
         each = [("model", frequency, db(np.abs(self.model.response(frequency))))]
         return lines_of("frequency (Hz)", "magnitude (dB)", each, log_x=True)
@@ -119,19 +115,16 @@ class IdentificationResult(_FittedResult, Identification):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        """Return the model, how well it fits, and whether it is to be trusted."""
         trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, "fit": figure(self.fit_percent, "%", 5), "trusted": trusted}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return coefficients and figures, each with its 95 % interval."""
         title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
         rows = tuple(identification_rows(self, self.about or {}))
         return [ResultTable(title, ("what", "value", "±95 %"), rows)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the model, its confidence and the evidence for it."""
         about, between, excitation, tests = self.about or {}, self.between, self.excitation, self.tests
         return self._document() | {
             "hold": {
@@ -186,18 +179,15 @@ class ResponseModelResult(_FittedResult, ResponseFit):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        """Return the model, its largest departure from the response, and whether it is to be trusted."""
         trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, "departure": figure(self.largest_db, "dB", 3), "trusted": trusted}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the coefficients and the largest departure."""
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
         return [ResultTable(title, ("what", "value"), tuple(response_rows(self)))]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the model, its confidence and its departure from the response."""
         return self._document() | {"departure": self.departure, "largest_db": self.largest_db, "out": self.out}
 
 
@@ -242,7 +232,6 @@ class CalibrationResult(Result, Calibration):
     """A sensor gain. It draws the pairs."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return gain and offset with their 95 % half-widths, and the pairs that were refused."""
         return {
             "gain": f"{self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g} V/mm",
             "offset": f"{self.offset_v:.4g} ± {self.offset_confidence_v:.2g} V",
@@ -250,11 +239,9 @@ class CalibrationResult(Result, Calibration):
         }
 
     def notices(self) -> Sequence[str]:
-        """Return the pairs that are off the line."""
         return [f"refused: {pair}" for pair in self.refused]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return gain, offset and linearity."""
         title = f"{self.displacement_mm.size} pairs, {len(self.refused)} refused"
         rows = (
             ("gain (V/mm)", *with_error(self.gain_v_per_mm, self.gain_confidence_v_per_mm)),
@@ -264,7 +251,6 @@ class CalibrationResult(Result, Calibration):
         return [ResultTable(title, ("what", "value", "±95 %"), rows)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return gain, offset and linearity, and the pairs that were refused."""
         return {
             "sensor_gain_v_per_mm": self.gain_v_per_mm,
             "sensor_gain_confidence_v_per_mm": self.gain_confidence_v_per_mm,
@@ -276,10 +262,8 @@ class CalibrationResult(Result, Calibration):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return displacement (mm), voltage (V) and residual (V) of the pairs that were kept."""
         return {"displacement_mm": self.displacement_mm, "voltage_v": self.voltage_v, "residual_v": self.residual_v}
 
     def lines(self) -> Lines:
-        """Return the voltage of every pair over its displacement."""
         each = [("pairs", self.displacement_mm, self.voltage_v)]
         return lines_of("displacement (mm)", "voltage (V)", each, points=True)

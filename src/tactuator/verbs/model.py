@@ -1,17 +1,16 @@
 """The verbs from records to models: calibrate, record, identify."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
-from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_display, opened, paths
 from tactuator.verbs.parameters import Argument, Figures, Load, Option, Place, RigOption, Seed
 from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, figure, promoted
+from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,50 +51,28 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordingResult(Result):
-    """A record that was taken, and the file that has it."""
+    """A record that was taken. record: the file that has it, if any; taken: the record itself."""
 
-    taken: "Record"
+    SHOWN: ClassVar[Mapping[str, str]] = {
+        "duration_s": "duration (s)",
+        "rate_hz": "sampling rate (Hz)",
+        "command_peak_v": "greatest command (V)::.2f",
+        "position_peak_v": "greatest position (V of the sensor)::.3f",
+        "saturated": "a converter reached its limit",
+    }
+
+    record: Path | None
     channel: str
+    duration_s: float
+    rate_hz: float
     command_peak_v: float
+    position_peak_v: float
     saturated: bool
-    path: Path | None
-
-    def headline(self) -> Mapping[str, str]:
-        """Return the channel, the length and the extremes."""
-        return {
-            "channel": self.channel,
-            "duration": figure(self.taken.duration_s, "s"),
-            "greatest command": figure(self.command_peak_v, "V"),
-            "greatest position": figure(self._position_peak_v, "V"),
-            "a converter reached its limit": "yes" if self.saturated else "no",
-        }
+    taken: "Record" = field(repr=False)
 
     @property
-    def _position_peak_v(self) -> float:
-        return float(abs(self.taken.position).max())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the figures of the record; its samples are in the file."""
-        return {
-            "record": self.path,
-            "channel": self.channel,
-            "duration_s": self.taken.command.size / self.taken.rate_hz,
-            "rate_hz": self.taken.rate_hz,
-            "command_peak_v": self.command_peak_v,
-            "position_peak_v": self._position_peak_v,
-            "saturated": self.saturated,
-        }
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        """Return length, rate and extremes."""
-        rows = (
-            ("duration (s)", f"{self.taken.command.size / self.taken.rate_hz:g}"),
-            ("sampling rate (Hz)", f"{self.taken.rate_hz:g}"),
-            ("greatest command (V)", f"{self.command_peak_v:.2f}"),
-            ("greatest position (V of the sensor)", f"{self._position_peak_v:.3f}"),
-            ("a converter reached its limit", "yes" if self.saturated else "no"),
-        )
-        return [ResultTable(f"Record of {self.channel}", ("what", "value"), rows)]
+    def title(self) -> str:
+        return f"Record of {self.channel}"
 
 
 def record(
@@ -148,9 +125,16 @@ def record(
     taken = Record(trace.rate_hz, trace.command_v[:, column], trace.position_v[:, column], about=about)
     if out is not None:
         write_record(Path(out), taken)
-    saturated = bool(np.any(trace.saturated[:, column]))
-    path = None if out is None else Path(out)
-    return RecordingResult(taken, driven.name, float(np.max(np.abs(command))), saturated, path)
+    return RecordingResult(
+        None if out is None else Path(out),
+        driven.name,
+        command.size / trace.rate_hz,
+        trace.rate_hz,
+        float(np.max(np.abs(command))),
+        float(np.max(np.abs(taken.position))),
+        bool(np.any(trace.saturated[:, column])),
+        taken,
+    )
 
 
 def _put(load: str, channel: str, rig: "Rig") -> None:

@@ -29,19 +29,16 @@ class DisplayResult(Result, Display):
     """A display as its file describes it. It draws the threshold curve of every channel."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return name, rate, channels and curves."""
         curves = ", ".join(dict.fromkeys(channel.threshold.curve.name for channel in self.channels))
         names = ", ".join(channel.name for channel in self.channels)
         return {"name": self.name, "rate": figure(self.rate_hz, "Hz"), "channels": names, "curve": curves}
 
     def lines(self) -> Lines:
-        """Return the threshold curves over frequency."""
         curves = [(channel.name, channel.threshold.curve) for channel in self.channels]
         each = [(name, curve.frequency_hz, curve.level_db_re_1um) for name, curve in curves]
         return lines_of("frequency (Hz)", _LEVEL, each, log_x=True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the tables of the display file."""
         return display_document(self)
 
 
@@ -49,7 +46,6 @@ class RecordResult(Result, Record):
     """A record of command and position. It draws both over time."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return duration, rate and extremes."""
         return {
             "duration": figure(self.duration_s, "s"),
             "rate": figure(self.rate_hz, "Hz"),
@@ -58,12 +54,10 @@ class RecordResult(Result, Record):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return time (s), command and position."""
         time_s = np.arange(self.command.size) / self.rate_hz
         return {"time_s": time_s, "command": self.command, "position": self.position}
 
     def lines(self) -> Lines:
-        """Return command and position over time."""
         time_s = self.columns()["time_s"]
         each = [("command", time_s, self.command), ("position", time_s, self.position)]
         return lines_of("time (s)", f"command ({self.command_unit}), position ({self.position_unit})", each)
@@ -73,16 +67,13 @@ class CurveResult(Result, ThresholdCurve):
     """A threshold curve. It draws level over frequency."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return name, provenance, range and number of points."""
         band = f"{self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz"
         return {"name": self.name, "provenance": self.provenance, "band": band, "points": str(self.frequency_hz.size)}
 
     def columns(self) -> Mapping[str, Any]:
-        """Return frequency (Hz) and level (dB re 1 µm, peak)."""
         return {"frequency_hz": self.frequency_hz, "level_db_re_1um": self.level_db_re_1um}
 
     def lines(self) -> Lines:
-        """Return the level over frequency."""
         return lines_of("frequency (Hz)", _LEVEL, [(self.name, *self.columns().values())], log_x=True)
 
 
@@ -90,7 +81,6 @@ class ModelResult(Result, PlantModel):
     """A plant as it was identified. It draws the magnitude of its response."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return numerator, denominator, dead time and band."""
         return {
             "num": coefficients(self.num),
             "den": coefficients(self.den),
@@ -99,7 +89,6 @@ class ModelResult(Result, PlantModel):
         }
 
     def lines(self) -> Lines:
-        """Return the magnitude over the band."""
         frequency = np.geomspace(*self.band_hz, 300)
         each = [("model", frequency, db(np.abs(self.response(frequency))))]
         return lines_of("frequency (Hz)", "magnitude (dB)", each, log_x=True)

@@ -31,12 +31,7 @@ class AnsweredResult(Result):
     trials: int
     store: Path
 
-    def headline(self) -> Mapping[str, str]:
-        """Return the subject and the number of trials."""
-        return {"subject": self.subject, "trials answered now": str(self.trials)}
-
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row."""
         return [ResultTable("", tuple(self.headline()), (tuple(self.headline().values()),))]
 
 
@@ -141,15 +136,12 @@ class MatrixInformation(Result):
     information: "Information"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the estimates in bits."""
         return _bits(self.information)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the estimates."""
         return {"matrix": self.matrix, **_information_document(self.information)}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each estimator."""
         return [_information_table(str(self.matrix), self.information)]
 
 
@@ -161,11 +153,9 @@ class StoreInformation(Result):
     abx: "tuple[AbxResult, ...]"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the first estimate of every subject."""
         return {_title(one): next(iter(_bits(one.information).values())) for one in self.subjects}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return matrix and estimates of every subject, and the results of ABX studies."""
         results = [
             {
                 "study": one.study,
@@ -181,7 +171,6 @@ class StoreInformation(Result):
         return {"results": results, "abx": [asdict(one) for one in self.abx]}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a table for each subject, and a line for each of an ABX study."""
         return [
             *(_information_table(_title(one), one.information) for one in self.subjects),
             *(

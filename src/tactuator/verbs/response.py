@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
 from tactuator.measure.options import (
@@ -33,7 +33,7 @@ from tactuator.verbs.parameters import (
     Seed,
 )
 from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, lines_of
+from tactuator.verbs.result import Result, columns_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from tactuator.measure.noise import FeltNoise
     from tactuator.model.controller import Controller
     from tactuator.model.verdict import Verdict
-    from tactuator.report.lines import Lines
     from tactuator.signals.record import Response
 
 _LEVEL = ("--level-db-sl", "--level")
@@ -63,6 +62,8 @@ class FeltLevels(Result):
     others were not. verdict: on what is felt under the loop. written: the file with the sensor's own hum and noise.
     """
 
+    PLOTTED: ClassVar[tuple[str, ...]] = ("band_hz", "level_db_sl")
+
     runs: "tuple[tuple[str, tuple[FeltNoise, ...]], ...]"
     not_played: Mapping[str, str]
     verdict: "Verdict"
@@ -74,19 +75,16 @@ class FeltLevels(Result):
         return self.runs[-1][1]
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where hum or noise is felt under the loop."""
-        return 1 if self.verdict.outcome == "not met" else 0
+    def holds(self) -> bool:
+        return self.verdict.outcome != "not met"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the loudest mains line and the loudest third octave of every channel."""
         return {
             felt.channel: f"hum up to {felt.worst_line_db_sl:.1f} dB SL, noise up to {max(felt.band_db_sl):.1f} dB SL"
             for felt in self.channels
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return channel, centre of the third octave (Hz) and felt level (dB SL)."""
         rows = [
             (felt.channel, hertz, level)
             for felt in self.channels
@@ -94,20 +92,13 @@ class FeltLevels(Result):
         ]
         return columns_of(("channel", "band_hz", "level_db_sl"), rows)
 
-    def lines(self) -> "Lines":
-        """Return the felt level of every third octave."""
-        each = [(felt.channel, felt.band_hz, felt.band_db_sl) for felt in self.channels]
-        return lines_of("third octave (Hz)", "felt level (dB SL)", each, log_x=True)
-
     def to_dict(self) -> dict[str, Any]:
-        """Return what is felt under each controller, and the verdict."""
         runs = [
             {"under": name, "channels": [_felt_document(felt) for felt in channels]} for name, channels in self.runs
         ]
         return {"runs": runs, "not_played": self.not_played, "written": self.written, **self.verdict.document()}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the loudest of every channel under each controller, and the verdict."""
         from tactuator.verbs.designed import verdict_tables
 
         columns = ("under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)")
@@ -213,6 +204,8 @@ class MeasuredResponses(Result):
     learnt: what adaptive channels had learnt before. verdict: whether they are felt flat.
     """
 
+    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "level_db_sl")
+
     responses: "tuple[Response, ...]"
     controller: "Controller"
     learnt: "tuple[Learnt, ...]"
@@ -224,12 +217,10 @@ class MeasuredResponses(Result):
         return all(bool(response.reached.all()) for response in self.responses)
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where a response is not flat, or the confidence was not reached."""
-        return 0 if self.reached and self.verdict.outcome != "not met" else 1
+    def holds(self) -> bool:
+        return self.reached and self.verdict.outcome != "not met"
 
     def notices(self) -> Sequence[str]:
-        """Return that the confidence was not reached, where it was not."""
         return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)
 
     def _levels(self) -> "list[tuple[Response, ResponseLevels]]":
@@ -239,7 +230,6 @@ class MeasuredResponses(Result):
         return [(response, ResponseLevels.of(response, self.controller)) for response in self.responses]
 
     def headline(self) -> Mapping[str, str]:
-        """Return the greatest error of every channel."""
         return {
             response.channel: f"within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
             f"at {response.frequency_hz.size} frequencies (load {response.load})"
@@ -247,7 +237,6 @@ class MeasuredResponses(Result):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return channel, frequency (Hz), level (dB SL), error (dB), its 95 % half-width and the phase (degrees)."""
         import numpy as np
 
         rows = [
@@ -264,11 +253,6 @@ class MeasuredResponses(Result):
         ]
         return columns_of(("channel", "frequency_hz", "level_db_sl", "error_db", "confidence_db", "phase_deg"), rows)
 
-    def lines(self) -> "Lines":
-        """Return the level of every channel over frequency."""
-        each = [(response.channel, response.frequency_hz, levels.felt_db_sl) for response, levels in self._levels()]
-        return lines_of("frequency (Hz)", "level (dB SL)", each, log_x=True)
-
     def write(self, path: Place) -> None:
         """Write the responses as .h5 or .csv."""
         from tactuator.io.response import write_responses
@@ -276,7 +260,6 @@ class MeasuredResponses(Result):
         write_responses(Path(path), self.responses)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the responses point by point, what was learnt, and the verdict."""
         names = (
             *("channel", "load", "level_db_sl", "method", "controller_hash", "frequency_hz", "magnitude_v"),
             *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
@@ -294,7 +277,6 @@ class MeasuredResponses(Result):
         return {"responses": responses, "learnt": [vars(one) for one in self.learnt]} | self.verdict.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each point, the one with the greatest error first, and the verdict."""
         from tactuator.verbs.designed import verdict_tables
 
         columns = ("channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut")
@@ -418,10 +400,11 @@ def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tu
 class DisturbanceResult(Result):
     """The effect of a pressing, lifting and trembling finger, one report for each channel."""
 
+    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "measured_db")
+
     reports: "tuple[DisturbanceReport, ...]"
 
     def headline(self) -> Mapping[str, str]:
-        """Return what a press moves, and how long it lasts."""
         return {
             report.channel: f"press {report.press.peak_mm:.3g} {report.unit}, within a tenth after "
             f"{report.press.recovery_s:.2f} s"
@@ -429,7 +412,6 @@ class DisturbanceResult(Result):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return channel, frequency (Hz), rejection measured, its half-width, and expected (dB)."""
         rows = [
             (report.channel, *row)
             for report in self.reports
@@ -443,13 +425,7 @@ class DisturbanceResult(Result):
         ]
         return columns_of(("channel", "frequency_hz", "measured_db", "confidence_db", "expected_db"), rows)
 
-    def lines(self) -> "Lines":
-        """Return the rejection of every channel over frequency."""
-        each = [(r.channel, r.rejection.frequency_hz, r.rejection.measured_db) for r in self.reports]
-        return lines_of("frequency (Hz)", "rejection (dB)", each, log_x=True)
-
     def to_dict(self) -> dict[str, Any]:
-        """Return the rejection, the press and the tremor of each channel."""
         return {
             "channels": [
                 {"channel": report.channel, "unit": report.unit}
@@ -459,7 +435,6 @@ class DisturbanceResult(Result):
         }
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each frequency, press, lift and tremor."""
         rows: list[tuple[str, ...]] = []
         for report in self.reports:
             unit, press, tremor = report.unit, report.press, report.tremor
@@ -523,27 +498,22 @@ class FingerResult(Result):
     estimates: "tuple[FingerEstimate, ...]"
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where one mass, damper and spring do not describe what touches."""
+    def holds(self) -> bool:
         from tactuator.measure.finger import ONE
 
-        return 0 if all(estimate.described_by == ONE for estimate in self.estimates) else 1
+        return all(estimate.described_by == ONE for estimate in self.estimates)
 
     def headline(self) -> Mapping[str, str]:
-        """Return mass, damping and stiffness of every channel, and what describes it."""
         return {e.channel: f"{e.mass:.4g}, {e.damping:.4g}, {e.stiffness:.4g}: {_said(e)}" for e in self.estimates}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the estimate of each channel."""
         return {"channels": [vars(estimate) for estimate in self.estimates]}
 
     def columns(self) -> Mapping[str, Any]:
-        """Return channel, mass, damping and stiffness (in the units of a load), and the misfit (dB)."""
         names = ("channel", "mass", "damping", "stiffness", "misfit_db")
         return {name: [getattr(estimate, name) for estimate in self.estimates] for name in names}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the figures of each channel, and the line of the display file that has them."""
         from tactuator.measure.finger import ONE
 
         rows = tuple(
@@ -606,7 +576,7 @@ def finger(
 
     Raises BadInput for a load that the display does not have.
 
-    >>> tt.finger(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=16.0).columns()["channel"]
+    >>> tt.finger(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=28.0).columns()["channel"]
     ['index', 'thumb', 'middle']
     """
     import numpy as np

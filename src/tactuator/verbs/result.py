@@ -3,10 +3,10 @@
 import dataclasses
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
@@ -21,39 +21,66 @@ _Promoted = TypeVar("_Promoted", bound="Result")
 class Result:
     """A result: `repr` of under 500 characters, HTML for notebooks, `plot`, `to_dict`, `to_dataframe` of a table.
 
-    What the command line prints of it, and the status that it ends with, are told here as well.
+    What the command line prints of it, and the status that it ends with, are told here as well. `holds` is the verdict:
+    the only place from which status 1 comes. `PLOTTED` names two columns, x and y, that are drawn for each value of the
+    first column. `SHOWN` has the words for each attribute that is a row of its table, with "::" and the form
+    of a number. A field with repr=False is neither in JSON nor told at a glance.
     """
 
-    def headline(self) -> Mapping[str, str]:
-        """Return the figures that tell the result at a glance, each with its unit."""
-        raise NotImplementedError
+    PLOTTED: ClassVar[tuple[str, ...]] = ()
+    SHOWN: ClassVar[Mapping[str, str]] = {}
 
-    def lines(self) -> "Lines":
-        """Return what `plot` draws; raises BadInput where there is nothing to draw."""
-        raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
+    def headline(self) -> Mapping[str, str]:
+        """Return the figures that tell the result at a glance, each with its unit: by default those of its fields."""
+        values = {name: getattr(self, name) for name in self._told_fields()}
+        return {name: str(value) for name, value in values.items() if isinstance(value, str | int | float | Path)}
+
+    def _told_fields(self) -> list[str]:
+        """Return the names of the fields that are told, in JSON and at a glance: those that `repr` has."""
+        return [field.name for field in dataclasses.fields(self) if field.repr]  # type: ignore[arg-type]
 
     def columns(self) -> Mapping[str, Any]:
         """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
         raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
 
+    def lines(self) -> "Lines":
+        """Return what `plot` draws; raises BadInput where there is nothing to draw."""
+        if not self.PLOTTED:
+            raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
+        columns = self.columns()
+        x, y = (columns[name] for name in self.PLOTTED)
+        names = next(iter(columns.values()))
+        each = [
+            (name, *zip(*((a, b) for own, a, b in zip(names, x, y, strict=True) if own == name), strict=True))
+            for name in dict.fromkeys(names)
+        ]
+        return lines_of(*map(_label, self.PLOTTED), each, log_x=True)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
-        document = plain(self)
-        assert isinstance(document, dict)
-        return document
+        return {name: plain(getattr(self, name)) for name in self._told_fields()}
 
     def tables(self) -> Sequence[ResultTable | str]:
         """Return the tables and lines that the command line prints, in their order."""
-        return [ResultTable("", ("what", "value"), tuple(self.headline().items()))]
+        if not self.SHOWN:
+            return [f"{name}: {value}" for name, value in self.headline().items()]
+        shown = {name: getattr(self, name) for name in self.SHOWN}
+        rows = [(*self.SHOWN[name].split("::"), value) for name, value in shown.items() if value is not None]
+        return [ResultTable(self.title, ("what", "value"), tuple((words, _cell(v, *how)) for words, *how, v in rows))]
+
+    @property
+    def title(self) -> str:
+        """Return what stands above the table of what is shown."""
+        return ""
 
     def notices(self) -> Sequence[str]:
         """Return lines for standard error: what is to be known of the result beside it."""
         return ()
 
     @property
-    def exit_status(self) -> int:
-        """Return 0, or 1 where the verdict is no: the status that the command line ends with."""
-        return 0
+    def holds(self) -> bool:
+        """Return False where the verdict is no: the command line then ends with status 1."""
+        return True
 
     @property
     def ending(self) -> BaseException | None:
@@ -133,15 +160,31 @@ def lines_of(*parts: Any, **how: Any) -> "Lines":
     return Lines(*parts, **how)
 
 
+_UNITS = {
+    "hz": "Hz", "s": "s", "db": "dB", "db_sl": "dB SL", "db_re_1um": "dB re 1 µm, peak", "mm": "mm", "v": "V",
+}  # fmt: skip
+
+
+def _label(name: str) -> str:
+    """Return the label of an axis out of a column's name: its words, and the unit that it ends with."""
+    unit = max((unit for unit in _UNITS if name.endswith(f"_{unit}")), key=len, default="")
+    words = name.removesuffix(f"_{unit}").replace("_", " ")
+    return f"{words} ({_UNITS[unit]})" if unit else words
+
+
+def _cell(value: object, form: str = "g") -> str:
+    """Return a value as a table's cell."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:{form}}" if isinstance(value, float) else str(value)
+
+
 def figure(value: float, unit: str = "", digits: int = 4) -> str:
     """Return a number with its unit."""
     return f"{value:.{digits}g}{' ' if unit else ''}{unit}"
 
 
-def columns_of(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> dict[str, list[Any]]:
+def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
     """Return the columns of a table from its rows."""
-    return {name: [_scalar(row[k]) for row in rows] for k, name in enumerate(names)}
-
-
-def _scalar(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else value
+    cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]
+    return {name: [row[k] for row in cells] for k, name in enumerate(names)}

@@ -7,21 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_display, numbers
 from tactuator.verbs.parameters import Argument, Curve, Option, Place, Seed
 from tactuator.verbs.progress import say, working
-from tactuator.verbs.result import Result, columns_of, lines_of
+from tactuator.verbs.result import Result, columns_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser
     from tactuator.model.description import Display
-    from tactuator.report.lines import Lines
     from tactuator.rig.sound.cards import Card
     from tactuator.rig.sound.loopback import Delay
 
@@ -37,16 +36,10 @@ class CardsResult(Result):
 
     cards: "tuple[Card, ...]"
 
-    def headline(self) -> Mapping[str, str]:
-        """Return outputs and inputs of each card."""
-        return {card.full_name: f"{card.outputs} outputs, {card.inputs} inputs" for card in self.cards}
-
     def to_dict(self) -> dict[str, Any]:
-        """Return the cards, each with the name by which a rig is opened on it."""
         return {"devices": [asdict(card) | {"device": card.full_name} for card in self.cards]}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each card."""
         rows = tuple((card.full_name, str(card.outputs), str(card.inputs), f"{card.rate_hz:g}") for card in self.cards)
         hint = "PortAudio finds no card; `aplay -l` lists those of ALSA, and a sound server may have to run"
         columns = ("card", "outputs", "inputs", "its own rate (Hz)")
@@ -71,12 +64,10 @@ class LatencyResult(Result):
     delay: "Delay"
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where the delay does not stay."""
-        return 1 if self.delay.spread > 1 else 0
+    def holds(self) -> bool:
+        return self.delay.spread <= 1
 
     def headline(self) -> Mapping[str, str]:
-        """Return the delay, its spread and the gain of the wire."""
         return {
             "latency_samples": str(self.delay.samples),
             "ms": f"{1e3 * self.delay.samples / self.rate_hz:.3f}",
@@ -85,12 +76,10 @@ class LatencyResult(Result):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return latency_samples of [sound], and the delay as it was measured."""
         samples = self.delay.samples
         return {"device": self.device, "rate_hz": self.rate_hz, "latency_samples": samples, "delay": self.delay}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each figure."""
         title = f"{self.device}, output {self.output} to input {self.input_number}"
         return [ResultTable(title, ("what", "value"), tuple(self.headline().items()))]
 
@@ -129,18 +118,15 @@ class FullScaleResult(Result):
     input_full_scale_v: float | None = None
 
     def headline(self) -> Mapping[str, str]:
-        """Return the keys of [sound]."""
         values = self.to_dict()
         return {key: f"{value:.6g}" if isinstance(value, float) else str(value) for key, value in values.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the keys of [sound]."""
         document = {"device": self.device, "output": self.output, "output_full_scale_v": self.output_full_scale_v}
         wired = {"input": self.input_number, "input_full_scale_v": self.input_full_scale_v}
         return document | (wired if self.input_number else {})
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each key."""
         return [ResultTable("", ("key of [sound]", "value"), tuple(self.headline().items()))]
 
 
@@ -184,14 +170,15 @@ def _asked_number() -> float:
 class EqualisedResult(Result):
     """A display without loop that was calibrated and verified. out: the folder of its files; gaps: of the card."""
 
+    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "error_db")
+
     calibrated: "Calibrated"
     out: Path
     gaps: int
 
     @property
-    def exit_status(self) -> int:
-        """Return 1 where the display is not felt flat."""
-        return 0 if self.calibrated.flat else 1
+    def holds(self) -> bool:
+        return self.calibrated.flat
 
     def _shortfalls(self) -> dict[str, str]:
         """Return why each channel is not felt flat, nothing for one that is."""
@@ -199,7 +186,6 @@ class EqualisedResult(Result):
         return {channel.name: channel.shortfall(allowed) for channel in self.calibrated.channels}
 
     def headline(self) -> Mapping[str, str]:
-        """Return usable band and greatest error of every channel."""
         return {
             channel.name: f"{channel.usable.band_hz[0]:.4g} to {channel.usable.band_hz[1]:.4g} Hz within "
             f"{channel.last.worst_db:.2f} dB"
@@ -207,7 +193,6 @@ class EqualisedResult(Result):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        """Return channel, frequency (Hz), felt less asked (dB) and its 95 % half-width."""
         rows = [
             (channel.name, *row)
             for channel in self.calibrated.channels
@@ -215,15 +200,7 @@ class EqualisedResult(Result):
         ]
         return columns_of(("channel", "frequency_hz", "error_db", "confidence_db"), rows)
 
-    def lines(self) -> "Lines":
-        """Return what is felt less what was asked, of every channel."""
-        each = [
-            (channel.name, channel.last.frequency_hz, channel.last.error_db) for channel in self.calibrated.channels
-        ]
-        return lines_of("frequency (Hz)", "felt less asked (dB)", each, log_x=True)
-
     def to_dict(self) -> dict[str, Any]:
-        """Return band, error and plant of every channel."""
         shortfalls = self._shortfalls()
         return {
             "out": self.out,
@@ -250,7 +227,6 @@ class EqualisedResult(Result):
         }
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each channel, the files, and whether it is felt flat."""
         from tactuator.report.open_loop import FILES
 
         rows = []

@@ -47,12 +47,7 @@ class WaveformsResult(Result):
     out: Path
     waveforms: "tuple[WrittenWaveform, ...]"
 
-    def headline(self) -> Mapping[str, str]:
-        """Return folder and number."""
-        return {"folder": str(self.out), "waveforms": str(len(self.waveforms))}
-
     def to_dict(self) -> dict[str, Any]:
-        """Return folder, protocol and items."""
         items = [
             {"label": item.label, "file": item.path.name, "max_reduction_db": item.max_reduction_db}
             for item in self.waveforms
@@ -60,7 +55,6 @@ class WaveformsResult(Result):
         return {"out": self.out, "protocol": self.out / PROTOCOL, "items": items}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each waveform, and the folder."""
         rows = tuple(
             (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "untouched")
             for item in self.waveforms
@@ -127,25 +121,20 @@ class SpokenResult(Result):
     rendered: "Rendered"
 
     def headline(self) -> Mapping[str, str]:
-        """Return the file, its length and the peak of every finger."""
         peaks = {name: figure(level, "dB SL at the peak") for name, level in self.rendered.peak_db_sl.items()}
         return {"reference": str(self.path), "duration": figure(self.rendered.speech.duration_s, "s"), **peaks}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures of the reference, and of what is felt of it where that was asked for."""
         return {"out": self.path, **self.rendered.document()}
 
     def columns(self) -> Mapping[str, Any]:
-        """Return finger and peak (dB SL)."""
-        return columns_of(("finger", "peak_db_sl"), list(self.rendered.peak_db_sl.items()))
+        return columns_of(("finger", "peak_db_sl"), self.rendered.peak_db_sl.items())
 
     def lines(self) -> "Lines":
-        """Return the peak of every finger."""
         peaks = self.rendered.peak_db_sl
         return lines_of("finger", "peak (dB SL)", [("peak", list(peaks), list(peaks.values()))], points=True)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a row for each finger, and notes on the speech file."""
         felt: dict[str, Any] = {} if self.rendered.felt is None else self.rendered.felt.figures()
         rows = []
         for entry in self.rendered.limiting:
@@ -217,13 +206,11 @@ class PlayedResult(Result):
     gaps: int | None = None
 
     def headline(self) -> Mapping[str, str]:
-        """Return length, what was played and how long a limit was reached."""
         played = self.played
         seconds = {"length": played.duration_s, "played": played.played_s, "saturated": played.saturated_s}
         return {name: f"{value:.2f} s" for name, value in seconds.items()}
 
     def notices(self) -> Sequence[str]:
-        """Return what the sound card told of gaps."""
         return (f"the sound card told of {self.gaps} gaps",) if self.gaps else ()
 
     @property
@@ -232,12 +219,10 @@ class PlayedResult(Result):
         return KeyboardInterrupt() if self.played.stopped else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the seconds, and the gaps on a sound card."""
         gaps = {} if self.gaps is None else {"gaps": self.gaps}
         return {"reference": self.reference, "rig": self.rig, **asdict(self.played), **gaps}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return the seconds."""
         seconds = {
             "length": self.played.duration_s,
             "played": self.played.played_s,

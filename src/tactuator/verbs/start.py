@@ -27,15 +27,12 @@ class WrittenFiles(Result):
     note: str = ""
 
     def headline(self) -> Mapping[str, str]:
-        """Return the number of files, and the first."""
         return {"files": str(len(self.written)), "first": str(self.written[0])}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the paths."""
         return {"written": [str(path) for path in self.written]}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        """Return a line for each file, or the note."""
         return [self.note] if self.note else [f"written: {path}" for path in self.written]
 
 
