@@ -5,15 +5,19 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import get_args, get_origin
+from typing import get_args, get_origin, get_type_hints
 
 import pytest
 
 from tactuator.cli import main
 from tactuator.cli.commands import command_of
+from tactuator.experiment.simulated.quality import Setting
+from tactuator.identification.asked import Asked
+from tactuator.measure.open_loop import CalibrationRequest
 from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS
-from tactuator.speech.options import LEVEL_DB_SL
+from tactuator.verbs.declared import Fields, constant, sentence_of
 from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tests.cli.refusals import refused
 
@@ -30,12 +34,25 @@ def test_signature__each_parameter_for_the_command_line__has_a_type_that_it_know
         )
 
 
-def test_defaults__that_stand_for_a_constant__are_it() -> None:
-    def default(name: str, parameter: str) -> object:
-        return inspect.signature(verb_of(name)).parameters[parameter].default
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_sentence__read_from_the_source__is_that_of_the_docstring(name: str) -> None:
+    assert (inspect.getdoc(verb_of(name)) or "").startswith(sentence_of(FUNCTIONS[name]))
+    assert len(sentence_of(FUNCTIONS[name])) <= 57
 
-    assert default("render", "level_db_sl") == default("corpus", "level_db_sl") == LEVEL_DB_SL
-    assert default("firmware stream", "instruction_ns") == INSTRUCTION_NS
+
+@pytest.mark.parametrize("declared", [Asked, CalibrationRequest, Setting])
+def test_fields__read_from_the_source__are_those_of_the_dataclass(declared: type) -> None:
+    read = Fields(f"{declared.__module__.removeprefix('tactuator.')}:{declared.__name__}")
+    for field in fields(declared):
+        if field.default is not MISSING:
+            assert read.default(field.name) == field.default
+    if declared is Asked:
+        hints = get_type_hints(Asked, include_extras=True)
+        assert {read.option(name).help for name in hints} == {get_args(hint)[1].description for hint in hints.values()}
+
+
+def test_constant__read_from_the_source__is_it() -> None:
+    assert constant("rig.board_check.streaming_check", "INSTRUCTION_NS") == INSTRUCTION_NS
 
 
 def test_written_file__is_told_once_and_a_verb_gives_its_result_as_json(

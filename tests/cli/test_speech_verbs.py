@@ -209,25 +209,18 @@ def test_corpus__scheduler_not_there__told(run, tmp_path, options, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_waveforms_identify_information__from_nothing_to_bits(run, tmp_path, made):
+def test_waveforms_recognise_information__from_nothing_to_bits(run, tmp_path, made):
     status, figures, _ = run(
         "waveforms", "--out", tmp_path / "set", "--fingers", "index", "--duration", "0.125", "--repetitions", "4"
     )
     assert status == 0
     assert len(figures["items"]) == 7
     status, figures, _ = run(
-        "experiment", "identify", figures["protocol"], "--store", tmp_path / "lab.db", "--scripted-error", "0.1"
+        "experiment", "recognise", figures["protocol"], "--store", tmp_path / "lab.db", "--scripted-error", "0.1"
     )
     assert (status, figures["trials"]) == (0, 7 * (2 + 4))
-    again = (
-        "experiment",
-        "identify",
-        tmp_path / "set" / "protocol.toml",
-        "--store",
-        tmp_path / "lab.db",
-        "--scripted-error",
-        "0.1",
-    )
+    protocol, store = tmp_path / "set" / "protocol.toml", tmp_path / "lab.db"
+    again = ("experiment", "recognise", protocol, "--store", store, "--scripted-error", "0.1")
     status, done, _ = run(*again, "--display", made / "display.toml", controller=False)  # designed for it; all is done
     assert (status, done["trials"]) == (0, 0)
     status, _, err = run(*again, "--display", tmp_path / "none.toml", controller=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +25,8 @@ def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> Non
     for notice in result.notices():
         sys.stderr.write(f"tactuator: {notice}\n")
     if as_json:
+        import json
+
         sys.stdout.write(json.dumps(plain(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
         return
     from rich.console import Console, Group

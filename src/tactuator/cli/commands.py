@@ -17,9 +17,10 @@ from typer.core import TyperGroup
 
 from tactuator.cli.answer import answer, bars
 from tactuator.errors import BadInput
+from tactuator.verbs.declared import sentence_of
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option
 from tactuator.verbs.progress import watched
-from tactuator.verbs.table import FIRST, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
+from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter, Parameter
@@ -91,7 +92,7 @@ def build_app(verbs: Sequence[str] | None = None, listed: bool = False) -> typer
     for name in top_verbs() if verbs is None else verbs:
         parts = parts_of(name)
         if listed:
-            app.command(name, help=PARTS[name] if parts else first_sentence(verb_of(name)))(lambda: None)
+            app.command(name, help=PARTS[name] if parts else sentence_of(FUNCTIONS[name]))(lambda: None)
         elif parts:
             group = typer.Typer(cls=QuickGroup, help=PARTS[name], rich_markup_mode=None)
             for part in parts:
@@ -100,11 +101,6 @@ def build_app(verbs: Sequence[str] | None = None, listed: bool = False) -> typer
         else:
             app.command(name)(command_of(verb_of(name)))
     return app
-
-
-def first_sentence(verb: Verb) -> str:
-    """Return the first sentence of a verb's docstring."""
-    return _first_paragraph(verb).partition(". ")[0].removesuffix(".") + "."
 
 
 def _first_paragraph(verb: Verb) -> str:

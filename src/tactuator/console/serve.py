@@ -4,9 +4,7 @@ import secrets
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +12,8 @@ from tactuator.errors import BadInput
 from tactuator.verbs.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
 
 if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
     from tactuator.console.rig_process import RigProcess
     from tactuator.console.state import ConsoleState
 
@@ -77,8 +77,11 @@ def _held(spec: str | None, state: "ConsoleState", seed: int) -> "Iterator[RigPr
 
 
 @contextmanager
-def _figures_apart() -> Iterator[ProcessPoolExecutor]:
+def _figures_apart() -> "Iterator[ProcessPoolExecutor]":
     """Yield a process in which figures are computed, so that a drag's frames have the interpreter to themselves."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
     from tactuator.helper_process import begin_helper
 
     apart = ProcessPoolExecutor(1, get_context("spawn"), initializer=begin_helper, initargs=(_NICER,))

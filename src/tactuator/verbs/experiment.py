@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import opened_apparatus
+from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import (
     Argument,
     ControllerOption,
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from tactuator.experiment.protocol.study import SubjectPart
     from tactuator.experiment.result.store_results import StoreResults
     from tactuator.report.lines import Lines
+
+_SETTING = Fields("experiment.simulated.quality:Setting")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Database of the experiment (SQLite).", file=True)]
@@ -365,7 +368,7 @@ def export(
     out: Annotated[Place, Option("File or folder to write.", writes=True)],
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
 ) -> ExportedResult:
-    """Write every answered trial in an open format, with its data dictionary."""
+    """Write every answered trial in an open format. The folder has a data dictionary, too."""
     from tactuator.experiment.export.export import export as exported
     from tactuator.experiment.store.store import Store
 
@@ -420,16 +423,16 @@ def simulate(
     procedure: Annotated[str, Option("imece2004, up-down, quest-plus, curve, or another package's.")] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
-    lapse: Annotated[float, Option("Lapse rate.")] = 0.0,
-    start_db: Annotated[float, Option("Start, dB above the true threshold.")] = 20.0,
+    lapse: Annotated[float, Option("Lapse rate.")] = _SETTING.default("lapse"),
+    start_db: Annotated[float, Option("Start, dB above the true threshold.")] = _SETTING.default("start_db"),
     trials: Annotated[int | None, Option("Trials of a run, where the procedure has a number of them.")] = None,
     truth: Annotated[
         Place | None,
         Option("curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
     ] = None,
-    guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = 0.0,
-    drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = 0.0,
-    loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = 0.0,
+    guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = _SETTING.default("guessed"),
+    drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = _SETTING.default("drift_db"),
+    loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = _SETTING.default("loud_share"),
     seed: Seed = 0,
 ) -> QualityResult:
     """Say how good a procedure's estimates are. It is run many times against a Weibull observer."""

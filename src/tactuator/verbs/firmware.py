@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from tactuator.errors import BadInput
-from tactuator.rig.boards import BOARDS, find_board
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import paper_display, read
+from tactuator.verbs.declared import constant
 from tactuator.verbs.parameters import ControllerOption, Option, Place
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tactuator.rig.board_check.period_cost import PeriodCost, PeriodCycles
     from tactuator.rig.board_check.streaming_check import StreamingCheck
 
-Board = Annotated[str, Option(f"Board: {', '.join(BOARDS)}.")]
+Board = Annotated[str, Option("Board: the name of its folder in firmware/.")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,7 +50,7 @@ def program(
 
     Raises BadInput for another board or ending, and where the compiler is missing.
     """
-    from tactuator.rig.boards import build_firmware, form_of, memory_used, write_program
+    from tactuator.rig.boards import build_firmware, find_board, form_of, memory_used, write_program
 
     target, form = find_board(board), form_of(Path(out))
     flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
@@ -88,8 +88,9 @@ def verify(
     ticks: Annotated[int, Option("Ticks of the interrupt, in each format.")] = 100_000,
     controller: ControllerOption = None,
 ) -> VerifyResult:
-    """Compare what a board's interrupt does with this machine's, bit for bit. Exit status 1 if they differ."""
+    """Compare a board's interrupt with this machine's. Every bit has to be the same; exit status 1 if one differs."""
     from tactuator.rig.board_check.period_check import check_period
+    from tactuator.rig.boards import find_board
     from tactuator.rig.open import open_rig
 
     if rig is not None:
@@ -138,7 +139,9 @@ class StreamResult(Result):
 def stream(
     board: Board = "mps2-an500",
     seconds: Annotated[float, Option("Seconds of the board's time.")] = 10.0,
-    instruction_ns: Annotated[int, Option("What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")] = 8,
+    instruction_ns: Annotated[int, Option("What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")] = constant(
+        "rig.board_check.streaming_check", "INSTRUCTION_NS"
+    ),
     controller: ControllerOption = None,
 ) -> StreamResult:
     """Stream a reference to a board whose time goes on. Exit status 1 if an interrupt was late or a row missing."""
@@ -209,6 +212,7 @@ def bench(
     --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
     """
     from tactuator.rig.board_check.period_cost import count_cycles, count_instructions
+    from tactuator.rig.boards import BOARDS
     from tactuator.rig.open import open_rig
     from tactuator.runtime.image import FORMATS
 

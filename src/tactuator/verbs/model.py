@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
 from tactuator.verbs.chosen import chosen_display, opened, paths
+from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import Argument, Figures, Load, Option, Place, RigOption, Seed
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, promoted
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
+_ASKED = Fields("identification.asked:Asked")
 
 
 def calibrate(
@@ -230,30 +232,16 @@ def identify(
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
     from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
     to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
-    order: Annotated[int | None, Option("Number of poles (default: chosen).")] = None,
-    zeros: Annotated[int | None, Option("Number of zeros (default: chosen).")] = None,
-    integrators: Annotated[int, Option("Poles known to lie at s = 0.")] = 0,
-    delay_s: Annotated[float | None, Option("Dead time, where it is known (default: estimated).")] = None,
-    fix: Annotated[
-        Sequence[str] | None,
-        Option(
-            "A value that is known, NAME=VALUE; may be repeated: gain (position over command at 0 Hz), stiffness (its "
-            "inverse), mass (command over acceleration), pole=HERTZ, resonance=HERTZ,Q, num_sK and den_sK "
-            "(coefficients as in the model file).",
-            type=list[str] | None,
-        ),
-    ] = None,
-    hold: Annotated[
-        str,
-        Option(
-            "The command between its samples: zero-order, first-order (held by a converter), band-limited (recorded "
-            "through an anti-aliasing filter), or auto: the record tells."
-        ),
-    ] = "auto",
-    method: Annotated[str, Option("refined, rls (the paper's).")] = "refined",
-    quantity: Annotated[str, Option("What the position is: displacement, velocity, acceleration.")] = "displacement",
-    forgetting: Annotated[float, Option("Of the recursion; 1 keeps everything.")] = 1.0,
-    friction: Annotated[bool, Option("Estimate friction.", ("--friction/--no-friction",))] = True,
+    order: Annotated[int | None, _ASKED.option("order")] = _ASKED.default("order"),
+    zeros: Annotated[int | None, _ASKED.option("zeros")] = _ASKED.default("zeros"),
+    integrators: Annotated[int, _ASKED.option("integrators")] = _ASKED.default("integrators"),
+    delay_s: Annotated[float | None, _ASKED.option("delay_s")] = _ASKED.default("delay_s"),
+    fix: Annotated[Sequence[str], _ASKED.option("fixed", "--fix", type=list[str])] = _ASKED.default("fixed"),
+    hold: Annotated[str, _ASKED.option("hold")] = _ASKED.default("hold"),
+    method: Annotated[str, _ASKED.option("method")] = _ASKED.default("method"),
+    quantity: Annotated[str, _ASKED.option("quantity")] = _ASKED.default("quantity"),
+    forgetting: Annotated[float, _ASKED.option("forgetting")] = _ASKED.default("forgetting"),
+    friction: Annotated[bool, _ASKED.option("friction", "--friction/--no-friction")] = _ASKED.default("friction"),
     validate: Annotated[
         "Record | Place | Sequence[Record | Place] | None",
         Option(
@@ -282,7 +270,7 @@ def identify(
     from tactuator.signals.record import Record
     from tactuator.verbs.identified import IdentificationResult
 
-    fixed = tuple(map(Fixed.parse, fix or ()))
+    fixed = tuple(map(Fixed.parse, fix))
     asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
     if not isinstance(given[0], Record) and is_response(Path(given[0])):

@@ -1,7 +1,6 @@
 """Manners of every verb's result: it prints itself in a few lines, draws itself, becomes plain or a table."""
 
 import dataclasses
-import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
@@ -113,6 +112,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return the headline as a table for notebooks."""
+        import html
+
         rows = "".join(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
             for name, value in self.headline().items()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_display, numbers
+from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import Argument, Curve, Option, Place, Seed
 from tactuator.verbs.progress import say, working
 from tactuator.verbs.result import Result, columns_of
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from tactuator.model.description import Display
     from tactuator.rig.sound.cards import Card
     from tactuator.rig.sound.loopback import Delay
+
+_REQUEST = Fields("measure.open_loop:CalibrationRequest")
 
 Device = Annotated[str, Option("Card, as `tactuator sound devices` lists it.")]
 RateHz = Annotated[float, Option("Sampling rate.")]
@@ -47,7 +50,7 @@ class CardsResult(Result):
 
 
 def devices() -> CardsResult:
-    """Show the sound cards with their outputs, inputs and rates."""
+    """Show the sound cards. Each has its outputs, inputs and rate."""
     from tactuator.rig.sound.cards import list_cards
 
     return CardsResult(tuple(list_cards()))
@@ -91,8 +94,8 @@ def latency(
     input_number: Annotated[int, Option("Input of the card that a wire joins to it.", ("--input",))] = 1,
     level: Level = 0.1,
 ) -> LatencyResult:
-    """Measure the delay through a wire, latency_samples of [sound]. It leads from an output to an input; exit status 1
-    where the delay does not stay.
+    """Measure the delay through a wire. It is latency_samples of [sound]; the wire leads from an output to an input.
+    Exit status 1 where the delay does not stay.
     """
     import numpy as np
 
@@ -142,7 +145,7 @@ def calibrate_output(
         int, Option("Input that a wire joins to the output, to be calibrated by it; 0: none.", ("--input",))
     ] = 0,
 ) -> FullScaleResult:
-    """Turn a multimeter's reading of a tone into volts at full scale."""
+    """Turn a multimeter's reading into volts at full scale. It reads a tone that is played."""
     from tactuator.rig.open import open_rig
     from tactuator.rig.sound.loopback import full_scale_v, tone, wire_display
 
@@ -246,11 +249,13 @@ def calibrate_display(
     ],
     rig: Annotated[str, Option("sound:DEVICE[@RATE].")] = "sound:",
     out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/calibrated"))] = "out/calibrated",
-    level_db_sl: Annotated[float, Option("Level at which it must be usable and is verified.")] = 20.0,
+    level_db_sl: Annotated[float, Option("Level at which it must be usable and is verified.")] = _REQUEST.default(
+        "level_db_sl"
+    ),
     band_hz: Annotated[
         "ArrayLike | str", Option("Frequencies within which it is to be used: low,high.", type=str)
     ] = "",
-    mains_hz: Annotated[float, Option("Mains, whose multiples are kept off; 0: none.")] = 50.0,
+    mains_hz: Annotated[float, Option("Mains, whose multiples are kept off; 0: none.")] = _REQUEST.default("mains_hz"),
     curve: Curve = None,
     seed: Seed = 0,
 ) -> EqualisedResult:
@@ -324,7 +329,7 @@ def demo(
     seed: Seed = 0,
     keep: Annotated[bool, Option("Keep the exciter afterwards, for other commands, until Ctrl-C.")] = False,
 ) -> EqualisedResult:
-    """Calibrate a simulated exciter behind a simulated sound card. PortAudio and a JACK server run in real time."""
+    """Calibrate a simulated exciter on a simulated card. PortAudio and a JACK server run in real time."""
     import numpy as np
 
     from tactuator.measure.open_loop import CalibrationRequest
