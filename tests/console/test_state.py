@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.console.figures import channel_figures, settled_figures
+from tactuator.console.loop_chart import channel_figures, settled_figures
 from tactuator.console.loop_shape import LoopShape
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactuator.console import rig_orders
-from tactuator.console.rig_session import Controls
+from tactuator.console.rig_session import Controls, Page
 from tactuator.console.rig_worker import RigWorker
 from tactuator.console.study import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
@@ -149,16 +149,8 @@ def test_console_rig__whose_process_ended_between_streams__plays_on_the_next_one
     assert len(rig.play(wave(50))) == 50
 
 
-class Watcher:
-    def tell_status(self):
-        self.told = True
-
-    def tell_refusal(self, text):
-        self.text = text
-
-
 def test_controls__of_an_experiment__are_no_pages_until_it_is_over():
-    controls, page, other = Controls(), Watcher(), Watcher()
+    controls, page, other = Controls(), Page(), Page()
     controls.enter(page)
     with pytest.raises(BadInput, match="another page has the controls"):
         controls.reserve(lambda: None)

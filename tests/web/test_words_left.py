@@ -34,9 +34,12 @@ def left_in_page(source: str) -> list[str]:
 
 
 def left_in_module(source: str) -> list[str]:
-    """Texts of a module that read as words, apart from its documentation and what it raises."""
+    """Texts of a module that read as words, apart from its documentation, its parameters' and what it raises."""
     tree = ast.parse(source)
-    quiet = {id(node) for raised in ast.walk(tree) if isinstance(raised, ast.Raise) for node in ast.walk(raised)}
+    aside = [node for node in ast.walk(tree) if isinstance(node, ast.Raise)]
+    aside += [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == "__post_init__"]
+    aside += [node.annotation for node in ast.walk(tree) if isinstance(node, ast.AnnAssign)]
+    quiet = {id(node) for part in aside for node in ast.walk(part)}
     quiet |= {id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr)}
     texts = [one for one in ast.walk(tree) if isinstance(one, ast.Constant) and isinstance(one.value, str)]
     return [one.value for one in texts if id(one) not in quiet and _reads_as_words(one.value)]

@@ -7,8 +7,7 @@ from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from importlib.resources import files
 
-from fastapi import FastAPI, Request, Response, WebSocket
-from starlette.exceptions import HTTPException as StarletteHTTPException
+from fastapi import FastAPI, Response, WebSocket
 
 from tactuator.console.connection import ConsoleConnection
 from tactuator.console.rig_connection import add_rig
@@ -17,7 +16,7 @@ from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
 from tactuator.console.study import StudyAtRig, add_study
 from tactuator.console.uploads import add_file_routes
-from tactuator.web.pages import HEADERS, file_response, plain_text
+from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file
 from tactuator.web.sockets import admitted
 from tactuator.web.study_pages import StudyPages, add_study_pages
@@ -63,14 +62,7 @@ def build_console(
         if await admitted(socket, token):
             await ConsoleConnection(socket, state, apart).serve()
 
-    @app.exception_handler(StarletteHTTPException)
-    async def absent(request: Request, error: StarletteHTTPException) -> Response:
-        return plain_text(_NOTHING, error.status_code)
-
-    @app.exception_handler(Exception)
-    async def failed(request: Request, error: Exception) -> Response:
-        return plain_text(_NOTHING, 500)
-
+    answer_plainly(app, lambda: _NOTHING)
     return app
 
 

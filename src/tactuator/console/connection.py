@@ -11,8 +11,7 @@ from fastapi import WebSocket
 from pydantic import Field, TypeAdapter
 
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
-from tactuator.console.figures import settled_figures, verdict_rows
-from tactuator.console.loop_chart import MARKS_HZ, frame, ground
+from tactuator.console.loop_chart import MARKS_HZ, frame, ground, settled_figures, verdict_rows
 from tactuator.console.loop_shape import LoopShape, shape_of, with_point_at
 from tactuator.console.requests import (
     CHANNELS_MAX,

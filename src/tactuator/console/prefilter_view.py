@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
-from tactuator.console.figures import verdict_rows
+from tactuator.console.loop_chart import verdict_rows
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import controller_text

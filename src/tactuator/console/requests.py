@@ -19,6 +19,7 @@ from pydantic_core import from_json
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, TactuatorError
+from tactuator.web.messages import refusal
 from tactuator.web.sockets import receive_text, send
 
 if TYPE_CHECKING:
@@ -65,12 +66,7 @@ def checked(requests: Requests[Asked], message: Mapping[str, Any]) -> Asked:
     try:
         return requests[name].validate_python(fields)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        cause = first.get("ctx", {}).get("error")
-        if isinstance(cause, BadInput):
-            raise cause from None
-        place = ".".join(str(part)[:40] for part in first["loc"])
-        raise BadInput(first["msg"], _OF_PAGE, where=("message", *([place] if place else []))) from None
+        raise refusal(error, "message", _OF_PAGE) from None
 
 
 async def serve_requests(

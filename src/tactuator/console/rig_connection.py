@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.requests import Answer, Count, PageRequest, Requests, serve_requests
-from tactuator.console.rig_session import Expected, RigSession, Save, StopPlaying, UseController
+from tactuator.console.rig_session import Expected, Page, RigSession, Save, StopPlaying, UseController
 from tactuator.console.scope import Look, View
 from tactuator.errors import BadInput
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, first_to_end, send
@@ -97,28 +97,18 @@ class RigConnection:
         self._rig, self._controls = session.rig, session.controls
         self._view = View(self._rig.samples, self._rig.display.rate_hz, session.channels)
         self._frame = self._drawn = self._dropped = self._shown_end = 0
-        self._news = asyncio.Event()
-        self._refusals: list[str] = []
+        self._page = Page()
         self._points: orders.Points | None = None
 
     async def serve(self) -> None:
         """Serve the page until it goes; if it had the controls, the generator goes silent."""
-        self._controls.enter(self)
+        self._controls.enter(self._page)
         try:
             requests = serve_requests(self._socket, REQUESTS, self._answer)
             await first_to_end(requests, self._tell(), self._frames(), self._levels())
         finally:
-            if self._controls.leave(self):
+            if self._controls.leave(self._page):
                 self._rig.order(orders.GenerateOrder(None))
-
-    def tell_status(self) -> None:
-        """Let the page be told the rig's status."""
-        self._news.set()
-
-    def tell_refusal(self, text: str) -> None:
-        """Let the page be told what the rig refused."""
-        self._refusals.append(text)
-        self._news.set()
 
     async def _answer(self, number: int, request: PageRequest) -> Answer | None:
         """Serve one request. Raises BadInput where it is refused."""
@@ -131,10 +121,10 @@ class RigConnection:
                 self._view.set(request)
                 return {}
             case TakeControls():
-                controls.take(self)
+                controls.take(self._page)
                 return {}
             case GiveControls():
-                controls.give(self)
+                controls.give(self._page)
                 return {}
             case Save() | Expected():
                 pass
@@ -146,7 +136,7 @@ class RigConnection:
                 if self._rig.status.mode != "gone":
                     raise BadInput("the rig is there, and an experiment has it", "opening one that has gone")
             case _:
-                controls.require(self)
+                controls.require(self._page)
         if isinstance(request, UseController):
             return await session.use_controller(request, self._apart)
         return await asyncio.to_thread(session.answer, request)
@@ -154,7 +144,7 @@ class RigConnection:
     async def _tell(self) -> None:
         """Send the status whenever it has changed, and points and refusals as they come."""
         while True:
-            refused, self._refusals = self._refusals, []
+            refused, self._page.refusals = self._page.refusals, []
             for text in refused:
                 await send(self._socket, {"refused": text})
             points = self._rig.points
@@ -162,12 +152,12 @@ class RigConnection:
                 self._points = points
                 await send(self._socket, {"points": asdict(points)})
             await send(self._socket, {"standing": self._standing()})
-            await self._news.wait()
-            self._news.clear()
+            await self._page.news.wait()
+            self._page.news.clear()
 
     def _standing(self) -> Answer:
         controls = self._controls
-        holder = "you" if controls.holder is self else "nobody" if controls.holder is None else "another"
+        holder = "you" if controls.holder is self._page else "nobody" if controls.holder is None else "another"
         holder = holder if controls.reserved is None else "experiment"
         return {**self._session.about(), **asdict(self._rig.status), "controls": holder}
 

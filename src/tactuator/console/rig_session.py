@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -65,16 +65,11 @@ class Save(PageRequest):
     end: Count
 
 
-class Page(Protocol):
-    """A page that may have the controls."""
+class Page:
+    """A page that may have the controls. news: set where its rig's status has changed; refusals: by the rig."""
 
-    def tell_status(self) -> None:
-        """Tell the page the rig's status."""
-        ...
-
-    def tell_refusal(self, text: str) -> None:
-        """Tell the page what the rig refused."""
-        ...
+    def __init__(self) -> None:
+        self.news, self.refusals = asyncio.Event(), list[str]()
 
 
 class Controls:
@@ -140,12 +135,13 @@ class Controls:
     def tell_all(self) -> None:
         """Tell every page the rig's status."""
         for page in self._pages:
-            page.tell_status()
+            page.news.set()
 
     def tell_refusal(self, text: str) -> None:
         """Tell whoever has the controls what the rig refused."""
         if self.holder is not None:
-            self.holder.tell_refusal(text)
+            self.holder.refusals.append(text)
+            self.holder.news.set()
 
 
 class RigSession:

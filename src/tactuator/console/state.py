@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tactuator import __version__
-from tactuator.console.figures import channel_controller
-from tactuator.console.loop_chart import ChannelPlants, channel_plants
+from tactuator.console.loop_chart import ChannelPlants, channel_controller, channel_plants
 from tactuator.console.loop_shape import Factor, LoopShape, taken_apart
 from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput

@@ -6,7 +6,7 @@ import asyncio
 import hmac
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TypeVar
@@ -40,6 +40,7 @@ class Lab:
     active: session at the rig. auto_start: True where a subject who comes to a free rig may begin without the operator.
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
     calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
+    tabs: how the open page of each session is told that another took over; control: the operator's page that has it.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -50,6 +51,8 @@ class Lab:
         self.paused = False
         self.fault: str | None = None
         self.calls: dict[int, str] = {}
+        self.tabs: dict[int, Callable[[], Awaitable[None]]] = {}
+        self.control: object | None = None
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
         self._halted = threading.Event()

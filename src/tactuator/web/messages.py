@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
@@ -13,6 +13,7 @@ Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
 Short = Annotated[str, StringConstraints(max_length=200)]
 _INTERVALS_MAX = 9
+_Kind = TypeVar("_Kind")
 
 
 class _Message(BaseModel):
@@ -112,28 +113,22 @@ class Day(_Message):
 
 OperatorMessage = Command | Enrol | NewVisit | Correct | Day
 
-_SUBJECT: TypeAdapter[SubjectMessage] = TypeAdapter(Annotated[SubjectMessage, Field(discriminator="type")])
-_OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage, Field(discriminator="type")])
+FROM_SUBJECT: TypeAdapter[SubjectMessage] = TypeAdapter(Annotated[SubjectMessage, Field(discriminator="type")])
+FROM_OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage, Field(discriminator="type")])
 
 
-def subject_message(text: str) -> SubjectMessage:
-    """Parse a message of a subject's page. Raises BadInput if it is none."""
+def message_of(messages: TypeAdapter[_Kind], text: str, what: str) -> _Kind:
+    """Return the message that a page's text holds. what: how a refusal names it. Raises BadInput if it is none."""
     try:
-        return _SUBJECT.validate_json(text)
+        return messages.validate_json(text)
     except ValidationError as error:
-        raise BadInput(f"message: {_amiss(error)}") from None
+        raise refusal(error, what) from None
 
 
-def operator_message(text: str) -> OperatorMessage:
-    """Parse a message of an operator's page. Raises BadInput if it is none."""
-    try:
-        return _OPERATOR.validate_json(text)
-    except ValidationError as error:
-        raise BadInput(f"command: {_amiss(error)}") from None
-
-
-def _amiss(error: ValidationError) -> str:
-    """Return the place and kind of an error, in a line that repeats nothing of the message."""
+def refusal(error: ValidationError, what: str, allowed: str = "") -> BadInput:
+    """Return a message's refusal at its place, in words that repeat nothing of it; or the one that its check raised."""
     first = error.errors(include_input=False, include_url=False)[0]
+    cause = first.get("ctx", {}).get("error")
     place = ".".join(str(part)[:40] for part in first["loc"])
-    return f"{place}: {first['msg']}" if place else str(first["msg"])
+    plain = BadInput(first["msg"], allowed, where=(what, *([place] if place else [])))
+    return cause if isinstance(cause, BadInput) else plain

@@ -14,46 +14,29 @@ from tactuator.experiment.session.session import RunTally, Session
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.records import Found
 from tactuator.web.lab import Lab, LabFault
-from tactuator.web.messages import Command, Correct, Day, Enrol, NewVisit, OperatorMessage, operator_message
+from tactuator.web.messages import FROM_OPERATOR, Command, Correct, Day, Enrol, NewVisit, OperatorMessage, message_of
 from tactuator.web.sockets import first_to_end, receive_text, send
-from tactuator.web.subject import Tabs
 
 _REFRESH_S = 1.0
 
 
-class Operators:
-    """The operators' pages; one has control, the others look on until one takes it."""
-
-    def __init__(self) -> None:
-        self._control: OperatorPage | None = None
-
-    def enter(self, page: OperatorPage) -> None:
-        """Add a page, which has control if no other has."""
-        if self._control is None:
-            self._control = page
-
-    def exit(self, page: OperatorPage) -> None:
-        """Remove a page that has closed."""
-        if self._control is page:
-            self._control = None
-
-    def take(self, page: OperatorPage) -> None:
-        """Give a page control, whoever has it."""
-        self._control = page
-
-    def has_control(self, page: OperatorPage) -> bool:
-        """Return whether commands of that page count."""
-        return self._control is page
-
-
 class OperatorPage:
-    """One open page of an operator."""
+    """One open page of an operator; one has control, the others look on until one takes it."""
 
-    def __init__(self, socket: WebSocket, lab: Lab, tabs: Tabs, operators: Operators) -> None:
-        self.socket, self.lab, self.tabs, self.operators = socket, lab, tabs, operators
+    def __init__(self, socket: WebSocket, lab: Lab) -> None:
+        self.socket, self.lab = socket, lab
 
     async def serve(self) -> None:
-        """Serve the page until it closes."""
+        """Serve the page until it closes; it has control if no other has."""
+        self.lab.control = self.lab.control or self
+        try:
+            await self._serve()
+        finally:
+            if self.lab.control is self:
+                self.lab.control = None
+            self.lab.notify()
+
+    async def _serve(self) -> None:
         for row in self.lab.sessions:
             with suppress(BadInput):  # of a version that cannot be played here; the subject's page says so
                 await self.lab.presented(row)
@@ -71,7 +54,8 @@ class OperatorPage:
     async def _handle_commands(self) -> None:
         while True:
             try:
-                await self._handle(operator_message(await receive_text(self.socket)))
+                text = await receive_text(self.socket)
+                await self._handle(message_of(FROM_OPERATOR, text, "command"))
             except (BadInput, LabFault) as error:
                 await send(
                     self.socket, {"type": "refused", "message": self.lab.words("operator.refused", reason=error)}
@@ -122,12 +106,12 @@ class OperatorPage:
         await self.lab.work(lambda: study.set_day(day.session, day.skin_temperature_c, day.preload_n))
 
     def _require_control(self) -> None:
-        if not self.operators.has_control(self):
+        if self.lab.control is not self:
             raise BadInput(self.lab.words("operator.refused_control"))
 
     async def _command(self, command: Command) -> None:
         if command.type == "take-control":
-            self.operators.take(self)
+            self.lab.control = self
             self.lab.notify()
             return
         if command.type == "results":
@@ -172,7 +156,7 @@ class OperatorPage:
         return {
             "type": "snapshot",
             "study": lab.study.task.protocol.study.name,
-            "control": self.operators.has_control(self),
+            "control": lab.control is self,
             "paused": lab.paused,
             "fault": lab.fault,
             "active": lab.active,
@@ -202,7 +186,7 @@ class OperatorPage:
             "skin_temperature_c": row.skin_temperature_c,
             "preload_n": row.preload_n,
             "link": f"/s/{row.link_token}",
-            "here": self.tabs.is_open(row.id),
+            "here": row.id in self.lab.tabs,
             **(_NOT_OPENED if presented is None else _standing(presented.session)),
         }
 

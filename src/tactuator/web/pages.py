@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
-from fastapi import Response
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, PlainTextResponse
+from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.experiment.language.words import Words
 
@@ -90,6 +92,17 @@ def holds_file(folder: Traversable, name: str) -> bool:
 def plain_text(text: str, status: int = 200) -> Response:
     """Return a page of one line of text."""
     return PlainTextResponse(f"{text}\n", status_code=status, headers=HEADERS)
+
+
+def answer_plainly(app: FastAPI, text: Callable[[], str]) -> None:
+    """Let an application answer what it has no page for, and what fails, with a line of text."""
+
+    async def plainly(request: Request, error: Exception) -> Response:
+        invalid = 422 if isinstance(error, RequestValidationError) else 500
+        return plain_text(text(), error.status_code if isinstance(error, StarletteHTTPException) else invalid)
+
+    for kind in (StarletteHTTPException, RequestValidationError, Exception):
+        app.add_exception_handler(kind, plainly)
 
 
 def _static() -> Traversable:

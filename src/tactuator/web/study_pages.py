@@ -7,16 +7,16 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Query, Request, Response, WebSocket
-from fastapi.exceptions import RequestValidationError
-from starlette.exceptions import HTTPException as StarletteHTTPException
+from fastapi import FastAPI, Query, Response, WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
-from tactuator.web.operator import OperatorPage, Operators
-from tactuator.web.pages import page, plain_text, static_file
+from tactuator.web.operator import OperatorPage
+from tactuator.web.pages import answer_plainly, page, plain_text, static_file
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, same_origin
-from tactuator.web.subject import SubjectTab, Tabs
+from tactuator.web.subject import SubjectTab
+
+_NOTHING = "There is no such page here."
 
 
 def build_app(lab: Lab, operator_token: str) -> FastAPI:
@@ -32,22 +32,8 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
     async def static(name: str) -> Response:
         return static_file(name) or plain_text(lab.words("page.no_page"), 404)
 
-    @app.exception_handler(StarletteHTTPException)
-    async def told(request: Request, error: StarletteHTTPException) -> Response:
-        return plain_text(lab.words("page.no_page"), error.status_code)
-
-    @app.exception_handler(Exception)
-    async def failed(request: Request, error: Exception) -> Response:
-        return plain_text(lab.words("page.no_page"), 500)
-
-    @app.exception_handler(RequestValidationError)
-    async def refused(request: Request, error: RequestValidationError) -> Response:
-        return plain_text(lab.words("page.no_page"), 422)
-
+    answer_plainly(app, lambda: lab.words("page.no_page"))
     return app
-
-
-_NOTHING = "There is no such page here."
 
 
 class StudyPages:
@@ -55,7 +41,6 @@ class StudyPages:
 
     def __init__(self, lab: Lab | None = None) -> None:
         self.lab = lab
-        self.tabs, self.operators = Tabs(), Operators()
         self._open: set[asyncio.Task[None]] = set()
 
     async def serve(self, socket: WebSocket, part: Coroutine[Any, Any, None]) -> None:
@@ -124,27 +109,13 @@ def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> No
         if lab is None or row is None or not same_origin(socket):
             await socket.close(CLOSE_ABSENT)
             return
-        tab = SubjectTab(socket, lab, row)
-        await pages.tabs.enter(tab)
-        lab.notify()
-        try:
-            await pages.serve(socket, tab.serve())
-        finally:
-            pages.tabs.exit(tab)
-            lab.notify()
+        await pages.serve(socket, SubjectTab(socket, lab, row).serve())
 
     @app.websocket("/ws/operator")
     async def operator(socket: WebSocket) -> None:
         if not await admitted(socket, operator_token):
             return
-        lab = pages.lab
-        if lab is None:
+        if pages.lab is None:
             await socket.close(CLOSE_ABSENT)
-            return
-        one = OperatorPage(socket, lab, pages.tabs, pages.operators)
-        pages.operators.enter(one)
-        try:
-            await pages.serve(socket, one.serve())
-        finally:
-            pages.operators.exit(one)
-            lab.notify()
+        else:
+            await pages.serve(socket, OperatorPage(socket, pages.lab).serve())

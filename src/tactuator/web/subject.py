@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from typing import Any, Protocol
+from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
 
@@ -19,6 +19,7 @@ from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
 from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (
+    FROM_SUBJECT,
     AnswerMessage,
     Consent,
     Decline,
@@ -26,46 +27,9 @@ from tactuator.web.messages import (
     Ready,
     SubjectMessage,
     Withdraw,
-    subject_message,
+    message_of,
 )
 from tactuator.web.sockets import first_to_end, receive_text, send
-
-
-class Tab(Protocol):
-    """An open page of a session."""
-
-    @property
-    def session(self) -> int:
-        """Return the session's row in the store."""
-        ...
-
-    async def leave(self) -> None:
-        """Tell the page that another page of the session took over."""
-        ...
-
-
-class Tabs:
-    """The newest open tab of every session."""
-
-    def __init__(self) -> None:
-        self._open: dict[int, Tab] = {}
-
-    async def enter(self, tab: Tab) -> None:
-        """Add a tab; the one before it is told and closed."""
-        before = self._open.get(tab.session)
-        self._open[tab.session] = tab
-        if before is not None:
-            await before.leave()
-
-    def exit(self, tab: Tab) -> None:
-        """Remove a tab that has closed."""
-        if self._open.get(tab.session) is tab:
-            del self._open[tab.session]
-
-    def is_open(self, session: int) -> bool:
-        """Return whether the subject's page is connected."""
-        return session in self._open
-
 
 CLOSE_ELSEWHERE = 4001
 """Close code of a connection whose session was opened in another tab."""
@@ -111,15 +75,25 @@ class SubjectTab:
             await self.socket.close(CLOSE_ELSEWHERE)
 
     async def serve(self) -> None:
-        """Serve the page until it closes."""
-        presented = await self.lab.presented(self.row)
-        await self._send(type="hello", **self._hello(presented))
-        await first_to_end(self._read(), self._run_stages(presented))
+        """Serve the page until it closes; one that was open for the session is told and closed."""
+        lab, leave = self.lab, self.lab.tabs.get(self.session)
+        lab.tabs[self.session] = self.leave
+        lab.notify()
+        try:
+            if leave is not None:
+                await leave()
+            presented = await lab.presented(self.row)
+            await self._send(type="hello", **self._hello(presented))
+            await first_to_end(self._read(), self._run_stages(presented))
+        finally:
+            if lab.tabs.get(self.session) == self.leave:
+                del lab.tabs[self.session]
+            lab.notify()
 
     async def _read(self) -> None:
         while True:
             try:
-                message = subject_message(await receive_text(self.socket))
+                message = message_of(FROM_SUBJECT, await receive_text(self.socket), "message")
             except BadInput as error:
                 await self._send(type="refused", message=str(error))
                 continue

@@ -115,11 +115,11 @@ def fuzz(client, lab, caplog, monkeypatch, path: str, first: str | None, message
     assert response_count(lab) >= len(acknowledged)
 
 
-@pytest.mark.parametrize("parser", ["tactuator.web.subject.subject_message", "tactuator.web.operator.operator_message"])
+@pytest.mark.parametrize("parser", ["tactuator.web.subject.message_of", "tactuator.web.operator.message_of"])
 def test_fuzz__defect_in_one_message_of_many__is_noticed(client, lab, caplog, monkeypatch, parser) -> None:
     room, name = parser.rsplit(".", 1)
     whole, count = getattr(import_module(room), name), itertools.count()
-    monkeypatch.setattr(parser, lambda text: 1 / 0 if next(count) == 700 else whole(text))
+    monkeypatch.setattr(parser, lambda *given: 1 / 0 if next(count) == 700 else whole(*given))
     path, first = ("/ws/subject/token-S1", None) if "subject" in parser else ("/ws/operator", TOKEN)
     with pytest.raises(AssertionError, match="Exception in ASGI application"):
         fuzz(client, lab, caplog, monkeypatch, path, first, SUBJECT if first is None else OPERATOR, FEW)
