@@ -24,8 +24,8 @@ from tactuator.corpus.corpus import run_corpus
 from tactuator.corpus.workers import Here, LocalProcesses, Workers
 from tactuator.io.display import parse_display
 from tactuator.speech.coding import coding_of
+from tactuator.speech.reading import sample_path
 from tactuator.speech.render import RenderJob
-from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
 
 FILES, FILE_S = 150, 4.0

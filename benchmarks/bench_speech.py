@@ -24,8 +24,8 @@ from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.coding import coding_of
 from tactuator.speech.envelope_coding import EnvelopeCoding
+from tactuator.speech.reading import sample_path
 from tactuator.speech.render import RenderJob, render_file
-from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
 
 MINUTES = 10.0

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
+from formant_synthesis import RATE_HZ, Sound, synthesise
 from scipy import signal
 
 from tactuator.io.display import parse_display
@@ -20,7 +21,6 @@ from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.render import RenderJob, render_file
-from tactuator.speech.synthesis import RATE_HZ, Sound, synthesise
 from tactuator.synthesis.design import design_controller
 
 SEED = 1

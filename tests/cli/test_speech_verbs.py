@@ -17,7 +17,7 @@ from tactuator.cli import main
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
 from tactuator.io.reference import open_reference
-from tactuator.speech.synthesis import sample_path
+from tactuator.speech.reading import sample_path
 from tactuator.synthesis.design import design_controller
 
 PROGRAM = [sys.executable, "-c", "import sys; from tactuator.cli import main; sys.exit(main())"]

@@ -7,8 +7,8 @@ from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.felt import BandAnalysis, Chunker, FeltComparison, compare_felt, frame_differences_db
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.render import render_array
-from tactuator.speech.synthesis import sample_path
+from tactuator.speech.reading import sample_path
+from tests.speech.rendered import render_array
 
 RATE = 4000.0
 
@@ -97,7 +97,7 @@ def test_comparison__sink__gets_the_felt_signal_in_step_with_the_reference(contr
 
 def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median_and_2_db_in_95_percent(controller):
     reference, _, _ = render_array(sample_path(), controller)
-    report = compare_felt(SimulatedRig(controller.display, 1), controller, reference)
+    report = compare_felt(SimulatedRig(controller.display, 1), controller, [reference])
     assert report.worst_rms_db <= 1.0
     for figures in report.figures().values():
         assert figures["frames_all"] > 10

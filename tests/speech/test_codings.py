@@ -9,8 +9,8 @@ from tactuator.io.controller import write_controller
 from tactuator.speech.band_codings import BandsCoding, DirectCoding
 from tactuator.speech.coding import GROUP, coding_names, coding_of, place, read_coding, write_coding
 from tactuator.speech.envelope_coding import BRATAKOS_2001, YUAN_2005, EnvelopeBand, EnvelopeCoding, Voicing
-from tactuator.speech.render import render_array
-from tactuator.speech.synthesis import sample_path
+from tactuator.speech.reading import sample_path
+from tests.speech.rendered import render_array
 
 FINGERS = ("thumb", "index", "middle")
 RATE_IN, RATE = 16000, 4000

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.measure.felt import blocks_of, felt_of
+from tactuator.measure.felt import felt_of
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.band_codings import band_limit_kernel
 from tactuator.speech.filters import filter_bank
@@ -15,9 +15,13 @@ RATE = 4000
 TIME = np.arange(14 * RATE) / RATE
 
 
+def blocks_of(reference):
+    return np.split(reference, range(4 * RATE, len(reference), 4 * RATE))
+
+
 def limited(controller, reference):
     limiter = Limiter(controller)
-    return np.concatenate(list(limiter.process(blocks_of(reference, RATE)))), limiter.report
+    return np.concatenate(list(limiter.process(blocks_of(reference)))), limiter.report
 
 
 def quiet_above_300(signal):
@@ -39,7 +43,7 @@ def on_the_display(controller, reference, load):
 
     rig.play = listened
     silence = np.zeros((4 * RATE, len(rig.channels)))  # a slow loop's last tenths of a millimetre go in seconds
-    displacement = np.concatenate([d for _, d in felt_of(rig, [*blocks_of(reference, RATE), silence])])
+    displacement = np.concatenate([d for _, d in felt_of(rig, [*blocks_of(reference), silence])])
     size = len(displacement) + 4 * RATE
     frequency = np.fft.rfftfreq(size, 1 / RATE)
     weight = 1.0 / controller.display.channels[0].threshold.curve.displacement_mm(frequency)

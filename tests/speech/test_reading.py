@@ -5,8 +5,8 @@ import pytest
 import soundfile
 
 from tactuator.errors import BadInput
-from tactuator.speech.reading import scan_speech, speech_blocks
-from tactuator.speech.synthesis import RATE_HZ, sample_path, synthesise
+from tactuator.speech.reading import sample_path, scan_speech, speech_blocks
+from tools.formant_synthesis import RATE_HZ, synthesise
 
 
 def tone(seconds=1.0, rate_hz=16000, frequency_hz=200.0):

@@ -10,8 +10,9 @@ from tactuator.errors import BadInput
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.coding import coding_of
-from tactuator.speech.render import LevelMeter, RenderJob, render_array, render_file, rendering
-from tactuator.speech.synthesis import sample_path
+from tactuator.speech.reading import sample_path
+from tactuator.speech.render import LevelMeter, RenderJob, render_file, rendering
+from tests.speech.rendered import render_array
 
 
 def level(reference):

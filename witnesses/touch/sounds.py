@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 
 from tactuator.arrays import FloatArray
 from tactuator.model.controller import Controller
-from tactuator.speech.render import render_array
+from tests.speech.rendered import render_array
 from witnesses.touch import felt
 
 LEVEL_DB_SL = 30.0

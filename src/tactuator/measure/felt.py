@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -342,7 +343,6 @@ def _figures(finger: FingerFelt) -> dict[str, float | int]:
     return figures
 
 
-BLOCK_S = 4.0
 SETTLE_S = 0.5
 """How long is listened after the reference's end."""
 
@@ -368,23 +368,15 @@ def felt_of(
             port.detach(feeler)
 
 
-def compare_felt(rig: Rig, controller: Controller, reference: NDArray[np.float64]) -> FeltReport:
-    """Load `controller`, play `reference` (n, channels) from rest, and compare what was felt with what was asked."""
+def compare_felt(
+    rig: Rig, controller: Controller, references: Iterable[NDArray[np.float64]], sink: Sink | None = None
+) -> FeltReport:
+    """Load `controller`, play blocks of reference (n, channels) from rest and half a second of zeros in which the
+    display comes to rest, and compare what was felt with what was asked; sink: as of `FeltComparison`.
+    """
     rig.load(controller)
-    comparison = FeltComparison(controller)
-    for asked, displacement in felt_of(rig, with_silence(blocks_of(reference, rig.rate_hz), rig)):
+    comparison = FeltComparison(controller, sink)
+    silence = np.zeros((round(SETTLE_S * rig.rate_hz), len(rig.channels)))
+    for asked, displacement in felt_of(rig, chain(references, [silence])):
         comparison.push(asked, displacement)
     return comparison.finish()
-
-
-def blocks_of(reference: NDArray[np.float64], rate_hz: float) -> Iterator[NDArray[np.float64]]:
-    """Yield an array (n, channels) in blocks of four seconds."""
-    length = round(BLOCK_S * rate_hz)
-    for start in range(0, len(reference), length):
-        yield reference[start : start + length]
-
-
-def with_silence(references: Iterable[NDArray[np.float64]], rig: Rig) -> Iterator[NDArray[np.float64]]:
-    """Yield the blocks, and then half a second of zeros in which the display comes to rest."""
-    yield from references
-    yield np.zeros((round(SETTLE_S * rig.rate_hz), len(rig.channels)))

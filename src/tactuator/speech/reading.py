@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,11 @@ class SpeechFile:
     def duration_s(self) -> float:
         """Return the length in seconds."""
         return self.frames / self.rate_hz
+
+
+def sample_path() -> Path:
+    """Return the path of the shipped sample: two short phrases by formant synthesis, nobody's voice."""
+    return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 
 def scan_speech(path: str | Path) -> SpeechFile:

@@ -9,9 +9,10 @@ that of the sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit i
 from __future__ import annotations
 
 import tempfile
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,8 +21,8 @@ import numpy as np
 from tactuator import __version__
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.reference import ReferenceHead, ReferenceWriter, check_suffix, write_reference
-from tactuator.measure.felt import SETTLE_S, FeltComparison, FeltReport, felt_of
+from tactuator.io.reference import ReferenceHead, check_suffix, write_reference
+from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.rig.simulated import SimulatedRig
@@ -51,11 +52,6 @@ class LevelMeter:
         frames = block[: whole * length].reshape(whole, length, block.shape[1])
         self._powers.append(np.einsum("ijk,ijk->ik", frames, frames) / length)
         self._rest = block[whole * length :].copy()
-
-    def frame_levels_db(self) -> FloatArray:
-        """Return the level of every whole frame, shape (frames, channels); -inf where it is silent."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(10.0 * np.log10(2.0 * np.concatenate(self._powers)))
 
     def level_db(self) -> float:
         """Return the level of the loudest channel over its frames within 30 dB of its loudest frame; -inf for silence.
@@ -152,7 +148,11 @@ def rendering(
         raise BadInput(f"display runs at {rate:g} Hz; allowed for speech: a whole number of hertz")
     placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
     speech = scan_speech(path)
-    with _room(workspace) as coded:
+    try:
+        room = tempfile.TemporaryFile(dir=workspace)  # noqa: SIM115 (entered below)
+    except OSError as error:
+        raise BadInput(f"{workspace}: {error.strerror}", "a folder that can be written") from None
+    with room as coded:
         meter, frames = LevelMeter(rate), 0
         try:
             for block in coding.signals(speech_blocks(speech), speech.rate_hz, int(rate)):
@@ -168,24 +168,6 @@ def rendering(
             )
         gain = float(10.0 ** ((level_db_sl - level) / 20.0))
         yield Rendering(speech, controller, level_db_sl, gain, frames, coded, placement, Limiter(controller))
-
-
-def _room(workspace: str | Path | None) -> IO[bytes]:
-    try:
-        return tempfile.TemporaryFile(dir=workspace)
-    except OSError as error:
-        raise BadInput(f"{workspace}: {error.strerror}", "a folder that can be written") from None
-
-
-def render_array(
-    path: str | Path, controller: Controller, coding: Coding | None = None, level_db_sl: float = LEVEL_DB_SL
-) -> tuple[FloatArray, SpeechFile, tuple[FingerLimiting, ...]]:
-    """Render a short file at once: return the reference (n, channels) in threshold units, the file, and what the
-    limiter did.
-    """
-    with rendering(path, controller, coding, level_db_sl) as making:
-        blocks = list(making.blocks())
-        return np.concatenate(blocks), making.speech, making.limiting
 
 
 Progress = Callable[[float], None]
@@ -269,62 +251,38 @@ def render_file(
         making = stack.enter_context(rendering(speech, controller, job.coding, job.level_db_sl, out.parent))
         head = _head(making, job)
         writer = stack.enter_context(write_reference(out, head, making.frames))
-        counting = _Counting(making, writer, progress)
-        felt = None
+        sink, felt, peaks = None, None, np.zeros(len(making.channels))
+
+        def written() -> Iterator[FloatArray]:
+            """Write the blocks on their way, and keep their peaks."""
+            for block in making.blocks():
+                writer.write(block)
+                columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long
+                np.maximum(peaks, np.abs(columns).max(axis=1, initial=0.0), out=peaks)
+                progress(writer.frames / max(1, making.frames))
+                yield block
+
+        if felt_out is not None:
+            what = {"what": "felt: displacement weighted by the inverse threshold curve"}
+            felt_head = replace(head, provenance=what | dict(head.provenance))
+            sink = stack.enter_context(write_reference(felt_out, felt_head, making.frames)).write
         if felt_out is not None or job.simulate:
-            sink = None
-            if felt_out is not None:
-                sink = stack.enter_context(write_reference(felt_out, _felt_head(head), making.frames)).write
-            felt = _feel(counting.blocks(), job, sink)
+            felt = compare_felt(SimulatedRig(controller.display, job.seed), controller, written(), sink)
         else:
-            for _ in counting.blocks():
-                pass
+            deque(written(), maxlen=0)
+    with np.errstate(divide="ignore"):
+        peak_db_sl = dict(zip(making.channels, (20.0 * np.log10(peaks)).tolist(), strict=True))
     return Rendered(
         speech=making.speech,
         frames=making.frames,
         rate_hz=controller.rate_hz,
         channels=making.channels,
         gain=making.gain,
-        peak_db_sl=counting.peak_db_sl(),
+        peak_db_sl=peak_db_sl,
         limiting=making.limiting,
         sha256=writer.sha256,
         felt=felt,
     )
-
-
-class _Counting:
-    """Writes the blocks on their way, and keeps their peaks."""
-
-    def __init__(self, making: Rendering, writer: ReferenceWriter, progress: Progress) -> None:
-        self._making, self._writer, self._progress = making, writer, progress
-        self._peaks = np.zeros(len(making.channels))
-
-    def blocks(self) -> Iterator[FloatArray]:
-        for block in self._making.blocks():
-            self._writer.write(block)
-            columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long
-            self._peaks = np.maximum(self._peaks, np.abs(columns).max(axis=1, initial=0.0))
-            self._progress(self._writer.frames / max(1, self._making.frames))
-            yield block
-
-    def peak_db_sl(self) -> dict[str, float]:
-        with np.errstate(divide="ignore"):
-            return dict(zip(self._making.channels, (20.0 * np.log10(self._peaks)).tolist(), strict=True))
-
-
-def _feel(blocks: Iterator[FloatArray], job: RenderJob, sink: Callable[[FloatArray], None] | None) -> FeltReport:
-    rig = SimulatedRig(job.controller.display, job.seed)
-    rig.load(job.controller)
-    comparison = FeltComparison(job.controller, sink)
-    silence = np.zeros((round(SETTLE_S * rig.rate_hz), len(rig.channels)))
-    for reference, displacement in felt_of(rig, _then(blocks, silence)):
-        comparison.push(reference, displacement)
-    return comparison.finish()
-
-
-def _then(blocks: Iterator[FloatArray], last: FloatArray) -> Iterator[FloatArray]:
-    yield from blocks
-    yield last
 
 
 def _head(making: Rendering, job: RenderJob) -> ReferenceHead:
@@ -339,8 +297,3 @@ def _head(making: Rendering, job: RenderJob) -> ReferenceHead:
         **job.parameters(),
     }
     return ReferenceHead(job.controller.rate_hz, making.channels, curves, band, provenance=provenance)
-
-
-def _felt_head(head: ReferenceHead) -> ReferenceHead:
-    provenance = {"what": "felt: displacement weighted by the inverse threshold curve", **head.provenance}
-    return ReferenceHead(head.rate_hz, head.channels, head.curves, head.band_hz, provenance=provenance)

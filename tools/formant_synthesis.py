@@ -1,6 +1,6 @@
 """The sample that comes with tactuator: two short phrases by formant synthesis, nobody's voice.
 
-`python -m tactuator.speech.synthesis OUT.wav` writes it anew. A glottal pulse train (or noise) runs through a cascade
+`python tools/formant_synthesis.py OUT.wav` writes it anew. A glottal pulse train (or noise) runs through a cascade
 of resonators whose centres glide from sound to sound (Klatt 1980, J. Acoust. Soc. Am. 67, 971-995, cascade branch);
 formant frequencies are those of an adult male's vowels in Peterson & Barney (1952), rounded.
 """
@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import soundfile
@@ -55,11 +53,6 @@ PHRASE = (
     Sound(0.26, (730.0, 1090.0, 2440.0), 104.0),  # a
 )
 BANDWIDTHS_HZ = (70.0, 100.0, 150.0)
-
-
-def sample_path() -> Path:
-    """Return the path of the shipped sample."""
-    return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 
 def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> FloatArray:
