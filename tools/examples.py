@@ -1,6 +1,6 @@
 """Write the generated files of the examples that `tactuator init --examples` copies out, each from a seed.
 
-`python tools/examples.py [FOLDER]`. Displays, protocols and README of the folder are written by hand and stay. The
+`python -m tools.examples [FOLDER]`. Displays, protocols and README of the folder are written by hand and stay. The
 record comes from the simulated display, with its friction, hum, noise and converters; the speech is synthesised.
 """
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
-from formant_synthesis import RATE_HZ, Sound, synthesise
 from scipy import signal
 
 from tactuator.io.display import parse_display
@@ -22,6 +21,7 @@ from tactuator.signals.excitation import paper_mix
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.render import RenderJob, render_file
 from tactuator.synthesis.design import design_controller
+from tools.formant_synthesis import RATE_HZ, Sound, synthesise
 
 SEED = 1
 BENCH_RATE_HZ, BENCH_S = 2000.0, 8.0
