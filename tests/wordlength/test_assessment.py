@@ -134,7 +134,7 @@ def test_assess__no_feedback__is_judged_by_the_prefilter_alone() -> None:
 # --- what one format cannot hold is no reason to be silent about the others ---
 
 REFUSED = [
-    (changed(MADE, limits=Limits(20.0, 2.0)), r"command_v is 20; allowed in Q31: at most 15 V"),
+    (changed(MADE, limits=Limits(20.0, 2.0)), r"command_v is 20; allowed: at most 15 V in Q31"),
     (
         changed(MADE, feedback_sos=np.array([[400.0, -390.0, 0.0, 1.0, -0.2, 0.0]])),
         r"a coefficient of 400 is too large for Q31; allowed: below 256",

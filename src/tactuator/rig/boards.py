@@ -21,7 +21,7 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 _PACKED = Path(__file__).resolve().parents[1] / "sources"
 ROOT = _PACKED if _PACKED.is_dir() else CHECKOUT
 """The folder with core/ and firmware/: the checkout's, or in a package that was installed from a wheel its own."""
-NO_SOURCES = "the firmware's sources are not in this installation; allowed: a wheel, or a checkout of the repository"
+NO_SOURCES = "the firmware's sources are not in this installation", "a wheel, or a checkout of the repository"
 """Told where core/ and firmware/ are missing."""
 COMPILER = "arm-none-eabi-gcc"
 OBJCOPY, SIZE = "arm-none-eabi-objcopy", "arm-none-eabi-size"
@@ -75,7 +75,7 @@ def read_boards(firmware: Path) -> dict[str, Board]:
             tables = parse_toml(read_text(path))
             boards.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
         except (BadInput, TypeError) as error:
-            raise BadInput(f"{path}: {error}", "a table for each board, with the keys of Board") from error
+            raise BadInput(str(error), "a table for each board, with the keys of Board", where=(str(path),)) from error
     return boards
 
 
@@ -85,7 +85,7 @@ BOARDS = read_boards(ROOT / "firmware")
 def find_board(name: str) -> Board:
     """Return the board of that name. Raises BadInput if there is none."""
     if not BOARDS:
-        raise BadInput(NO_SOURCES)
+        raise BadInput(*NO_SOURCES)
     if name not in BOARDS:
         raise BadInput(f"board {name!r} is not known", f"{', '.join(BOARDS)}")
     return BOARDS[name]
@@ -95,7 +95,7 @@ def sources(board: Board, emulated: bool = True) -> list[Path]:
     """Return every file that a board's program is made of. Raises BadInput where they are not beside the package."""
     core, firmware = ROOT / "core", ROOT / "firmware"
     if not (core.is_dir() and firmware.is_dir()):
-        raise BadInput(NO_SOURCES)
+        raise BadInput(*NO_SOURCES)
     every = [path for path in core.rglob("*") if not str(path.relative_to(ROOT)).startswith(_HOST_ALONE)]
     for part in ("", *board.parts(emulated)):
         every += (firmware / part).glob("*")

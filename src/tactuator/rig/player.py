@@ -39,17 +39,15 @@ def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
 
     Raises BadInput where rates differ, a channel of the rig is missing, or a sample is beyond comfort (read through).
     """
-    head = reference.head
+    head, where = reference.head, (f"{reference.path}",)
     if head.rate_hz != rig.rate_hz:
-        raise BadInput(f"{reference.path}: {head.rate_hz:g} Hz; allowed on this rig: {rig.rate_hz:g} Hz")
+        raise BadInput(f"{head.rate_hz:g} Hz", f"{rig.rate_hz:g} Hz on this rig", where=where)
     if set(head.channels) != set(rig.channels):
-        raise BadInput(
-            f"{reference.path}: channels {', '.join(head.channels)}; allowed on this rig: {', '.join(rig.channels)}"
-        )
+        raise BadInput(f"channels {', '.join(head.channels)}", f"{', '.join(rig.channels)} on this rig", where=where)
     peak = max((float(np.abs(block).max()) for block in reference.blocks()), default=0.0)
     if peak > COMFORT_TOLERANCE * float(from_db(COMFORT_DB_SL)):
         level = 20.0 * np.log10(peak)
-        raise BadInput(f"{reference.path}: peak at {level:.1f} dB SL", f"comfort, {COMFORT_DB_SL:g} dB SL at most")
+        raise BadInput(f"peak at {level:.1f} dB SL", f"comfort, {COMFORT_DB_SL:g} dB SL at most", where=where)
     return tuple(head.channels.index(name) for name in rig.channels)
 
 

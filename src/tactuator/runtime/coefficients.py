@@ -143,7 +143,7 @@ def full_scales(
     between = []
     for section, next_one in zip(sections[:-1], following[1:], strict=True):
         if np.max(np.abs(np.roots(section[3:]))) >= 1.0:
-            raise BadInput("a section before the last has a pole on or outside the unit circle; allowed in Q31: none")
+            raise BadInput("a section before the last has a pole on or outside the unit circle", "none in Q31")
         impulse = signal.sosfilt(section[None, :], impulse)
         bound = max(float(np.sum(np.abs(impulse))), 2.0**-20)
         most = 0.5 * _COEFFICIENT_MAX * full_scale_out / max(float(next_one), 2.0**-20)

@@ -60,21 +60,22 @@ class ImageRefusal(IntEnum):
     LIMIT = 12
 
 
-REASONS: dict[ImageRefusal, str] = {
-    ImageRefusal.TRUNCATED: "it is truncated, or longer than it says; allowed: a file as `build` wrote it",
-    ImageRefusal.NOT_AN_IMAGE: "it is no image; allowed: a file that `build` wrote",
+REASONS: dict[ImageRefusal, tuple[str, str]] = {
+    ImageRefusal.TRUNCATED: ("it is truncated, or longer than it says", "a file as `build` wrote it"),
+    ImageRefusal.NOT_AN_IMAGE: ("it is no image", "a file that `build` wrote"),
     ImageRefusal.VERSION_UNKNOWN: (
-        f"its version is not known here; allowed: {_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger"
+        "its version is not known here",
+        f"{_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger",
     ),
-    ImageRefusal.CHECKSUM: "its checksum does not fit its contents; allowed: a file as `build` wrote it",
-    ImageRefusal.FORMAT: f"its number format is not known here; allowed: {', '.join(FORMATS)}",
-    ImageRefusal.RATE: "it is for another rate than the board runs at; allowed: the rate of the safety table",
-    ImageRefusal.DELAY: "it is for another computing delay than the board has; allowed: that of the safety table",
-    ImageRefusal.CHANNELS: "it is for another number of channels than the board has; allowed: as many",
-    ImageRefusal.SECTIONS: "it has no prefilter or too many sections; allowed: 1 to 8 for F, at most 4 for C",
-    ImageRefusal.COEFFICIENT: "a coefficient is not a number or out of range; allowed: finite ones",
-    ImageRefusal.UNSTABLE_SECTION: "a section has a pole outside the unit circle; allowed: stable sections",
-    ImageRefusal.LIMIT: "its command limit is out of range; allowed: above 0 and below 31 V",
+    ImageRefusal.CHECKSUM: ("its checksum does not fit its contents", "a file as `build` wrote it"),
+    ImageRefusal.FORMAT: ("its number format is not known here", f"{', '.join(FORMATS)}"),
+    ImageRefusal.RATE: ("it is for another rate than the board runs at", "the rate of the safety table"),
+    ImageRefusal.DELAY: ("it is for another computing delay than the board has", "that of the safety table"),
+    ImageRefusal.CHANNELS: ("it is for another number of channels than the board has", "as many"),
+    ImageRefusal.SECTIONS: ("it has no prefilter or too many sections", "1 to 8 for F, at most 4 for C"),
+    ImageRefusal.COEFFICIENT: ("a coefficient is not a number or out of range", "finite ones"),
+    ImageRefusal.UNSTABLE_SECTION: ("a section has a pole outside the unit circle", "stable sections"),
+    ImageRefusal.LIMIT: ("its command limit is out of range", "above 0 and below 31 V"),
 }
 
 
@@ -97,13 +98,13 @@ def build_image(controller: Controller, number_format: str) -> bytes:
     hold, or more channels and sections than a board has.
     """
     if number_format not in _FORMAT_CODES:
-        raise BadInput(f"format is {number_format!r}", f"{', '.join(FORMATS)}")
+        raise BadInput(f"{number_format!r}", f"{', '.join(FORMATS)}", key="format")
     if not 1 <= controller.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(
-            f"delay_samples is {controller.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}"
+            f"{controller.delay_samples}", f"1 to {lib.TACT_BOARD_DELAY_MAX} on a board", key="delay_samples"
         )
     if len(controller.channels) > CHANNELS_MAX:
-        raise BadInput(f"{len(controller.channels)} channels; allowed on a board: at most {CHANNELS_MAX}")
+        raise BadInput(f"{len(controller.channels)} channels", f"at most {CHANNELS_MAX} on a board")
     if number_format == "float32":
         parts = [float32_channel(channel) for channel in controller.channels]
     else:
@@ -142,11 +143,11 @@ def check_image(image: bytes, rate_hz: float, delay_samples: int, channels: int)
 def read_image_header(image: bytes) -> ImageHeader:
     """Return the head of an image, once the core has checked all of it. Raises BadInput, one line, if it is refused."""
     if len(image) < 20:
-        raise BadInput(f"image: {REASONS[ImageRefusal.TRUNCATED]}")
+        raise BadInput(*REASONS[ImageRefusal.TRUNCATED], where=("image",))
     code, _, rate_hz, delay, channels, _ = struct.unpack_from("<HIfBBH", image, 6)
     refusal = check_image(image, rate_hz, delay, channels)
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(f"image: {REASONS[refusal]}")
+        raise BadInput(*REASONS[refusal], where=("image",))
     if not (0.0 < rate_hz < float("inf") and 1 <= delay <= lib.TACT_BOARD_DELAY_MAX):
         raise BadInput(
             f"image: it is for {rate_hz:g} Hz and a delay of {delay}",
@@ -201,10 +202,10 @@ def float32_channel(channel: ChannelController) -> bytes:
 
 
 def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
-    where = f"channel {channel.name!r}"
+    where = (f"channel {channel.name!r}",)
     if channel.limits.command_v > _Q31_RANGE_MAX_V:
         raise BadInput(
-            f"{where}: command_v is {channel.limits.command_v:g}; allowed in Q31: at most {_Q31_RANGE_MAX_V:g} V"
+            f"{channel.limits.command_v:g}", f"at most {_Q31_RANGE_MAX_V:g} V in Q31", where=where, key="command_v"
         )
     try:
         sections = list(q31_cascade(channel.prefilter_sos, rate_hz, REFERENCE_FULL_SCALE))
@@ -213,7 +214,7 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
         first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
         third = q31_conditioning(conditioning(channel))
     except BadInput as error:
-        raise error.within(f"{where}") from None
+        raise error.within(*where) from None
     most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
     mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
     gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
@@ -229,4 +230,4 @@ def _require_range(channel: ChannelController, body: bytes, number_format: str) 
     head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
     refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(f"channel {channel.name!r}: {REASONS[refusal]}")
+        raise BadInput(*REASONS[refusal], where=(f"channel {channel.name!r}",))

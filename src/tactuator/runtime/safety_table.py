@@ -55,9 +55,10 @@ class SafetyRefusal(IntEnum):
     CHANNELS = 5
     NUMBER = 6
 
-    def __str__(self) -> str:
-        """Return the refusal in words."""
-        return f"safety table: {self.name.lower().replace('_', ' ')}; allowed: what core/board/safety.h says"
+    def error(self) -> BadInput:
+        """Return the refusal as an error."""
+        words = self.name.lower().replace("_", " ")
+        return BadInput(words, "what core/board/safety.h says", where=("safety table",))
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
     (0), and if the core would refuse it.
     """
     if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
-        raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
+        raise BadInput(f"{table.delay_samples}", f"1 to {lib.TACT_BOARD_DELAY_MAX} on a board", key="delay_samples")
     rate_hz, _, lateness_max, *ticks, _ = (getattr(table, field.name) for field in fields(table))
     lateness = max(1, min(255, round(256.0 * lateness_max)))
     body = struct.pack("<fiiiiiiifii", rate_hz, lateness, *ticks)
@@ -156,7 +157,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
     content = sealed(head + body)
     refusal = check_safety(content, len(table.channels))
     if refusal is not SafetyRefusal.GOOD:
-        raise BadInput(str(refusal))
+        raise refusal.error()
     return content
 
 

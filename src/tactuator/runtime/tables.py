@@ -268,8 +268,8 @@ def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tup
         table, _keep, names = display_table(channel, display.rate_hz)
         if len(names) > lib.TACT_SIMULATED_BOARD_PLANTS_MAX:
             raise BadInput(
-                f"channel {channel.name!r}: {len(names) - 1} loads; "
-                f"allowed on an emulated board: at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1}"
+                f"channel {channel.name!r}: {len(names) - 1} loads",
+                f"at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1} on an emulated board",
             )
         converter = channel.converter
         parts.append(struct.pack("<iidd", converter.bits, converter.polarity, converter.range_v, converter.offset_v))
@@ -280,7 +280,7 @@ def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tup
     content = sealed(head + body)
     if len(content) > lib.TACT_SIMULATED_BOARD_MAX:
         raise BadInput(
-            f"the display takes {len(content)} bytes; allowed on an emulated board: {lib.TACT_SIMULATED_BOARD_MAX}"
+            f"the display takes {len(content)} bytes", f"{lib.TACT_SIMULATED_BOARD_MAX} on an emulated board"
         )
     return content, tuple(loads)
 

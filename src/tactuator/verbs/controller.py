@@ -312,6 +312,6 @@ def image(
     loaded = read(controller)
     refusal = check_image(content, loaded.rate_hz, loaded.delay_samples, len(loaded.channels))
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(f"{file}: image: {REASONS[refusal]}")
+        raise BadInput(*REASONS[refusal], where=(f"{file}", "image"))
     asked = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
     return replace(read_of, asked=asked, is_of_controller=loaded.content_hash == read_of.controller)

@@ -105,7 +105,7 @@ def test_firmware__misused__is_refused(
 @pytest.mark.parametrize(
     ("of", "words"),
     [
-        (display(channel(), delay_samples=0), "delay_samples is 0; allowed on a board: 1 to 8"),
+        (display(channel(), delay_samples=0), "delay_samples is 0; allowed: 1 to 8 on a board"),
         (display(*(replace(channel(), name=name) for name in "abcde")), "the board has 3 channels; the display has 5"),
     ],
     ids=["no delay", "five channels"],

@@ -74,7 +74,7 @@ def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
     assert main(["wordlength", spoilt(made, limits=Limits(20.0, 2.0))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "recommended: float32" in shown
-    assert "q31: channel 'index': command_v is 20; allowed in Q31: at most 15 V." in shown
+    assert "q31: channel 'index': command_v is 20; allowed: at most 15 V in Q31." in shown
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def display_file(tmp_path: Path) -> str:
     ("card", "status", "words"),
     [
         ({"outputs": 0}, 2, "there is no sound card"),
-        ({"outputs": 1}, 2, "has 1 outputs; allowed here: 2 or more"),
-        ({"inputs": 1}, 2, "has 1 inputs; allowed here: 2 or more"),
+        ({"outputs": 1}, 2, "has 1 outputs; allowed: 2 or more"),
+        ({"inputs": 1}, 2, "has 1 inputs; allowed: 2 or more"),
         ({"error": "Error opening _StreamBase: Invalid sample rate [PaErrorCode -9997]"}, 2,
          "'ALSA/Card' does not run at 8000 Hz; allowed: 44100 Hz"),
         ({"error": "Error opening _StreamBase: Device unavailable [PaErrorCode -9985]"}, 3,

@@ -73,7 +73,7 @@ def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(rig):
     ("tones", "words"),
     [
         ({"toe": ()}, "channel 'toe' is not there; allowed: index, thumb, middle"),
-        ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; allowed on this board: below 2000 Hz"),
+        ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; allowed: below 2000 Hz on this board"),
         ({"index": (BoardTone(20.0, 1.0, 0.0, 0.2),) * (TONES_MAX + 1)}, "9 tones on channel 'index'"),
     ],
 )

@@ -66,7 +66,7 @@ def test_sounddevice__missing__says_what_to_install(monkeypatch, error: type[Exc
 
 
 def test_open_rig__other_rate_than_the_displays__is_refused():
-    with pytest.raises(BadInput, match="at 44100 Hz; allowed for this display: its rate_hz, 8000 Hz"):
+    with pytest.raises(BadInput, match="at 44100 Hz; allowed: the display's rate_hz, 8000 Hz"):
         open_rig("sound:any@44100", sound_display())
 
 

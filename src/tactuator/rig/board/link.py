@@ -172,8 +172,8 @@ class RigLocked(DeviceFault):
 
     def __init__(self, faults: int) -> None:
         super().__init__(
-            f"the board is locked after {faults} sensor or travel faults; allowed: look at the sensor, then "
-            "acknowledge them (`tactuator firmware acknowledge`)"
+            f"the board is locked after {faults} sensor or travel faults",
+            "look at the sensor, then acknowledge them (`tactuator firmware acknowledge`)",
         )
 
 
@@ -182,9 +182,7 @@ class LinkGarbled(DeviceFault):
 
     def __init__(self, request: Request) -> None:
         what = request.name.lower().replace("_", " ")
-        super().__init__(
-            f"the board's answer to a request ({what}) is none to it; allowed: a board that runs this firmware"
-        )
+        super().__init__(f"the board's answer to a request ({what}) is none to it", "a board that runs this firmware")
 
 
 @contextmanager
@@ -349,9 +347,9 @@ class LinkClient:
             return
         if outcome is RequestOutcome.REFUSED:
             with understood(Request.COMMIT):
-                raise BadInput(_refusal(kind, answer[0]))
+                raise _refusal(kind, answer[0])
         if outcome is RequestOutcome.BAD_PAYLOAD:
-            raise BadInput(f"image: {REASONS[ImageRefusal.CHECKSUM]}")
+            raise BadInput(*REASONS[ImageRefusal.CHECKSUM], where=("image",))
         raise BadInput("the board takes no image or table now", "in OFF, and an image after its safety table")
 
     def start(self, run: int, source: int, drives: bool, holds: bool) -> None:
@@ -384,9 +382,11 @@ class LinkClient:
         return TraceRows((command << 8) >> 8, flags, table[:, channels : 2 * channels].copy(), felt_mm)
 
 
-def _refusal(kind: int, code: int) -> str:
+def _refusal(kind: int, code: int) -> BadInput:
     if kind == IMAGE:
-        return f"image: {REASONS[ImageRefusal(code)]}"
+        return BadInput(*REASONS[ImageRefusal(code)], where=("image",))
     if kind == SAFETY:
-        return str(SafetyRefusal(code))
-    return "simulated display: the board cannot hold it; allowed: as many channels as the safety table has"
+        return SafetyRefusal(code).error()
+    return BadInput(
+        "the board cannot hold it", "as many channels as the safety table has", where=("simulated display",)
+    )

@@ -37,8 +37,8 @@ Rows = NDArray[np.float32]
 class StreamDry(TimingMissed):
     """The board had no row for `ticks` of its ticks so far, and played zeros: the host or the link is too slow."""
 
-    def __init__(self, message: str, ticks: int) -> None:
-        super().__init__(message)
+    def __init__(self, got: str, allowed: str, ticks: int) -> None:
+        super().__init__(got, allowed)
         self.ticks = ticks
 
 
@@ -117,8 +117,9 @@ class BoardStream:
             taken = self._ask_to_take(self._rows[: self._once])
             if taken < min(self._once, len(self._rows)) and self._tick > self.end:
                 raise StreamDry(
-                    f"the stream ran dry {self.end - self.first} samples after its beginning; allowed: a host and a "
-                    f"link that carry {4 * self._channels} bytes a sample there and {8 * self._channels} back",
+                    f"the stream ran dry {self.end - self.first} samples after its beginning",
+                    f"a host and a link that carry {4 * self._channels} bytes a sample there and "
+                    f"{8 * self._channels} back",
                     self._tick - self.end,
                 )
         self._rows = self._rows[taken:]
@@ -137,7 +138,7 @@ class BoardStream:
             taken = self._ask_to_take(self._rows[:_FIRST_ROWS])
             if taken:
                 return taken
-        raise StreamDry("the first samples of a stream came too late; allowed: a faster host or link", start)
+        raise StreamDry("the first samples of a stream came too late", "a faster host or link", start)
 
     def _ask_to_take(self, rows: Rows) -> int:
         forces = None if self._forces is None else self._forces[: len(rows)]
@@ -234,7 +235,7 @@ class BoardTone:
         half the rate on.
         """
         if not self.frequency_hz < 0.5 * rate_hz:
-            raise BadInput(f"tone of {self.frequency_hz:g} Hz; allowed on this board: below {0.5 * rate_hz:g} Hz")
+            raise BadInput(f"tone of {self.frequency_hz:g} Hz", f"below {0.5 * rate_hz:g} Hz on this board")
         start, length, ramp = self._ticks(rate_hz)
         angle, rise = 2.0 * np.pi * self.frequency_hz / rate_hz, np.pi / max(ramp, 1)
         turns = (np.cos(angle), np.sin(angle), np.cos(rise), np.sin(rise))

@@ -44,7 +44,7 @@ class AudioThread:
         self._calls: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._parked = ffi.new("int *")
-        self._hung = ""
+        self._hung: tuple[str, str] | None = None
         self.lost = False
 
     def answer(self, job: Callable[[], _T], what: str, undo: Callable[[_T], object] | None = None) -> _T:
@@ -54,7 +54,7 @@ class AudioThread:
         the library has called abort.
         """
         if self._hung:
-            raise DeviceFault(self._hung)
+            raise DeviceFault(*self._hung)
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="audio", daemon=True)
             self._thread.start()
@@ -69,10 +69,11 @@ class AudioThread:
             return future.result()
         _undo_when_done(future, undo)
         self.lost = True
-        self._hung = (
-            f"{what}: {self._complaint()}; allowed: one whose driver and server answer, in a program begun anew"
-        )
-        raise DeviceFault(self._hung)
+        complaint = f"the sound system has not answered for {ANSWER_S:g} s"
+        if lib.tact_parking_taken(self._parked):
+            complaint = "the sound system has failed, as it does where its server ends"
+        self._hung = f"{what}: {complaint}", "one whose driver and server answer, in a program begun anew"
+        raise DeviceFault(*self._hung)
 
     def _wait(self, future: Future[Any]) -> None:
         until = time.monotonic() + ANSWER_S
@@ -81,11 +82,6 @@ class AudioThread:
             if left_s <= 0.0:
                 return
             wait([future], timeout=min(LOOK_S, left_s))
-
-    def _complaint(self) -> str:
-        if lib.tact_parking_taken(self._parked):
-            return "the sound system has failed, as it does where its server ends"
-        return f"the sound system has not answered for {ANSWER_S:g} s"
 
     def _work(self) -> None:
         while True:

@@ -19,8 +19,8 @@ BURSTS, BURST_S = 5, 1.0
 _SURE = 0.5
 """Least correlation of what comes back with what was put out."""
 _UNHEARD = (
-    "what was put out does not come back at the input; allowed: a wire from that output to that input, "
-    "with its gain turned up"
+    "what was put out does not come back at the input",
+    "a wire from that output to that input, with its gain turned up",
 )
 
 
@@ -90,7 +90,7 @@ def _delay(asked: FloatArray, heard: FloatArray, part: slice) -> tuple[int, floa
     power = float(np.sum(burst[part] ** 2))
     sure = abs(float(cross[delay])) / np.sqrt(power * float(np.sum(there**2)) + 1e-300)
     if sure < _SURE:
-        raise BadInput(_UNHEARD)
+        raise BadInput(*_UNHEARD)
     return delay, float(cross[delay]) / power
 
 
@@ -112,7 +112,7 @@ def tone(rig: Rig, frequency_hz: float, level: float, duration_s: float) -> floa
     if rig.without_sensor:
         return 0.0
     if peak <= _SURE * np.sqrt(2.0 * float(np.mean(heard**2))):
-        raise BadInput(_UNHEARD)
+        raise BadInput(*_UNHEARD)
     return peak
 
 

@@ -52,7 +52,7 @@ def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
     card = sound_wiring(display)
     name, rate_hz = sound_name(spec)
     if rate_hz is not None and rate_hz != display.rate_hz:
-        raise BadInput(f"sound card at {rate_hz:g} Hz; allowed for this display: its rate_hz, {display.rate_hz:g} Hz")
+        raise BadInput(f"sound card at {rate_hz:g} Hz", f"the display's rate_hz, {display.rate_hz:g} Hz")
     for channel in display.channels:
         if channel.feedback.structure != "none":
             raise BadInput(

@@ -213,7 +213,7 @@ class CardPort:
         wanted += [] if taken_from is None else [(taken_from, taken_from.inputs, inputs, "inputs")]
         for card, there, least, what in wanted:
             if there < least:
-                raise BadInput(f"sound card {card.full_name!r} has {there} {what}; allowed here: {least} or more")
+                raise BadInput(f"sound card {card.full_name!r} has {there} {what}", f"{least} or more")
         ours, callback = library._ffi, ffi.addressof(lib, "tact_audio_callback")
         common: dict[str, Any] = {
             "samplerate": rate_hz,
