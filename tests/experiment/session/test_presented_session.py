@@ -20,7 +20,7 @@ def presented(tmp_path):
     store.close()
 
 
-DRY = StreamDry("the stream ran dry 240 samples after its beginning; allowed: a faster host", 12)
+DRY = StreamDry("the stream ran dry 240 samples after its beginning", "a faster host", 12)
 GAP = SoundGap("the sound card told of a gap 0.060 s after the beginning")
 
 
