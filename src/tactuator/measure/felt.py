@@ -24,6 +24,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
+from tactuator.signals.decibels import db
 from tactuator.signals.spectra import Band, third_octave_bands
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
@@ -189,7 +190,8 @@ class FingerFelt:
     @property
     def rms_db(self) -> float:
         """Return the root mean square of `difference_db` over the bands that count; NaN if none does."""
-        return _rms(self.difference_db)
+        counted = self.difference_db[np.isfinite(self.difference_db)]
+        return float(np.sqrt(np.mean(counted**2))) if counted.size else float("nan")
 
     def frame_rms_db(self) -> Levels:
         """Return the rms difference over the counted bands of every frame that has any, long frames first."""
@@ -247,8 +249,7 @@ class FeltComparison:
         self._names = tuple(channel.name for channel in controller.display.channels)
         self._weights = _weights(controller)
         self._chunker = Chunker(self.analysis, 2 * len(self._names))
-        self._asked: list[list[BandFrames]] = [[] for _ in self._names]
-        self._felt: list[list[BandFrames]] = [[] for _ in self._names]
+        self._frames: list[list[BandFrames]] = [[] for _ in range(2 * len(self._names))]
         edge = self.analysis.margin // 2
         self._taper = np.ones(self.analysis.chunk, dtype=np.float32)
         self._taper[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
@@ -265,39 +266,31 @@ class FeltComparison:
         if reference.size:
             self._peak = max(self._peak, float(np.max(np.abs(reference))))
         for chunk in self._chunker.push(np.concatenate((reference, displacement), axis=1)):
-            self._count(chunk, None)
+            self._count(chunk, CHUNK_S)
 
-    def _count(self, chunk: NDArray[np.float32], seconds: float | None) -> None:
-        limit = {} if seconds is None else {"seconds": seconds}
+    def _count(self, chunk: NDArray[np.float32], seconds: float) -> None:
         spectra = fft.rfft(chunk * self._taper)
-        half = len(self._names)
+        spectra[len(self._names) :] *= self._weights
         if self._sink is not None:
             start = self.analysis.margin
-            stop = start + (self.analysis.hop if seconds is None else round(seconds * self.analysis.rate_hz))
-            felt = fft.irfft(spectra[half:] * self._weights, self.analysis.chunk)
+            stop = start + round(seconds * self.analysis.rate_hz)
+            felt = fft.irfft(spectra[len(self._names) :], self.analysis.chunk)
             self._sink(felt[:, start:stop].T.astype(np.float64))
-        for index in range(half):
-            self._asked[index].append(self.analysis.frames(spectra[index], **limit))
-            self._felt[index].append(self.analysis.frames(spectra[half + index] * self._weights[index], **limit))
+        for frames, spectrum in zip(self._frames, spectra, strict=True):
+            frames.append(self.analysis.frames(spectrum, seconds))
 
     def finish(self) -> FeltReport:
         """Return the comparison of all that was pushed."""
         for chunk, seconds in self._chunker.finish():
             self._count(chunk, seconds)
-        fingers = tuple(
-            self._finger(name, asked, felt)
-            for name, asked, felt in zip(self._names, self._asked, self._felt, strict=True)
-        )
-        with np.errstate(divide="ignore"):
-            return FeltReport(fingers, float(20.0 * np.log10(self._peak)))
-
-    def _finger(self, name: str, asked: list[BandFrames], felt: list[BandFrames]) -> FingerFelt:
-        asked_long, asked_short = _joined(asked)
-        felt_long, felt_short = _joined(felt)
         centres = np.array([band.centre_hz for band in self.analysis.bands])
-        whole_asked = np.concatenate((_mean_level(asked_long), _mean_level(asked_short)))
-        whole_felt = np.concatenate((_mean_level(felt_long), _mean_level(felt_short)))
-        return FingerFelt(name, centres, asked_long, felt_long, asked_short, felt_short, whole_asked, whole_felt)
+        fingers = []
+        for index, name in enumerate(self._names):
+            (asked_long, asked_short, asked), (felt_long, felt_short, felt) = (
+                _joined(self._frames[row]) for row in (index, len(self._names) + index)
+            )
+            fingers.append(FingerFelt(name, centres, asked_long, felt_long, asked_short, felt_short, asked, felt))
+        return FeltReport(tuple(fingers), float(db(self._peak)))
 
 
 def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
@@ -311,10 +304,11 @@ def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
     return np.asarray(np.sqrt(squares[some].sum(axis=1) / counted[some].sum(axis=1)))
 
 
-def _joined(parts: list[BandFrames]) -> tuple[Levels, Levels]:
-    joined = np.concatenate([part.long_db for part in parts]), np.concatenate([part.short_db for part in parts])
+def _joined(parts: list[BandFrames]) -> tuple[Levels, Levels, Levels]:
+    """Return long and short frames, and the level over the whole of each band."""
+    long_db, short_db = (np.concatenate([getattr(part, kind) for part in parts]) for kind in ("long_db", "short_db"))
     parts.clear()
-    return joined
+    return long_db, short_db, np.concatenate((_mean_level(long_db), _mean_level(short_db)))
 
 
 def _mean_level(levels_db: Levels) -> Levels:
@@ -322,11 +316,6 @@ def _mean_level(levels_db: Levels) -> Levels:
         return np.full(levels_db.shape[1], -np.inf)
     with np.errstate(divide="ignore"):
         return np.asarray(10.0 * np.log10((10.0 ** (levels_db / 10.0)).mean(axis=0, dtype=np.float64)))
-
-
-def _rms(values: Levels) -> float:
-    counted = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(counted**2))) if counted.size else float("nan")
 
 
 def _figures(finger: FingerFelt) -> dict[str, float | int]:

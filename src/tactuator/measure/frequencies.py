@@ -5,8 +5,6 @@ What the sensor shows at a multiple of mains is not what the finger feels, so th
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -65,59 +63,46 @@ def _require_inside(hertz: float, band_hz: Band) -> None:
 
 
 def multisine_lines(
-    frequency_hz: ArrayLike, rate_hz: float, longest_s: float, mains_hz: float | None, band_hz: Band
+    frequency_hz: ArrayLike,
+    rate_hz: float,
+    longest_s: float,
+    mains_hz: float | None,
+    band_hz: Band,
+    exactly: bool = True,
 ) -> tuple[int, Bins]:
     """Return (period in samples, odd lines of it): the shortest period whose lines are all within 2 % of `frequency_hz`
     (m,), each line once, inside band_hz and off mains.
 
-    Raises BadInput, naming a frequency that cannot be played, where two periods of none fit into longest_s.
+    Not `exactly`, for a sweep whose frequencies nobody asked for: the shortest period whose nearest lines all lie
+    inside band_hz, or the longest that fits, with those of its lines that do. Raises BadInput, naming a frequency that
+    cannot be played, where two periods of none fit into longest_s, or no line is inside the band.
     """
     asked = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    for hertz in asked:
+    for hertz in asked if exactly else ():
         _require_inside(float(hertz), band_hz)
     missed = f"two periods of {asked[0]:g} Hz within {longest_s:g} s"
+    longest: tuple[int, Bins] | None = None
     for times in range(1, _DENSEST + 1, 2):
         period = round(times * rate_hz / asked[0])
         if 2.0 * period / rate_hz > longest_s:
             break
         try:
             bins = place_lines(asked, rate_hz, period, mains_hz=mains_hz)
-        except BadInput as error:
-            missed = str(error)
+        except BadInput as error:  # more frequencies than such a period has lines
+            missed = str(error) if exactly else missed
             continue
         played = bins * rate_hz / period
-        off = np.abs(played / asked - 1.0)
-        bad = np.flatnonzero(
-            (off > TOLERANCE) | (played < band_hz[0] * (1 - 1e-9)) | (played > band_hz[1] * (1 + 1e-9))
-        )
+        inside = (played >= band_hz[0] * (1 - 1e-9)) & (played <= band_hz[1] * (1 + 1e-9))
+        off = np.abs(played / asked - 1.0) if exactly else np.zeros(played.shape)
+        bad = np.flatnonzero((off > TOLERANCE) | ~inside)
         if bad.size == 0:
             return period, bins
-        worst = int(bad[np.argmax(off[bad])])
-        missed = f"{asked[worst]:g} Hz would be played as {played[worst]:g} Hz"
-    raise BadInput(f"multisine: {missed}", "a longer time, frequencies further apart or off mains, or the stepped sine")
-
-
-def sweep_lines(
-    frequency_hz: ArrayLike, rate_hz: float, longest_s: float, mains_hz: float | None, band_hz: Band
-) -> tuple[int, Bins]:
-    """Return (period in samples, odd lines of it) for a sweep whose frequencies (m,) nobody asked for: the shortest
-    period whose nearest lines all lie inside band_hz, or the longest that fits, with those of its lines that do.
-
-    Raises BadInput where two periods of the lowest frequency do not fit into longest_s, or no line is inside the band.
-    """
-    wanted = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    longest: tuple[int, Bins] | None = None
-    for times in range(1, _DENSEST + 1, 2):
-        period = round(times * rate_hz / wanted[0])
-        if 2.0 * period / rate_hz > longest_s:
-            break
-        with suppress(BadInput):  # more frequencies than such a period has lines
-            bins = place_lines(wanted, rate_hz, period, mains_hz=mains_hz)
-            played = bins * rate_hz / period
-            inside = (played >= band_hz[0] * (1 - 1e-9)) & (played <= band_hz[1] * (1 + 1e-9))
+        if exactly:
+            worst = int(bad[np.argmax(off[bad])])
+            missed = f"{asked[worst]:g} Hz would be played as {played[worst]:g} Hz"
+        elif np.any(inside):
             longest = (period, bins[inside])
-            if inside.all():
-                break
-    if longest is None or longest[1].size == 0:
-        raise BadInput(f"two periods of {wanted[0]:g} Hz within {longest_s:g} s", "a longer time")
-    return longest
+    if longest is not None:
+        return longest
+    instead = ", frequencies further apart or off mains, or the stepped sine" if exactly else ""
+    raise BadInput(missed, f"a longer time{instead}", where=("multisine",))

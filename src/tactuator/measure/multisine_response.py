@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.measure.frequencies import multisine_lines, sweep_lines
+from tactuator.measure.frequencies import multisine_lines
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import check_asked, on_columns
 from tactuator.rig.rig import Rig, recut_traces
@@ -43,9 +43,8 @@ def multisine_response(
     """
     columns = check_asked(rig, frequency_hz, options)
     frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    lines = multisine_lines if exactly else sweep_lines
     band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
-    period, bins = lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz)
+    period, bins = multisine_lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz, exactly)
     excited = multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
     player = _Player(rig, excited, columns, options)
     player.play(settle_s)
