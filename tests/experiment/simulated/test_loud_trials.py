@@ -19,14 +19,14 @@ def test_with_loud_trials__any_runs__keep_every_trial_of_the_procedure_in_its_or
     own_db = np.arange(trials.max())[None, :] + np.zeros((trials.size, 1))
     levels = order.levels(own_db)
     right = np.ones(own_db.shape, dtype=bool)
-    outcomes = order.outcomes(right, np.zeros(order.own.shape, dtype=bool))
+    outcomes = order.outcomes(right, np.zeros(order.placed.shape, dtype=bool))
     for run, count in enumerate(lengths):
         own = order.there[run] & ~order.loud[run]
-        assert order.own[run][own].tolist() == list(range(count))
+        assert order.placed[run][own].tolist() == list(range(count))
         assert (levels[run][own] == np.arange(count)).all()
         assert outcomes[run].tolist() == own.tolist()
         loud = order.loud[run]
-        assert (levels[run][loud] == order.own[run][loud] + 20.0).all()
+        assert (levels[run][loud] == order.placed[run][loud] + 20.0).all()
         assert not loud[order.there[run].sum() - 1]  # a run ends with its procedure
         assert np.isnan(levels[run][~order.there[run]]).all()
 

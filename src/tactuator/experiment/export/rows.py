@@ -15,7 +15,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Row, ScalarSelect, Select, func, select
+from sqlalchemy import Connection, Row, Select, func, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export.dictionary import (
@@ -135,7 +135,7 @@ def participants(data: Exported) -> list[Participant]:
     for study, subject in each:
         name = label(subject) if codes[label(subject).casefold()] == 1 else label(study) + label(subject)
         numbered = (name if number == 1 else f"{name}n{number}" for number in count(1))
-        free = next(one for one in numbered if one.casefold() not in taken)
+        free = next(name_tried for name_tried in numbered if name_tried.casefold() not in taken)
         taken.add(free.casefold())
         all_of_them.append(Participant(study, subject, free))
     return all_of_them
@@ -177,11 +177,11 @@ _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, sc
 
 
 def _trials(connection: Connection) -> ExportTable:
-    names = {one.name for one in TRIAL_COLUMNS}
+    names = {column.name for column in TRIAL_COLUMNS}
     taken = {"run", "trial", "ended_utc"}
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
     # of a name that two tables have, the trial's: its frequency is not the run's where the procedure chooses
-    of_its_own = {one.name: one for one in (*session.c, *run.c, *trial.c, *response.c)}
+    of_its_own = {column.name: column for column in (*session.c, *run.c, *trial.c, *response.c)}
     query: Select[Any] = (
         select(
             *_identity(),
@@ -228,13 +228,13 @@ def _identity() -> tuple[Any, ...]:
 
 def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
     """Return the labels of each trial's intervals, and the level at the sensor where something was commanded."""
-    found: dict[int, tuple[str, float | None]] = {}
+    labels_of: dict[int, tuple[str, float | None]] = {}
     table = schema.interval
     for row in connection.execute(select(table).order_by(table.c.trial_id, table.c.position)):
-        labels, measured = found.get(row.trial_id, ("", None))
+        labels, measured = labels_of.get(row.trial_id, ("", None))
         labels = f"{labels}|{row.stimulus}" if labels else row.stimulus
-        found[row.trial_id] = (labels, measured if row.commanded_db_sl is None else row.measured_db_sl)
-    return found
+        labels_of[row.trial_id] = (labels, measured if row.commanded_db_sl is None else row.measured_db_sl)
+    return labels_of
 
 
 def _intervals(connection: Connection) -> ExportTable:
@@ -245,7 +245,7 @@ def _intervals(connection: Connection) -> ExportTable:
             schema.run.c.id.label("run"),
             schema.trial.c.number.label("trial"),
             (interval.c.position + 1).label("interval"),
-            *(one for one in interval.c if one.name not in ("id", "trial_id", "position")),
+            *(column for column in interval.c if column.name not in ("id", "trial_id", "position")),
         )
         .select_from(_ANSWERED_TRIALS.join(interval, interval.c.trial_id == schema.trial.c.id))
         .where(_NOT_DISCARDED)
@@ -258,7 +258,7 @@ def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
     kept = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # what changed is data of the subject
     query = (
-        select(*_identity(), *(event.c[one.name] for one in EVENT_COLUMNS if one.name not in _IDENTITY_NAMES))
+        select(*_identity(), *(event.c[column.name] for column in EVENT_COLUMNS if column.name not in _IDENTITY_NAMES))
         .select_from(
             event.outerjoin(session, session.c.id == event.c.session_id)
             .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
@@ -277,9 +277,15 @@ def _subjects(connection: Connection) -> ExportTable:
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         meanings.setdefault(row.name, Meaning(row.name, "As the laboratory defines it", row.unit))
     for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
-        for one in parse_any_protocol(text).demographic:
-            meanings[one.name] = Meaning(one.name, one.label, one.unit)
-    subject = schema.subject
+        for item in parse_any_protocol(text).demographic:
+            meanings[item.name] = Meaning(item.name, item.label, item.unit)
+    subject, run, session = schema.subject, schema.run, schema.session
+    programs = (  # number of the subject's runs that a program answered
+        select(func.count())
+        .select_from(run.join(session, session.c.id == run.c.session_id))
+        .where(session.c.subject_id == subject.c.id, run.c.respondent.in_(("simulated", "script")))
+        .scalar_subquery()
+    )
     query = (
         select(
             subject.c.id,
@@ -288,7 +294,7 @@ def _subjects(connection: Connection) -> ExportTable:
             subject.c.subject_group,
             subject.c.participant_id.label("outside_id"),
             subject.c.enrolled_utc,
-            _programs().label("programs"),
+            programs.label("programs"),
         )
         .join(schema.study, schema.study.c.id == subject.c.study_id)
         .where(subject.c.id.not_in(_discarded()))
@@ -308,17 +314,6 @@ def _discarded() -> Select[Any]:
     session = schema.session
     kept = select(session.c.subject_id).where(_NOT_DISCARDED, session.c.consented_utc.is_not(None))
     return select(session.c.subject_id).where(session.c.ended == "withdrawn-discard", session.c.subject_id.not_in(kept))
-
-
-def _programs() -> ScalarSelect[Any]:
-    """Return a query of the number of a subject's runs that a program answered."""
-    run, session = schema.run, schema.session
-    return (
-        select(func.count())
-        .select_from(run.join(session, session.c.id == run.c.session_id))
-        .where(session.c.subject_id == schema.subject.c.id, run.c.respondent.in_(("simulated", "script")))
-        .scalar_subquery()
-    )
 
 
 def _thresholds(store: Store) -> ExportTable:
@@ -341,9 +336,9 @@ def _thresholds(store: Store) -> ExportTable:
         for run in runs
     }
     rows = []
-    for one in thresholds(runs):
-        values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
-        values["group"] = _group(one.group, str(values["respondent"]))
+    for threshold in thresholds(runs):
+        values = {**asdict(threshold), **about[threshold.run], "flags": "|".join(threshold.flags)}
+        values["group"] = _group(threshold.group, str(values["respondent"]))
         rows.append(_plain(values, THRESHOLD_COLUMNS))
     return ExportTable(THRESHOLD_COLUMNS, tuple(rows))
 
@@ -389,7 +384,7 @@ def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTabl
 
 
 def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableRow:
-    return {one.name: _value(values[one.name]) for one in columns}
+    return {column.name: _value(values[column.name]) for column in columns}
 
 
 def _value(value: object) -> Value:

@@ -36,7 +36,7 @@ class Words:
 def shipped_languages() -> tuple[str, ...]:
     """Return the tags of the languages that come with the package, in order."""
     folder = files("tactuator.experiment.language")
-    return tuple(sorted(one.name.removesuffix(".toml") for one in folder.iterdir() if one.name.endswith(".toml")))
+    return tuple(sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml")))
 
 
 @cache
@@ -54,23 +54,23 @@ def read_words(path: Path, language: str) -> Words:
     Raises BadInput for a file that cannot be read or lacks a key, has one too many, or puts in other names.
     """
     try:
-        found = _flat(parse_toml(read_text(path)))
+        texts = _flat(parse_toml(read_text(path)))
     except RecursionError:
         raise BadInput(f"language file {path}: tables too deep", "TOML as the shipped files are") from None
     except BadInput as error:
         raise BadInput(f"language file {path}: {error}", "TOML as the shipped files are") from None
-    amiss = difference(found, shipped_words(_SOURCE_LANGUAGE).texts)
+    amiss = difference(texts, shipped_words(_SOURCE_LANGUAGE).texts)
     if amiss is not None:
         raise BadInput(f"language file {path}: {amiss}")
-    return Words(language, found)
+    return Words(language, texts)
 
 
-def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | None:
+def difference(texts: Mapping[str, str], source: Mapping[str, str]) -> str | None:
     """Return in one line why `found` cannot stand in for `source`, or None where it can."""
-    missing, beyond = sorted(set(source) - set(found)), sorted(set(found) - set(source))
+    missing, beyond = sorted(set(source) - set(texts)), sorted(set(texts) - set(source))
     if missing or beyond:
         return f"keys missing: {_few(missing)}; beyond: {_few(beyond)}; allowed: the same"
-    for key, text in found.items():
+    for key, text in texts.items():
         wanted, got = _names(source[key]), _names(text)
         if got != wanted:
             return f"{key} puts in {_listed(got)}; allowed: {_listed(wanted)}"

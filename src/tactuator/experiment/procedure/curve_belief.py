@@ -158,8 +158,8 @@ def _tilted(
 def _log_mass_of_sites(mean: FloatArray, variance: FloatArray, sites: Sites) -> FloatArray:
     """Return the log of the integral of each site times the Gaussian of its cavity, (n, points)."""
     tau, nu = sites.precision, sites.shift
-    left = 1.0 + tau * variance
-    return np.asarray(-0.5 * np.log(left) + (nu**2 * variance + 2.0 * nu * mean - tau * mean**2) / (2.0 * left))
+    spread = 1.0 + tau * variance
+    return np.asarray(-0.5 * np.log(spread) + (nu**2 * variance + 2.0 * nu * mean - tau * mean**2) / (2.0 * spread))
 
 
 OFFSETS_DB = (-12.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 20.0)
@@ -207,10 +207,14 @@ class CurveBelief:
         frequency_hz = prior.frequency_hz
         parts = list(product(range(len(prior.kinds)), answering.slopes, range(len(answering.lapses))))
         kind, slope, lapse = (np.array(column) for column in zip(*parts, strict=True))
-        shares = np.array([one.share for one in prior.kinds])[kind] * np.array(answering.lapse_shares)[lapse]
-        start = np.array([one.covariance(frequency_hz, frequency_hz, prior.middle_hz) for one in prior.kinds])
+        shares = (
+            np.array([curve_kind.share for curve_kind in prior.kinds])[kind] * np.array(answering.lapse_shares)[lapse]
+        )
+        start = np.array(
+            [curve_kind.covariance(frequency_hz, frequency_hz, prior.middle_hz) for curve_kind in prior.kinds]
+        )
         self._start: FloatArray = start + 1e-6 * np.eye(frequency_hz.size)
-        self._start_mean: FloatArray = np.array([one.mean_db for one in prior.kinds])
+        self._start_mean: FloatArray = np.array([people.mean_db for people in prior.kinds])
         self._log_share: FloatArray = np.log(shares / shares.sum())
         size = (runs, len(parts))
         self._part = np.broadcast_to(np.arange(len(parts)), size)
@@ -240,14 +244,6 @@ class CurveBelief:
         """Return the log evidence for a threshold curve against guessing throughout, (runs,)."""
         highest = self.log_weight.max(axis=1)
         return np.asarray(highest + np.log(np.exp(self.log_weight - highest[:, None]).sum(axis=1)) - self.log_chance)
-
-    def share_of_kinds(self) -> dict[str, FloatArray]:
-        """Return the probability of each kind of curve by its name, (runs,) each."""
-        weight, found = self.weight, dict[str, FloatArray]()
-        for index, kind in enumerate(self.prior.kinds):
-            share = np.where(self.kind == index, weight, 0.0).sum(axis=1)
-            found[kind.name] = found.get(kind.name, np.zeros(self.runs)) + share
-        return found
 
     def share_of_lapses(self, above: float) -> FloatArray:
         """Return the probability of a lapse rate above the given one, (runs,)."""
@@ -297,11 +293,11 @@ class CurveBelief:
         each = min(max(1, _CHOOSING_COMPONENTS // len(rates)), tempered.shape[1])
         row, tops, shares = np.arange(self.runs)[:, None], [], []
         for rate in rates:
-            own = np.where(self.lapse == rate, tempered, 0.0)
-            top = np.argpartition(-own, each - 1, axis=1)[:, :each]
-            heaviest = own[row, top]
+            of_rate = np.where(self.lapse == rate, tempered, 0.0)
+            top = np.argpartition(-of_rate, each - 1, axis=1)[:, :each]
+            heaviest = of_rate[row, top]
             tops.append(top)
-            shares.append(heaviest * (own.sum(axis=1) / np.maximum(heaviest.sum(axis=1), 1e-300))[:, None])
+            shares.append(heaviest * (of_rate.sum(axis=1) / np.maximum(heaviest.sum(axis=1), 1e-300))[:, None])
         share = np.concatenate(shares, axis=1)
         return np.concatenate(tops, axis=1), np.asarray(share / share.sum(axis=1, keepdims=True))
 
@@ -338,12 +334,12 @@ class CurveBelief:
         likelihood = np.where(correct[:, None, None], psi, 1.0 - psi)
         evidence = likelihood @ _FINE_WEIGHTS
         shift = likelihood @ (_FINE_WEIGHTS * _FINE_NODES) / evidence
-        left = likelihood @ (_FINE_WEIGHTS * _FINE_NODES**2) / evidence - shift**2
+        narrowed = likelihood @ (_FINE_WEIGHTS * _FINE_NODES**2) / evidence - shift**2
         along = self.covariance[rows, :, :, point] / sd[..., None]
         self.log_weight = self.log_weight + np.log(evidence)
         self.log_chance = self.log_chance + self.answering.log_chance(correct)
         self.mean = self.mean + along * shift[..., None]
-        self.covariance -= (along * (1.0 - left)[..., None])[..., :, None] * along[..., None, :]
+        self.covariance -= (along * (1.0 - narrowed)[..., None])[..., :, None] * along[..., None, :]
         self._likelihoods.learn(point, level_db_sl, correct)
         self.trials += 1
         if self.trials == _FIRST_REFINEMENT or self.trials % _REFINED_EVERY == 0:
@@ -356,12 +352,12 @@ class CurveBelief:
         runs, components = np.indices(self.log_weight.shape).reshape(2, -1)
         for first in range(0, runs.size, _REFINED_AT_ONCE):
             at = runs[first : first + _REFINED_AT_ONCE], components[first : first + _REFINED_AT_ONCE]
-            found = self._refined(at, self._likelihoods, Sites(self._precision[at], self._shift[at]))
-            self._precision[at], self._shift[at] = found.sites.precision, found.sites.shift
-            settled = found.settled
+            refined = self._refined(at, self._likelihoods, Sites(self._precision[at], self._shift[at]))
+            self._precision[at], self._shift[at] = refined.sites.precision, refined.sites.shift
+            settled = refined.settled
             use = at[0][settled], at[1][settled]
-            self.mean[use], self.covariance[use] = found.mean[settled], found.covariance[settled]
-            self.log_weight[use] = self._log_share[self._part[use]] + found.log_evidence[settled]
+            self.mean[use], self.covariance[use] = refined.mean[settled], refined.covariance[settled]
+            self.log_weight[use] = self._log_share[self._part[use]] + refined.log_evidence[settled]
 
     def _refined(
         self, at: tuple[NDArray[np.intp], NDArray[np.intp]], likelihoods: PointLikelihoods, begin: Sites
@@ -381,18 +377,18 @@ class CurveBelief:
         count = min(_JUDGING_COMPONENTS, self.log_weight.shape[1])
         top = np.argsort(-self.log_weight, axis=1, kind="stable")[:, :count]
         runs, components = np.repeat(np.arange(self.runs), count), top.reshape(-1)
-        found = np.full((runs.size, len(likelihoods)), -np.inf)
+        evidences = np.full((runs.size, len(likelihoods)), -np.inf)
         for first in range(0, runs.size, _REFINED_AT_ONCE):
             part = slice(first, first + _REFINED_AT_ONCE)
             at = runs[part], components[part]
             begin = Sites(np.zeros_like(self._precision[at]), np.zeros_like(self._shift[at]))
             begin = self._refined(at, likelihoods[0], begin).sites
-            refined = [self._refined(at, one, begin) for one in likelihoods]
+            refined = [self._refined(at, each, begin) for each in likelihoods]
             share = self._log_share[self._part[at]][:, None]
-            evidence = share + np.stack([one.log_evidence for one in refined], axis=1)
-            settled = np.all([one.settled for one in refined], axis=0)
-            found[part] = np.where(settled[:, None], evidence, -np.inf)
-        return np.asarray(logsumexp(found.reshape(self.runs, count, -1), axis=1))
+            evidence = share + np.stack([each.log_evidence for each in refined], axis=1)
+            settled = np.all([each.settled for each in refined], axis=0)
+            evidences[part] = np.where(settled[:, None], evidence, -np.inf)
+        return np.asarray(logsumexp(evidences.reshape(self.runs, count, -1), axis=1))
 
     def _keep(self, count: int) -> None:
         """Keep the `count` heaviest components of every run and drop the others."""

@@ -13,7 +13,7 @@ people with a loss a curve that is too good, inside a band that is too narrow. A
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -72,12 +72,12 @@ class CurveKind:
         a = np.log10(np.asarray(first_hz, dtype=np.float64))[:, None]
         b = np.log10(np.asarray(second_hz, dtype=np.float64))[None, :]
         middle, apart = np.log10(middle_hz), np.abs(a - b)
-        found = self.offset_db**2 + self.tilt_db_per_decade**2 * (a - middle) * (b - middle)
-        found = found + self.wave_db**2 * np.exp(-0.5 * (apart / self.wave_decades) ** 2)
+        covariance = self.offset_db**2 + self.tilt_db_per_decade**2 * (a - middle) * (b - middle)
+        covariance = covariance + self.wave_db**2 * np.exp(-0.5 * (apart / self.wave_decades) ** 2)
         rough = np.sqrt(3.0) * apart / self.rough_decades
-        found = found + self.rough_db**2 * (1.0 + rough) * np.exp(-rough)
-        found = found + self.walk_db**2 * np.exp(-apart / self.walk_decades)
-        return np.asarray(found + self.feature_db**2 * self._feature(a) * self._feature(b))
+        covariance = covariance + self.rough_db**2 * (1.0 + rough) * np.exp(-rough)
+        covariance = covariance + self.walk_db**2 * np.exp(-apart / self.walk_decades)
+        return np.asarray(covariance + self.feature_db**2 * self._feature(a) * self._feature(b))
 
     def _feature(self, decades: FloatArray) -> FloatArray:
         beyond = decades - np.log10(self.feature_hz)
@@ -97,11 +97,11 @@ class CurveKind:
         """Return the conditional mean at others as weights of the points, (others, points), and its variance,
         (others,).
         """
-        own = self.covariance(points_hz, points_hz, middle_hz) + 1e-6 * np.eye(points_hz.size)
+        among = self.covariance(points_hz, points_hz, middle_hz) + 1e-6 * np.eye(points_hz.size)
         across = self.covariance(points_hz, others_hz, middle_hz)
-        weights: FloatArray = np.asarray(np.linalg.solve(own, across).T, dtype=np.float64)
+        weights: FloatArray = np.asarray(np.linalg.solve(among, across).T, dtype=np.float64)
         others = np.asarray(others_hz, dtype=np.float64)
-        alone = np.array([self.covariance([one], [one], middle_hz)[0, 0] for one in others])
+        alone = np.array([self.covariance([hertz], [hertz], middle_hz)[0, 0] for hertz in others])
         return weights, np.asarray(np.maximum(alone - np.einsum("og,go->o", weights, across), 0.0))
 
 
@@ -178,7 +178,7 @@ class CurvePrior(CurveShares):
             *self._local(),
         ]
         total = sum(kind.share for kind in kinds)
-        return tuple(_shared(kind, kind.share / total) for kind in kinds if kind.share > 0.0)
+        return tuple(replace(kind, share=kind.share / total) for kind in kinds if kind.share > 0.0)
 
     def _local(self) -> list[CurveKind]:
         low, high = self.band_hz
@@ -210,7 +210,3 @@ def clear_of_mains(
     down = (nearest + clearance_hz > band_hz[1]) | ((gap < 0.0) & (nearest - clearance_hz >= band_hz[0]))
     moved = nearest + np.where(down, -clearance_hz, clearance_hz)
     return np.where(np.abs(gap) < clearance_hz, moved, frequency_hz)
-
-
-def _shared(kind: CurveKind, share: float) -> CurveKind:
-    return CurveKind(**{**vars(kind), "share": share})

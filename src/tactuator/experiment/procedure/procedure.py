@@ -249,8 +249,8 @@ class Answering:
     def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
         at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
-        found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
-        return np.asarray(np.clip(found, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
+        psi = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
+        return np.asarray(np.clip(psi, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
 
     def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
         """Return the log probability of each answer if it was guessed."""

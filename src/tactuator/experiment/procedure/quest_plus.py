@@ -71,7 +71,7 @@ def estimates(
     """
     table = tables(rule)
     place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)
-    found = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
+    columns = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
     log_right, log_wrong = np.log(table.psi), np.log1p(-table.psi)
     for first in range(0, levels_db_sl.shape[0], _BATCH_RUNS):
         part, hit = place[first : first + _BATCH_RUNS], correct[first : first + _BATCH_RUNS]
@@ -82,9 +82,9 @@ def estimates(
         log_posterior = right @ log_right.T + wrong @ log_wrong.T + np.log(table.prior)
         posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
         posterior /= posterior.sum(axis=1, keepdims=True)
-        for column, values in zip(found, table.threshold(posterior), strict=True):
+        for column, values in zip(columns, table.threshold(posterior), strict=True):
             column[first : first + _BATCH_RUNS] = values
-    return found[0], found[1]
+    return columns[0], columns[1]
 
 
 @table("[procedure]")
@@ -215,9 +215,9 @@ class QuestPlus(FixedTrials):
         if estimate is None or estimate.standard_error_db is None:
             return ()
         reach = 2.0 * estimate.standard_error_db
-        found = {"floor": estimate.level_db_sl - reach < self.rule.low_db_sl}
-        found["ceiling"] = estimate.level_db_sl + reach > self.rule.high_db_sl
-        return tuple(sorted(name for name, true in found.items() if true))
+        flags = {"floor": estimate.level_db_sl - reach < self.rule.low_db_sl}
+        flags["ceiling"] = estimate.level_db_sl + reach > self.rule.high_db_sl
+        return tuple(sorted(name for name, true in flags.items() if true))
 
     def placement(self) -> Placement | None:
         """Return the most telling level, or None when the run is over."""

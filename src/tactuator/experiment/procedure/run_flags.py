@@ -63,9 +63,9 @@ def drift_test(answers: Answers, start_db: FloatArray, answering: Answering) -> 
         threshold = threshold + np.clip(slack / (information.sum(axis=1) + _PRECISION), -4.0, 4.0)
     weight, information = _linearised(answers, threshold, answering)
     held = (information * time).sum(axis=1) ** 2 / (information.sum(axis=1) + _PRECISION)
-    left = np.maximum((information * time**2).sum(axis=1) - held, 1e-12)
-    z = -(weight * time).sum(axis=1) / np.sqrt(left)
-    reach = POWER_DRIFT_DB * np.sqrt(left)
+    information_left = np.maximum((information * time**2).sum(axis=1) - held, 1e-12)
+    z = -(weight * time).sum(axis=1) / np.sqrt(information_left)
+    reach = POWER_DRIFT_DB * np.sqrt(information_left)
     return Drift(z, np.asarray(ndtr(reach - CRITICAL_Z) + ndtr(-reach - CRITICAL_Z)))
 
 
@@ -110,12 +110,12 @@ class RunFlags:
 
     def names(self, run: int) -> tuple[str, ...]:
         """Return the names of the flags of one run, sorted."""
-        found = {
+        flags = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapse_log_odds[run] > self.lapse_limit[run],
             "drift": abs(self.drift.z[run]) > CRITICAL_Z,
         }
-        return tuple(sorted(name for name, true in found.items() if true))
+        return tuple(sorted(name for name, true in flags.items() if true))
 
 
 def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
@@ -139,5 +139,5 @@ def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
     with np.errstate(invalid="ignore"):
         loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _EASY_ABOVE_DB, axis=1)
     none = (1.0 - POWER_LAPSE_RATE) ** loud
-    one = loud * POWER_LAPSE_RATE * (1.0 - POWER_LAPSE_RATE) ** np.maximum(loud - 1, 0)
-    return np.asarray(1.0 - none - one)
+    single = loud * POWER_LAPSE_RATE * (1.0 - POWER_LAPSE_RATE) ** np.maximum(loud - 1, 0)
+    return np.asarray(1.0 - none - single)

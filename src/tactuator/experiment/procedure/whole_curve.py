@@ -182,11 +182,11 @@ def _power(evidence: FloatArray) -> FloatArray:
 def _likelihoods(belief: CurveBelief, trials: Trials, drift_db: float) -> PointLikelihoods:
     """Return the likelihoods of the trials for the curve in the middle of a run with that drift."""
     runs, count = trials.level_db_sl.shape
-    found = PointLikelihoods(belief.answering, runs, belief.prior.points)
+    likelihoods = PointLikelihoods(belief.answering, runs, belief.prior.points)
     fallen = trials.level_db_sl - drift_db * (np.arange(count) / max(count - 1, 1) - 0.5)
     for trial in range(count):
-        found.learn(trials.point[:, trial], fallen[:, trial], trials.correct[:, trial])
-    return found
+        likelihoods.learn(trials.point[:, trial], fallen[:, trial], trials.correct[:, trial])
+    return likelihoods
 
 
 _FLAGGED_LAPSE_RATE = 0.05
@@ -206,12 +206,12 @@ class CurveFlags:
 
     def names(self, run: int = 0) -> tuple[str, ...]:
         """Return the names of the flags of one run, sorted."""
-        found = {
+        flags = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapsing[run] > _LAPSE_PROBABILITY_MIN,
             "drift": self.drift.log_odds[run] > LEAST_LOG_ODDS,
         }
-        return tuple(sorted(name for name, true in found.items() if true))
+        return tuple(sorted(name for name, true in flags.items() if true))
 
 
 def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:

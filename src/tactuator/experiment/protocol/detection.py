@@ -112,16 +112,16 @@ def plan_runs(protocol: Protocol, subject: int, visit: int = 1, words: Words | N
     Practice comes first, then every condition in the subject's order; a further visit has an order of its own. words:
     the language of titles, English by default.
     """
-    told = words or shipped_words("en")
+    language = words or shipped_words("en")
     conditions = protocol.conditions
     frequencies: tuple[float | None, ...] = conditions.frequencies_hz or (None,)
     cells = [(finger, frequency) for finger in conditions.fingers for frequency in frequencies]
     runs: list[PlannedRun] = []
     if protocol.session.practice_trials:
-        runs.append(_planned(protocol, told, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
+        runs.append(_planned(protocol, language, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
     for repeat in range(conditions.repeats):
         for index in _order(protocol, len(cells), subject, repeat, visit):
-            runs.append(_planned(protocol, told, len(runs), *cells[index]))
+            runs.append(_planned(protocol, language, len(runs), *cells[index]))
     return tuple(runs)
 
 

@@ -100,8 +100,8 @@ def plan_blocks(protocol: RecognitionProtocol, words: Words | None = None) -> tu
 
     words: the language of titles, English by default.
     """
-    told = words or shipped_words("en")
-    return tuple(_planned(protocol, told, position, block) for position, block in enumerate(protocol.block))
+    language = words or shipped_words("en")
+    return tuple(_planned(protocol, language, position, block) for position, block in enumerate(protocol.block))
 
 
 def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
@@ -109,7 +109,7 @@ def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: 
     trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
     kind = words(f"run.{block.kind}")
     title = words("run.block", number=position + 1, count=len(protocol.block), kind=kind)
-    told = words("run.told" if block.feedback else "run.not_told")
+    feedback = words("run.told" if block.feedback else "run.not_told")
     return PlannedRun(
         position,
         ALL_FINGERS,
@@ -119,7 +119,7 @@ def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: 
         procedure="fixed",
         feedback=block.feedback,
         title=title,
-        introduction=f"{words('run.trials', title=title, trials=trials)}\n{told}",
+        introduction=f"{words('run.trials', title=title, trials=trials)}\n{feedback}",
         trials=trials,
     )
 

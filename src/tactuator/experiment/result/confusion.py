@@ -24,48 +24,49 @@ _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
 _POWER_MIN = 0.5
 
 
-def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultTable:
+def threshold_table(thresholds: Sequence[MeasuredThreshold], words: Words) -> ResultTable:
     """Return a table with a row for each threshold."""
     columns = ["subject", "finger", "hertz", "trials", "procedure", "refit", "interval", "level", "flags"]
     heads = tuple(words(f"results.{name}", **({"percent": 95} if name == "interval" else {})) for name in columns)
     rows = tuple(
         (
-            one.subject,
-            one.finger,
-            f"{one.frequency_hz:.4g}",
-            str(one.trials),
-            "–" if one.own_db_sl is None else f"{one.own_db_sl:.1f}",
-            f"{_BOUNDS[one.bound]}{one.refit_db_sl:.1f}",
-            _interval(one, words),
-            f"{_BOUNDS[one.bound]}{one.level_db_re_1um:.1f}",
-            ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in one.flags),
+            threshold.subject,
+            threshold.finger,
+            f"{threshold.frequency_hz:.4g}",
+            str(threshold.trials),
+            "–" if threshold.own_db_sl is None else f"{threshold.own_db_sl:.1f}",
+            f"{_BOUNDS[threshold.bound]}{threshold.refit_db_sl:.1f}",
+            _interval(threshold, words),
+            f"{_BOUNDS[threshold.bound]}{threshold.level_db_re_1um:.1f}",
+            ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in threshold.flags),
         )
-        for one in found
+        for threshold in thresholds
     )
-    points = ", ".join(sorted({f"{100.0 * one.point:.1f}" for one in found}))
+    points = ", ".join(sorted({f"{100.0 * threshold.point:.1f}" for threshold in thresholds}))
     notes = [words("results.point", percent=points)]
-    if any(one.simulated for one in found):
+    if any(threshold.simulated for threshold in thresholds):
         notes.append(words("results.simulated"))
     for name, powers in (
-        ("results.lapses_unjudged", [one.lapse_power for one in found]),
-        ("results.drift_unjudged", [one.drift_power for one in found]),
+        ("results.lapses_unjudged", [threshold.lapse_power for threshold in thresholds]),
+        ("results.drift_unjudged", [threshold.drift_power for threshold in thresholds]),
     ):
         weak = sum(power is not None and power < _POWER_MIN for power in powers)
         if weak:
-            notes.append(words(name, count=weak, all=len(found)))
+            notes.append(words(name, count=weak, all=len(thresholds)))
     return ResultTable(words("results.thresholds"), heads, rows, tuple(notes))
 
 
-def _interval(one: MeasuredThreshold, words: Words) -> str:
+def _interval(threshold: MeasuredThreshold, words: Words) -> str:
     """Return the 95 % interval; of a threshold beyond what was played, the end that is known."""
-    if one.bound:
-        return f"{_BOUNDS[one.bound]}{one.refit_low_db_sl if one.bound == '>=' else one.refit_high_db_sl:.1f}"
-    return words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}")
+    if threshold.bound:
+        known_db = threshold.refit_low_db_sl if threshold.bound == ">=" else threshold.refit_high_db_sl
+        return f"{_BOUNDS[threshold.bound]}{known_db:.1f}"
+    return words("results.range", low=f"{threshold.refit_low_db_sl:.1f}", high=f"{threshold.refit_high_db_sl:.1f}")
 
 
-def information_table(title: str, found: Information, words: Words) -> ResultTable:
+def information_table(title: str, information: Information, words: Words) -> ResultTable:
     """Return a table with a row for each estimator."""
-    rates = found.bits_per_second or {}
+    rates = information.bits_per_second or {}
     rows = tuple(
         (
             words(f"results.estimator_{name}"),
@@ -74,19 +75,19 @@ def information_table(title: str, found: Information, words: Words) -> ResultTab
             _number(estimate.categories, 1),
             _number(rates.get(name, math.nan), 2),
         )
-        for name, estimate in found.estimates.items()
+        for name, estimate in information.estimates.items()
     )
-    correct = _number(100.0 * found.share_correct, 1)
-    told = words("results.answered", trials=found.trials, stimuli=found.stimuli, percent=correct)
-    warnings = [words("results.warning", text=one.told(words)) for one in found.reasons]
+    correct = _number(100.0 * information.share_correct, 1)
+    answered = words("results.answered", trials=information.trials, stimuli=information.stimuli, percent=correct)
+    warnings = [words("results.warning", text=reason.told(words)) for reason in information.reasons]
     heads = (
         words("results.estimator"),
         words("results.bits"),
-        words("results.interval", percent=f"{100.0 * found.confidence:g}"),
+        words("results.interval", percent=f"{100.0 * information.confidence:g}"),
         words("results.categories"),
         words("results.rate"),
     )
-    return ResultTable(title, heads, rows, (told, *warnings))
+    return ResultTable(title, heads, rows, (answered, *warnings))
 
 
 def _number(value: float, digits: int) -> str:
@@ -94,15 +95,17 @@ def _number(value: float, digits: int) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def matrix_table(one: SubjectResult, words: Words) -> ResultTable:
+def matrix_table(result: SubjectResult, words: Words) -> ResultTable:
     """Return the confusion matrix as a table."""
-    rows = tuple((label, *map(str, counts)) for label, counts in zip(one.labels, one.counts.tolist(), strict=True))
-    return ResultTable(words("results.matrix"), ("", *one.labels), rows)
+    rows = tuple(
+        (label, *map(str, counts)) for label, counts in zip(result.labels, result.counts.tolist(), strict=True)
+    )
+    return ResultTable(words("results.matrix"), ("", *result.labels), rows)
 
 
-def abx_table(one: AbxResult, words: Words) -> ResultTable:
+def abx_table(result: AbxResult, words: Words) -> ResultTable:
     """Return the share of right answers as a table."""
-    row = (str(one.trials), f"{100.0 * one.share_correct:.1f}")
+    row = (str(result.trials), f"{100.0 * result.share_correct:.1f}")
     return ResultTable(words("results.abx"), (words("results.trials"), words("results.correct")), (row,))
 
 
@@ -169,7 +172,7 @@ def session_results(
         row = records.session(connection, session)
         if protocol.recognition.paradigm == "abx":
             every = _abx_results(connection, row.study_id, protocol.study.name)
-            return [], [one for one in every if one.subject == row.subject_code]
+            return [], [result for result in every if result.subject == row.subject_code]
         return _matrix_results(connection, row.study_id, protocol, rng, draws, only=row.subject_code), []
 
 
@@ -220,8 +223,8 @@ def _matrix_results(
         if np.count_nonzero(counts.sum(axis=1)) < 2:
             continue
         seconds = float(np.mean([durations[correct] for correct, _ in mine])) + gap_s
-        found = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
-        results.append(SubjectResult(protocol.study.name, asking.paradigm, subject, labels, counts, seconds, found))
+        transfer = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
+        results.append(SubjectResult(protocol.study.name, asking.paradigm, subject, labels, counts, seconds, transfer))
     return results
 
 

@@ -37,14 +37,14 @@ def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Gene
     confused = counts[off].reshape(stimuli, stimuli - 1).astype(np.float64)
     errors = _error_draws(np.diag(counts).astype(np.float64), wrong.astype(np.float64), draws, rng)
     spread = _SpreadPosterior(confused, wrong.astype(np.float64))
-    found = np.empty(draws)
+    bits = np.empty(draws)
     for first in range(0, draws, _CHUNK_DRAWS):
         some = errors[first : first + _CHUNK_DRAWS]
         chances = np.zeros((some.shape[0], stimuli, stimuli))
         chances[:, off] = (some[..., None] * spread.draw(some.shape[0], rng)).reshape(some.shape[0], -1)
         chances[:, np.arange(stimuli), np.arange(stimuli)] = 1.0 - some
-        found[first : first + _CHUNK_DRAWS] = information_of(chances, presented / presented.sum())
-    return found
+        bits[first : first + _CHUNK_DRAWS] = information_of(chances, presented / presented.sum())
+    return bits
 
 
 def information_of(chances: FloatArray, weights: FloatArray) -> FloatArray:
@@ -335,7 +335,7 @@ def information(
         bits_per_second=per_second,
         warning=None if few is None else few.told(english),
         no_interval=None if why is None else why.told(english),
-        reasons=tuple(one for one in (few, why) if one is not None),
+        reasons=tuple(reason for reason in (few, why) if reason is not None),
     )
 
 
@@ -343,11 +343,11 @@ def _posterior(
     counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
 ) -> InformationEstimate:
     """Return the posterior's median with an interval somewhat wider than the posterior's own."""
-    found = information_draws(counts, draws, rng)
+    bits = information_draws(counts, draws, rng)
     few = float(_trials(counts)) < counts.shape[0] ** 2
     down, up = _INTERVAL_FACTORS_FEW if few else _INTERVAL_FACTORS
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
-    low, middle, high = (float(value) for value in np.quantile(found, tails))
+    low, middle, high = (float(value) for value in np.quantile(bits, tails))
     most = float(np.log2(counts.shape[0]))
     return InformationEstimate(
         middle,

@@ -47,12 +47,12 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     """
     kinds = catch_kinds(run)
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
-    found = []
+    flags = []
     if inattentive(int(np.sum(~loud)), loud.size):
-        found.append("attention")
+        flags.append("attention")
     if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.paradigm.guess) < _FALSE_ALARM_RATE:
-        found.append("cue")
-    return tuple(found)
+        flags.append("cue")
+    return tuple(flags)
 
 
 FRICTION_HZ = 25.0

@@ -47,14 +47,14 @@ class PsychometricTrials:
 
 
 def psychometric_trials(
-    runs: Sequence[StoredRun], found: Sequence[MeasuredThreshold]
+    runs: Sequence[StoredRun], measured: Sequence[MeasuredThreshold]
 ) -> dict[str, tuple[PsychometricTrials, ...]]:
     """Return every run by the name of its subject; found holds one threshold of a run, or those of a whole curve."""
     by_run: dict[int, list[MeasuredThreshold]] = {}
-    for one in found:
-        by_run.setdefault(one.run, []).append(one)
+    for threshold in measured:
+        by_run.setdefault(threshold.run, []).append(threshold)
     people: dict[str, list[PsychometricTrials]] = {}
-    names = names_of_people(found)
+    names = names_of_people(measured)
     for run in runs:
         mine = by_run.get(run.run.id, [])
         if mine:
@@ -77,12 +77,12 @@ def _of_curve(run: StoredRun, points: Sequence[MeasuredThreshold]) -> Psychometr
     A threshold of 0 dB says that the curve and one psychometric function explain all frequencies together.
     """
     kept = catch_kinds(run) != "blank"
-    mine = sorted(points, key=lambda one: one.frequency_hz)
-    at, level = np.array([(np.log(one.frequency_hz), one.refit_db_sl) for one in mine]).T
+    mine = sorted(points, key=lambda point: point.frequency_hz)
+    at, level = np.array([(np.log(point.frequency_hz), point.refit_db_sl) for point in mine]).T
     above, correct = run.levels_db_sl[kept] - np.interp(np.log(run.frequency_hz[kept]), at, level), run.correct[kept]
     guess, point = run.protocol.paradigm.guess, mine[0].point
     fit = refit(above, correct, RefitPrior(guess=guess, target=point))
-    flags = tuple(sorted({flag for one in mine for flag in one.flags}))
+    flags = tuple(sorted({flag for point in mine for flag in point.flags}))
     threshold = replace(
         mine[0], frequency_hz=float("nan"), refit_db_sl=float(fit.threshold_db[0]), refit_sd_db=float(fit.sd_db[0]),
         refit_low_db_sl=float(fit.low_db[0]), refit_high_db_sl=float(fit.high_db[0]), bound="", flags=flags,
@@ -133,7 +133,7 @@ class GroupCurve:
 
 
 def group_curve(
-    found: Sequence[MeasuredThreshold],
+    measured: Sequence[MeasuredThreshold],
     reference: ThresholdCurve,
     band_hz: tuple[float, float],
     keep_flagged: bool = False,
@@ -145,12 +145,15 @@ def group_curve(
     keeps its distance from `reference` up to the band's edges: a design needs the whole band. The provenance is
     `simulated` where any threshold is. Raises BadInput where fewer than three frequencies are left.
     """
-    kept, left_out = _parted(found, keep_flagged)
-    frequency_hz = np.array(sorted({one.frequency_hz for one in kept}))
+    kept, left_out = _parted(measured, keep_flagged)
+    frequency_hz = np.array(sorted({threshold.frequency_hz for threshold in kept}))
     if frequency_hz.size < 3:
         without = f", {len(left_out)} thresholds left out for their flags" if left_out else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
-    rows = [_mean([one for one in kept if one.frequency_hz == frequency]) for frequency in frequency_hz.tolist()]
+    rows = [
+        _mean([threshold for threshold in kept if threshold.frequency_hz == frequency])
+        for frequency in frequency_hz.tolist()
+    ]
     level, error = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     count = [row[2] for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
@@ -161,18 +164,18 @@ def group_curve(
             error = np.insert(error, place, error[end])
             frequency_hz = np.insert(frequency_hz, place, edge)
             count.insert(place, 0)
-    simulated = any(one.simulated for one in kept)
+    simulated = any(threshold.simulated for threshold in kept)
     return GroupCurve(_curve(frequency_hz, level, error, kept, reference, simulated), tuple(count), tuple(left_out))
 
 
 def _parted(
-    found: Sequence[MeasuredThreshold], keep_flagged: bool
+    measured: Sequence[MeasuredThreshold], keep_flagged: bool
 ) -> tuple[list[MeasuredThreshold], list[MeasuredThreshold]]:
     """Return the thresholds that are taken in, and those that are left out."""
     kept: list[MeasuredThreshold] = []
     left_out: list[MeasuredThreshold] = []
-    for one in found:
-        (left_out if not keep_flagged and DISQUALIFYING & set(one.flags) else kept).append(one)
+    for threshold in measured:
+        (left_out if not keep_flagged and DISQUALIFYING & set(threshold.flags) else kept).append(threshold)
     return kept, left_out
 
 
@@ -180,7 +183,7 @@ def _curve(
     frequency_hz: FloatArray, level: FloatArray, error: FloatArray, kept: Sequence[MeasuredThreshold],
     reference: ThresholdCurve, simulated: bool,
 ) -> ThresholdCurve:  # fmt: skip
-    subjects = len({(one.study_number, one.subject) for one in kept})
+    subjects = len({(threshold.study_number, threshold.subject) for threshold in kept})
     who = "simulated, nobody felt it: " if simulated else ""
     source = (
         f"{who}mean of {subjects} subjects on the display, each point at {100.0 * kept[0].point:.1f} % correct; "
@@ -190,15 +193,15 @@ def _curve(
     return ThresholdCurve(provenance, frequency_hz, level, provenance, source, error)
 
 
-def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
+def _mean(measured: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
     """Return level, standard error and number of subjects at one frequency."""
     of_subject: dict[tuple[int, str], list[MeasuredThreshold]] = {}
-    for one in found:
-        of_subject.setdefault((one.study_number, one.subject), []).append(one)
+    for threshold in measured:
+        of_subject.setdefault((threshold.study_number, threshold.subject), []).append(threshold)
     subjects = sorted(of_subject)
     each = [of_subject[subject] for subject in subjects]
-    levels = np.array([np.mean([one.level_db_re_1um for one in mine]) for mine in each])
-    within = np.array([np.sqrt(np.sum([one.sd_db**2 for one in mine])) / len(mine) for mine in each])
+    levels = np.array([np.mean([threshold.level_db_re_1um for threshold in mine]) for mine in each])
+    within = np.array([np.sqrt(np.sum([threshold.sd_db**2 for threshold in mine])) / len(mine) for mine in each])
     known = float(np.sqrt(np.sum(within**2)) / len(subjects))
     between = float(np.std(levels, ddof=1) / np.sqrt(len(subjects))) if len(subjects) > 1 else 0.0
     return float(levels.mean()), max(known, between), len(subjects)

@@ -116,9 +116,9 @@ class MeasuredThreshold:
     study_number: int = 1
 
 
-def names_of_people(found: Sequence[MeasuredThreshold]) -> dict[tuple[int, str], str]:
+def names_of_people(measured: Sequence[MeasuredThreshold]) -> dict[tuple[int, str], str]:
     """Return what to call each person, by study and code: the code, or `CODE-STUDY` where several studies have it."""
-    each = sorted({(one.study_number, one.subject) for one in found})
+    each = sorted({(threshold.study_number, threshold.subject) for threshold in measured})
     codes = Counter(code for _, code in each)
     return {(study, code): code if codes[code] == 1 else f"{code}-{study}" for study, code in each}
 
@@ -126,19 +126,19 @@ def names_of_people(found: Sequence[MeasuredThreshold]) -> dict[tuple[int, str],
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     """Return the thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
     parts = (runs[first : first + _RUNS_AT_ONCE] for first in range(0, len(runs), _RUNS_AT_ONCE))
-    return [one for part in parts for one in _thresholds(part)]
+    return [threshold for part in parts for threshold in _thresholds(part)]
 
 
 def _thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     procedures = [replayed(run) for run in runs]
     fitted = _fitted(runs, procedures)
-    found: list[MeasuredThreshold] = []
+    measured: list[MeasuredThreshold] = []
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if isinstance(procedure, WholeCurve):
-            found += _whole_curve(run, procedure)
+            measured += _whole_curve(run, procedure)
         else:
-            found.append(_one(run, procedure, *fitted[index]))
-    return found
+            measured.append(_one(run, procedure, *fitted[index]))
+    return measured
 
 
 def replayed(run: StoredRun) -> Procedure:
@@ -148,7 +148,9 @@ def replayed(run: StoredRun) -> Procedure:
     """
     procedure = _fresh(run, _MAINS_HZ[0])
     if isinstance(procedure, WholeCurve):
-        return next((one for one in (_fresh(run, mains_hz) for mains_hz in _MAINS_HZ) if _placed(one, run)), procedure)
+        return next(
+            (fresh for fresh in (_fresh(run, mains_hz) for mains_hz in _MAINS_HZ) if _placed(fresh, run)), procedure
+        )
     for outcome in run.correct[catch_kinds(run) == ""]:
         procedure.record(bool(outcome))
     return procedure
@@ -163,8 +165,8 @@ def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
 def _placed(procedure: Procedure, run: StoredRun) -> bool:
     """Tell whether the procedure has all the frequencies that were played."""
     assert isinstance(procedure, WholeCurve)
-    own = np.log(procedure.rule.prior.frequency_hz)
-    return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - own).min(axis=1) < _SAME_FREQUENCY))
+    points = np.log(procedure.rule.prior.frequency_hz)
+    return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - points).min(axis=1) < _SAME_FREQUENCY))
 
 
 def refit_prior(guess: float, procedure: Procedure) -> RefitPrior:
@@ -182,7 +184,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
         if not isinstance(procedure, WholeCurve):
             prior = refit_prior(run.protocol.paradigm.guess, procedure)
             groups.setdefault(prior, []).append(index)
-    found = {}
+    fits = {}
     for prior, members in groups.items():
         kept = [catch_kinds(runs[index]) != "blank" for index in members]
         width = max(int(mask.sum()) for mask in kept)
@@ -193,8 +195,8 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
             correct[row, :count] = runs[index].correct[mask]
         fit = refit(levels, correct, prior)
         flags = run_flags(levels, correct, fit, prior)
-        found.update({index: (fit, flags, row) for row, index in enumerate(members)})
-    return found
+        fits.update({index: (fit, flags, row) for row, index in enumerate(members)})
+    return fits
 
 
 @dataclass(frozen=True)
@@ -225,27 +227,27 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     names = [*procedure.flags, *flags.names(row), *attention(run)]
     if hum_is_felt(seen, hertz, run.protocol.timing, at.level):
         names.append("mains")
-    own = procedure.estimate()
+    estimate = procedure.estimate()
     return _threshold(
         run, hertz, at, gain, float(run.curve_level_db_re_1um[0]), [*names, *_of_playing(seen, at, gain)],
-        procedure.point, None if own is None else (own.level_db_sl, own.standard_error_db),
+        procedure.point, None if estimate is None else (estimate.level_db_sl, estimate.standard_error_db),
         (float(flags.lapse_power[row]), float(flags.drift.power[row])),
     )  # fmt: skip
 
 
 def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
     kinds, seen = catch_kinds(run), run.intervals
-    own = kinds != "blank"
-    if not own.any():
+    placed = kinds != "blank"
+    if not placed.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
     trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)
-    levels, hertz = run.levels_db_sl[own], run.frequency_hz[own]
-    curve = curve_run(procedure.rule, hertz, levels, run.correct[own])
+    levels, hertz = run.levels_db_sl[placed], run.frequency_hz[placed]
+    curve = curve_run(procedure.rule, hertz, levels, run.correct[placed])
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
     common = [*curve.flags.names(), *attention(run)]
     power = float(curve.flags.drift.power[0])
-    found = []
+    measured = []
     for frequency, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
         low, high = level - _NORMAL_95 * sd, level + _NORMAL_95 * sd
         at = _Level.clipped(level, float(sd), low, high, float(levels.min()), float(levels.max()))
@@ -255,22 +257,22 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
         )
         names = [*common, *_of_playing(seen, at, gain)]
         point = procedure.rule.answering.target
-        found.append(_threshold(run, float(frequency), at, gain, float(zero), names, point, None, (None, power)))
-    return found
+        measured.append(_threshold(run, float(frequency), at, gain, float(zero), names, point, None, (None, power)))
+    return measured
 
 
 def _of_playing(seen: StoredIntervals, at: _Level, gain: DeliveredLevel) -> list[str]:
-    found = {
+    flags = {
         "out-of-range": bool(at.bound),
         "saturated": bool(seen.saturated.any()),
         "delivered-unknown": bool(np.isnan(gain.offset_db)),
     }
-    return [name for name, true in found.items() if true]
+    return [name for name, true in flags.items() if true]
 
 
 def _threshold(
     run: StoredRun, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float, flags: Sequence[str],
-    point: float, own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
+    point: float, estimate: tuple[float, float | None] | None, power: tuple[float | None, float | None],
 ) -> MeasuredThreshold:  # fmt: skip
     known = not np.isnan(gain.offset_db)
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
@@ -285,8 +287,8 @@ def _threshold(
         run=run.run.id,
         trials=run.correct.size,
         point=point,
-        own_db_sl=None if own is None else own[0],
-        own_standard_error_db=None if own is None else own[1],
+        own_db_sl=None if estimate is None else estimate[0],
+        own_standard_error_db=None if estimate is None else estimate[1],
         refit_db_sl=at.level,
         refit_sd_db=at.sd,
         refit_low_db_sl=at.low,
@@ -294,7 +296,7 @@ def _threshold(
         bound=at.bound,
         delivered_db=gain.offset_db,
         delivered_sd_db=gain.sd_db,
-        own_level_db_re_1um=None if own is None else base + shift + own[0],
+        own_level_db_re_1um=None if estimate is None else base + shift + estimate[0],
         level_db_re_1um=level,
         level_low_db_re_1um=level - float(np.hypot(at.level - at.low, spare)),
         level_high_db_re_1um=level + float(np.hypot(at.high - at.level, spare)),

@@ -238,9 +238,9 @@ class DetectionCourse:
         if trial is None or trial.placement is None:
             raise BadInput("the run is over", "a response to a trial that stands")
         correct = trial.judge(response)
-        own = SIGNAL in trial.stimuli
+        is_procedures = SIGNAL in trial.stimuli
         self._outcomes.append((trial.placement.level_db_sl, correct))
-        if own:
+        if is_procedures:
             self.procedure.record(correct)
 
     def picture(self) -> Picture:

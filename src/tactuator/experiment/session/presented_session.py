@@ -37,19 +37,19 @@ class Respondent:
         """Return one of trial.responses, after its intervals were played."""
         raise NotImplementedError
 
-    def learn(self, trial: Trial, told: Acknowledged) -> None:
+    def learn(self, trial: Trial, acknowledged: Acknowledged) -> None:
         """Learn from the outcome after the answer, in runs with feedback."""
 
 
 def run_session(
     presented: PresentedSession,
     respondent: Respondent,
-    told: Callable[[Session], None] = lambda session: None,
+    progress: Callable[[Session], None] = lambda session: None,
     rest: Callable[[float], None] = time.sleep,
 ) -> int:
     """Run what is left of the session and return how many trials were answered; the rig is then at rest in any case.
 
-    It ends at once where the subject does not consent. told: called after every answer. rest: waits so many seconds
+    It ends at once where the subject does not consent. progress: called after every answer. rest: waits so many seconds
     where a break is not over yet.
     """
     session, run, answered = presented.session, -1, 0
@@ -71,7 +71,7 @@ def run_session(
             else:
                 run = _trial(presented, respondent, run)
                 answered += 1
-                told(session)
+                progress(session)
     finally:
         session.task.apparatus.rig.rest()
     return answered
@@ -96,10 +96,6 @@ _ATTEMPTS_MAX = 3
 """Number of times that a trial is played whose timing the rig misses, before that is a fault of the rig."""
 
 
-def _never() -> bool:
-    return False
-
-
 @dataclass
 class PresentedSession:
     """A session whose trials are presented at a rig; pending: the trial that was played and waits for its answer."""
@@ -119,7 +115,7 @@ class PresentedSession:
         """Return what a page shows before the subject goes on: the stage and the introduction."""
         return self.session.stage, self.introduction
 
-    def present(self, watch: Watch, halted: Callable[[], bool] = _never) -> NextTrial:
+    def present(self, watch: Watch, halted: Callable[[], bool] = lambda: False) -> NextTrial:
         """Play the trial that stands; again, if it was played and never answered, or its timing was missed.
 
         halted: called while it plays, True to stop it. Raises Halted where it was stopped, the trial then being

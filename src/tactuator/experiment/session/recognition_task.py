@@ -189,10 +189,10 @@ class RecognitionTask:
         if not matrices and not abx:
             raise BadInput("the session's test blocks have no answers yet", "results after some")
         words, tables = self.words, list[ResultTable]()
-        for one in matrices:
+        for matrix in matrices:
             title = words("results.information")
-            tables += [matrix_table(one, words), information_table(title, one.information, words)]
-        return (*tables, *(abx_table(one, words) for one in abx))
+            tables += [matrix_table(matrix, words), information_table(title, matrix.information, words)]
+        return (*tables, *(abx_table(result, words) for result in abx))
 
     def play(self, trial: Trial, callbacks: PlaybackCallbacks) -> tuple[tuple[IntervalRecord, ...], Presentation]:
         """Play the items of a trial on every channel, and return the records of its intervals and the presentation.
@@ -206,13 +206,19 @@ class RecognitionTask:
         if asking.paradigm == "abx":
             references = [_filled(reference, longest) for reference in references]
         presenter = Presenter(rig, rig.channels[0], callbacks.watch, callbacks.halted)
-        left = longest * len(references) - sum(len(reference) for reference in references)
-        shown = presenter.present(references, asking.lead_s, asking.gap_s, left / rig.rate_hz)
+        silent = longest * len(references) - sum(len(reference) for reference in references)
+        shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
         records = tuple(
             IntervalRecord(
-                label, None, None, bool(one.trace.saturated.any()), one.onset_s, one.duration_s, one.lamp_late_s
+                label,
+                None,
+                None,
+                bool(interval.trace.saturated.any()),
+                interval.onset_s,
+                interval.duration_s,
+                interval.lamp_late_s,
             )
-            for label, one in zip(trial.stimuli, shown.intervals, strict=True)
+            for label, interval in zip(trial.stimuli, shown.intervals, strict=True)
         )
         return records, shown
 

@@ -313,8 +313,8 @@ class Session:
         self.trials += 1
         self._since_break += 1
         self._end_finished_run()
-        told = played.trial.correct if running.planned.feedback else None
-        return Acknowledged(running.row, number, correct, told)
+        right_response = played.trial.correct if running.planned.feedback else None
+        return Acknowledged(running.row, number, correct, right_response)
 
     def already(self, run: int, number: int) -> Acknowledged | None:
         """Return the acknowledgement of an answer that is in the store, for one that is sent again, or None."""
@@ -322,8 +322,8 @@ class Session:
             row = records.answer(connection, self.id, run, number)
         if row is None:
             return None
-        told = row.correct_response if self.runs[row.position].feedback else None
-        return Acknowledged(run, number, bool(row.correct), told, again=True)
+        right_response = row.correct_response if self.runs[row.position].feedback else None
+        return Acknowledged(run, number, bool(row.correct), right_response, again=True)
 
     def _end_finished_run(self) -> None:
         """Mark a run that has come to its end; where that cannot be saved, the replay of its trials marks it again.

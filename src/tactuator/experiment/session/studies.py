@@ -14,7 +14,7 @@ from pathlib import Path
 from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words, read_words, shipped_words
+from tactuator.experiment.language.words import read_words, shipped_words
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
@@ -63,9 +63,9 @@ def books_of(connection: Connection, name: str | None, tokens: Tokens, now: date
 def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
     """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
     known = records.subjects(connection, books.study)
-    if any(part.code == one.code for one in known):
+    if any(part.code == subject.code for subject in known):
         raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
-    if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
+    if part.participant_id is not None and any(part.participant_id == subject.participant_id for subject in known):
         raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
     facts = books.protocol.facts(part.demographics)
     row = records.add_subject(connection, books.study, part, facts, books.now)
@@ -79,7 +79,7 @@ def add_visit(connection: Connection, books: Books, subject: str) -> None:
     rows = [row for row in records.sessions(connection, books.study) if row.subject_code == subject]
     if not rows:
         raise BadInput(f"subject {subject!r} is not in the study", "one that is enrolled")
-    who = next(one for one in records.subjects(connection, books.study) if one.code == subject)
+    who = next(person for person in records.subjects(connection, books.study) if person.code == subject)
     token = books.tokens(subject, rows[-1].visit + 1)
     records.add_session(connection, books.protocol, who, token, books.now)
 
@@ -111,16 +111,16 @@ def correct(connection: Connection, books: Books, code: str, correction: Correct
     rows = [row for row in records.sessions(connection, books.study) if row.subject_code == code]
     if not rows:
         raise BadInput(f"subject {code!r} is not in the study", "one that is enrolled")
-    found = _of_subject(connection, books, rows[0], correction)
+    changes = _of_subject(connection, books, rows[0], correction)
     day = {"skin_temperature_c": correction.skin_temperature_c, "preload_n": correction.preload_n}
     asked = {name: value for name, value in day.items() if value is not None}
     if asked or correction.visit is not None:
-        found += change_day(connection, _visit(rows, code, correction.visit), asked)
-    if not found:
+        changes += change_day(connection, _visit(rows, code, correction.visit), asked)
+    if not changes:
         raise BadInput(f"nothing of subject {code!r} differs from what is there", "another value")
-    for session, change in found:
+    for session, change in changes:
         note(connection, session, "correction", reason.strip(), books.now, subject=rows[0].subject_id, change=change)
-    return [change for _, change in found]
+    return [change for _, change in changes]
 
 
 def change_day(
@@ -128,10 +128,10 @@ def change_day(
 ) -> list[tuple[int | None, Change]]:
     """Write columns of a visit's row and return (session, change) for each that differs."""
     before = row._mapping
-    found = [(row.id, Change(name, _text(before[name]), _text(value))) for name, value in values.items()]
+    changes = [(row.id, Change(name, _text(before[name]), _text(value))) for name, value in values.items()]
     if values:
         records.change_session(connection, row.id, **values)
-    return [(session, change) for session, change in found if change.before != change.after]
+    return [(session, change) for session, change in changes if change.before != change.after]
 
 
 def _of_subject(
@@ -139,28 +139,30 @@ def _of_subject(
 ) -> list[tuple[int | None, Change]]:
     group, others = correction.group, records.subjects(connection, books.study)
     outside = correction.participant_id
-    if outside is not None and any(one.participant_id == outside and one.id != row.subject_id for one in others):
+    if outside is not None and any(
+        subject.participant_id == outside and subject.id != row.subject_id for subject in others
+    ):
         raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
-    found = []
+    changes = []
     if group is not None and group != row.subject_group:
-        found.append(Change("subject_group", row.subject_group, group))
+        changes.append(Change("subject_group", row.subject_group, group))
         records.change_subject(connection, row.subject_id, subject_group=group)
     if outside is not None and outside != row.participant_id:
-        found.append(Change("outside_id", row.participant_id, outside))
+        changes.append(Change("outside_id", row.participant_id, outside))
         records.change_subject(connection, row.subject_id, participant_id=outside)
     stands = records.facts(connection, books.study).get(row.subject_id, {})
     for name, text in correction.facts.items():
         value, unit = books.protocol.fact(name, text)
         if value != stands.get(name):
-            found.append(Change(name, stands.get(name), value))
+            changes.append(Change(name, stands.get(name), value))
             records.set_fact(connection, row.subject_id, name, value, unit)
-    return [(None, change) for change in found]
+    return [(None, change) for change in changes]
 
 
 def _visit(rows: list[Found], code: str, visit: int | None) -> Found:
     if visit is None and len(rows) > 1:
         raise BadInput(f"data of a day of subject {code!r}, who has {len(rows)} visits", "with the visit")
-    row = next((one for one in rows if one.visit == (visit or 1)), None)
+    row = next((each for each in rows if each.visit == (visit or 1)), None)
     if row is None:
         raise BadInput(f"visit {visit} of subject {code!r} is not planned", f"1 to {len(rows)}")
     return row
@@ -175,19 +177,13 @@ def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> Sess
 
     Raises BadInput where the apparatus cannot play it, or its language is not there.
     """
-    words = words_of(protocol, beside)
+    study = protocol.study
+    own_file = None if study.language_file is None else beside / study.language_file
+    words = shipped_words(study.language) if own_file is None else read_words(own_file, study.language)
     if isinstance(protocol, RecognitionProtocol):
         return RecognitionTask.load(protocol, beside, apparatus, words)
     assert isinstance(protocol, Protocol)
     return DetectionTask(protocol, apparatus, words)
-
-
-def words_of(protocol: StudyProtocol, beside: Path) -> Words:
-    """Return the words of the protocol's language. Raises BadInput where they are not there."""
-    study = protocol.study
-    if study.language_file is not None:
-        return read_words(beside / study.language_file, study.language)
-    return shipped_words(study.language)
 
 
 @dataclass
@@ -276,7 +272,7 @@ class Study:
             if mine == taken:
                 return
             known = records.subjects(connection, self.id)
-            if mine is not None or any(one.participant_id == taken for one in known):
+            if mine is not None or any(subject.participant_id == taken for subject in known):
                 raise BadInput("this link is another participant's", "one's own")
             records.change_subject(connection, row.subject_id, participant_id=participant_id)
 
@@ -301,7 +297,7 @@ def open_study(
         study, version = _version(connection, task, text, clock, amend)
         task.enrol(connection, study)
         opened = Study(store, study, task, version, beside or Path(), clock, tokens)
-        known = {one.code for one in records.subjects(connection, study)}
+        known = {subject.code for subject in records.subjects(connection, study)}
         for part in task.protocol.subject:
             if part.code not in known:
                 enrol(connection, opened._books(), part)
@@ -350,4 +346,4 @@ def open_session(study: Study, subject: str, visit: int | None = None, sitting: 
         if not rows:
             raise BadInput(f"visit {visit} of subject {subject!r} is not planned", "one that is")
     opened = [study.session(row, sitting) for row in rows]
-    return next((one for one in opened if one.stage not in ("done", "ended")), opened[-1])
+    return next((session for session in opened if session.stage not in ("done", "ended")), opened[-1])

@@ -43,25 +43,25 @@ _GRID_POINTS = 100
 class WithLoud:
     """Order of all trials of several runs, each (runs, trials).
 
-    own: index of the procedure's trial that is played or, at a loud trial, is next. loud: True at loud trials. there:
-    False where a run was over.
+    placed: index of the procedure's trial that is played or, at a loud trial, is next. loud: True at loud trials.
+    there: False where a run was over.
     """
 
-    own: NDArray[np.intp]
+    placed: NDArray[np.intp]
     loud: NDArray[np.bool_]
     there: NDArray[np.bool_]
 
     def levels(self, own_db: FloatArray, highest_db: FloatArray | float = COMFORT_DB_SL) -> FloatArray:
         """Return the level of every trial, NaN where a run was over; own_db: of the procedure's, (runs, own trials)."""
-        level = np.take_along_axis(own_db, self.own, axis=1)
+        level = np.take_along_axis(own_db, self.placed, axis=1)
         return np.where(
             self.there, np.where(self.loud, np.minimum(level + CatchTrials.above_db, highest_db), level), np.nan
         )
 
-    def outcomes(self, own: NDArray[np.bool_], loud: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def outcomes(self, outcomes: NDArray[np.bool_], loud: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the outcome of every trial: the procedure's, (runs, own trials), or a loud one's, (runs, trials)."""
-        found = np.where(self.loud, loud, np.take_along_axis(own, self.own, axis=1))
-        return np.asarray(found & self.there)
+        answered = np.where(self.loud, loud, np.take_along_axis(outcomes, self.placed, axis=1))
+        return np.asarray(answered & self.there)
 
     def attention(self, run: int, correct: NDArray[np.bool_]) -> tuple[str, ...]:
         """Return the flag `attention` where the run missed too many of its loud trials; correct: (runs, trials)."""
@@ -78,13 +78,13 @@ def with_loud_trials(trials: NDArray[np.int64], share: float, rng: np.random.Gen
     before = np.zeros((runs, most), dtype=np.int64) if share == 0.0 else rng.geometric(1.0 - share, (runs, most)) - 1
     played = np.where(np.arange(most) < trials[:, None], before + 1, 0)
     total = played.sum(axis=1)
-    own = np.zeros((runs, int(total.max())), dtype=np.intp)
-    loud = np.zeros(own.shape, dtype=np.bool_)
+    order_of = np.zeros((runs, int(total.max())), dtype=np.intp)
+    loud = np.zeros(order_of.shape, dtype=np.bool_)
     for run in range(runs):
         order = np.repeat(np.arange(most), played[run])
-        own[run, : total[run]] = order
+        order_of[run, : total[run]] = order
         loud[run, : total[run] - 1] = order[1:] == order[:-1]
-    return WithLoud(own, loud, np.arange(own.shape[1]) < total[:, None])
+    return WithLoud(order_of, loud, np.arange(order_of.shape[1]) < total[:, None])
 
 
 @dataclass(frozen=True)
@@ -162,9 +162,9 @@ def simulate(procedure: ProcedureKeys, setting: Setting) -> Quality:
     """Run the procedure `setting.runs` times and judge its estimates. Raises BadInput where no run comes to its end."""
     rng = np.random.default_rng(setting.seed)
     tracks, truth = _run(procedure, setting, rng)
-    own = tracks.estimates_db_sl - truth.threshold
-    own = own[np.isfinite(own)]
-    if own.size < 2:
+    errors = tracks.estimates_db_sl - truth.threshold
+    errors = errors[np.isfinite(errors)]
+    if errors.size < 2:
         raise BadInput("not one run came to its end", "a trial limit that lets runs end")
     levels, correct, loud = _with_loud(tracks, truth, setting, rng)
     again = refit(levels, correct, RefitPrior())
@@ -173,23 +173,23 @@ def simulate(procedure: ProcedureKeys, setting: Setting) -> Quality:
     tests = run_flags(levels, correct, again, RefitPrior())
     low, high = np.percentile(tracks.trials, [5.0, 95.0])
     return Quality(
-        bias_db=float(own.mean()),
-        sd_db=float(own.std(ddof=1)),
-        rmse_db=float(np.sqrt(np.mean(own**2))),
+        bias_db=float(errors.mean()),
+        sd_db=float(errors.std(ddof=1)),
+        rmse_db=float(np.sqrt(np.mean(errors**2))),
         trials_mean=float(tracks.trials.mean()),
         trials_p05=float(low),
         trials_p95=float(high),
         refit=RefitQuality(float(error.mean()), float(np.sqrt(np.mean(error**2))), float(covered.mean())),
-        unfinished=setting.runs - own.size,
+        unfinished=setting.runs - errors.size,
         **shares([(*tests.names(run), *loud.attention(run, correct)) for run in range(setting.runs)]),
     )
 
 
 def shares(names: Sequence[tuple[str, ...]]) -> dict[str, Any]:
     """Return the share of runs with any flag and with each, from the names of each run's flags."""
-    each = sorted({name for found in names for name in found})
-    flags = {name: float(np.mean([name in found for found in names])) for name in each}
-    return {"flagged": float(np.mean([bool(found) for found in names])), "flags": flags}
+    each = sorted({name for flags in names for name in flags})
+    flags = {name: float(np.mean([name in each_run for each_run in names])) for name in each}
+    return {"flagged": float(np.mean([bool(each_run) for each_run in names])), "flags": flags}
 
 
 def _with_loud(
@@ -199,7 +199,7 @@ def _with_loud(
     order = with_loud_trials(tracks.trials, setting.loud_share, rng)
     levels = order.levels(tracks.levels_db_sl)
     numbers = np.broadcast_to(np.arange(setting.runs)[:, None], levels.shape)
-    loud = rng.random(levels.shape) < truth(np.nan_to_num(levels), numbers, order.own)
+    loud = rng.random(levels.shape) < truth(np.nan_to_num(levels), numbers, order.placed)
     return levels - truth.threshold[:, None], order.outcomes(tracks.correct, loud), order
 
 
@@ -296,19 +296,19 @@ def simulate_curve(
     rule: WholeCurveRule,
     setting: Setting,
     truth: RelativeCurve | None = None,
-    told: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> CurveQuality:
     """Run the procedure on setting.runs observers and judge its curves.
 
-    truth: everybody's curve; None: drawn from NORMAL_PEOPLE. setting.start_db has no meaning here. told: called with
-    the share that is done.
+    truth: everybody's curve; None: drawn from NORMAL_PEOPLE. setting.start_db has no meaning here. progress: called
+    with the share that is done.
     """
     rng = np.random.default_rng(setting.seed)
     errors, inside, names = [], [], list[tuple[str, ...]]()
     for first in range(0, setting.runs, _BATCH_RUNS):
         count = min(_BATCH_RUNS, setting.runs - first)
         part = _Batch(rule, setting, truth, count, rng)
-        names += part.run(lambda share, done=first, more=count: told((done + share * more) / setting.runs))  # type: ignore[misc]
+        names += part.run(lambda share, done=first, more=count: progress((done + share * more) / setting.runs))  # type: ignore[misc]
         error, within = part.judged()
         errors.append(error)
         inside.append(within)
@@ -343,28 +343,28 @@ class _Batch:
         self._model = Psychometric(Weibull(1.0), answering.guess, setting.lapse, answering.target)
         self._beliefs = [CurveBelief(rule.prior, answering, runs)]
 
-    def run(self, told: Callable[[float], None]) -> list[tuple[str, ...]]:
-        """Run all trials and return the flags that each run earns. told: called with the share that is done."""
+    def run(self, progress: Callable[[float], None]) -> list[tuple[str, ...]]:
+        """Run all trials and return the flags that each run earns. progress: called with the share that is done."""
         rule, kept, belief = self._rule, [], self._beliefs[0]
         for trial in range(rule.trials):
             point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
             correct = self._answers(point[:, None], level[:, None], np.array([[trial]]))[:, 0]
             belief.learn(point, level, correct)
             kept.append((point, level, correct))
-            told((trial + 1) / rule.trials)
+            progress((trial + 1) / rule.trials)
         trials = Trials(*(np.array(column).T for column in zip(*kept, strict=True)))
         if self._setting.loud_share:
             return self._with_loud(trials)
-        found = curve_flags(belief, trials)
-        return [found.names(run) for run in range(self._slope.size)]
+        flags = curve_flags(belief, trials)
+        return [flags.names(run) for run in range(self._slope.size)]
 
-    def _with_loud(self, own: Trials) -> list[tuple[str, ...]]:
+    def _with_loud(self, placed: Trials) -> list[tuple[str, ...]]:
         """Learn every run anew with loud trials among the procedure's, as `thresholds` does, and return its flags."""
         order = with_loud_trials(
-            np.full(self._slope.size, own.level_db_sl.shape[1]), self._setting.loud_share, self._rng
+            np.full(self._slope.size, placed.level_db_sl.shape[1]), self._setting.loud_share, self._rng
         )
-        points, levels = np.take_along_axis(own.point, order.own, axis=1), order.levels(own.level_db_sl)
-        correct = order.outcomes(own.correct, self._answers(points, np.nan_to_num(levels), order.own))
+        points, levels = np.take_along_axis(placed.point, order.placed, axis=1), order.levels(placed.level_db_sl)
+        correct = order.outcomes(placed.correct, self._answers(points, np.nan_to_num(levels), order.placed))
         self._beliefs, names = [], []
         for run, there in enumerate(order.there):
             belief = CurveBelief(self._rule.prior, self._rule.answering)
@@ -386,8 +386,8 @@ class _Batch:
 
     def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return errors and whether the band holds the truth, (runs, _GRID_POINTS) each, over the band."""
-        found = [belief.curve(self._fine_hz) for belief in self._beliefs]
-        mean, sd = (np.concatenate(column) for column in zip(*found, strict=True))
+        curves = [belief.curve(self._fine_hz) for belief in self._beliefs]
+        mean, sd = (np.concatenate(column) for column in zip(*curves, strict=True))
         error = mean - self._at_fine
         return error, np.abs(error) <= 1.96 * sd
 
@@ -397,11 +397,11 @@ def simulate_kind(
     setting: Setting,
     trials: int | None = None,
     people: RelativeCurve | None = None,
-    told: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Quality | CurveQuality:
     """Judge the kind of procedure of that name, of this package or another, with its own defaults.
 
-    trials: of a run, None: as the kind has it. people: everybody's curve, for `curve` alone. told: called with the
+    trials: of a run, None: as the kind has it. people: everybody's curve, for `curve` alone. progress: called with the
     share that is done, of `curve` alone. Raises BadInput for a kind that nobody declares, a number of trials where the
     kind has none, and people where it measures no curve.
     """
@@ -410,7 +410,7 @@ def simulate_kind(
         raise BadInput(f"--trials {trials} with {name}", "with a procedure that has a number of trials")
     keys = kind(kind=name) if trials is None else kind(kind=name, trials=trials)  # type: ignore[call-arg]
     if isinstance(keys, CurveKeys):
-        return simulate_curve(keys.rule(_GUESS, Playable()), setting, people, told)
+        return simulate_curve(keys.rule(_GUESS, Playable()), setting, people, progress)
     if people is not None:
         raise BadInput(f"--truth with {name}", "with curve")
     return simulate(keys, setting)

@@ -70,8 +70,8 @@ class FeelingRespondent(Respondent):
         rate_hz = self.display.rate_hz
         whole = [np.concatenate(blocks)[-round(played.lasted_s * rate_hz) :] for blocks in self._felt.values()]
         spans = [
-            (round((one.onset_s or 0.0) * rate_hz), round((one.duration_s or 0.0) * rate_hz))
-            for one in played.intervals
+            (round((interval.onset_s or 0.0) * rate_hz), round((interval.duration_s or 0.0) * rate_hz))
+            for interval in played.intervals
         ]
         self._intervals = [[felt[onset : onset + count] for felt in whole] for onset, count in spans]
         for blocks in self._felt.values():
@@ -89,7 +89,7 @@ class FeelingRespondent(Respondent):
             return trial.responses[int(self.rng.integers(len(trial.responses)))]
         return min(self._known, key=lambda label: _distance(np.mean(self._known[label], axis=0), asked))
 
-    def learn(self, trial: Trial, told: Acknowledged) -> None:
+    def learn(self, trial: Trial, acknowledged: Acknowledged) -> None:
         """Keep what was felt under the item that was asked for."""
         if self.paradigm != "abx":
             self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)

@@ -123,11 +123,11 @@ class ObserverAtRig:
         felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
         begins = felt.size - round(lasted_s * rate_hz)
         ramp_s, peaks_mm = self.timing.ramp_at_s(frequency_hz), []
-        for one in intervals:
-            assert one.onset_s is not None
-            assert one.duration_s is not None
-            onset = begins + round(one.onset_s * rate_hz)
-            stretch = felt[onset : onset + round(one.duration_s * rate_hz)]
+        for interval in intervals:
+            assert interval.onset_s is not None
+            assert interval.duration_s is not None
+            onset = begins + round(interval.onset_s * rate_hz)
+            stretch = felt[onset : onset + round(interval.duration_s * rate_hz)]
             peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
         return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
 
@@ -162,12 +162,12 @@ def simulated_observers(
     share = np.log(frequency_hz / band_hz[0]) / np.log(band_hz[1] / band_hz[0])
     common = library.level_db_re_1um_at(frequency_hz) + LOW_RAISED_DB + (HIGH_LOWERED_DB - LOW_RAISED_DB) * share
     people = CurveKind("simulated subjects", offset_db=1.5, tilt_db_per_decade=1.0, wave_db=1.0)
-    own = people.draw(frequency_hz, float(np.sqrt(band_hz[0] * band_hz[1])), count, rng)
+    drawn = people.draw(frequency_hz, float(np.sqrt(band_hz[0] * band_hz[1])), count, rng)
     observers = []
     for number in range(count):
         name = f"S{number + 1}"
         curve = ThresholdCurve(
-            f"truth of {name}", frequency_hz, common + own[number], "simulated", "simulated observer"
+            f"truth of {name}", frequency_hz, common + drawn[number], "simulated", "simulated observer"
         )
         model = Psychometric(Weibull(float(rng.uniform(2.0, 3.0))), lapse=float(rng.uniform(0.0, 0.02)))
         observers.append(Observer(name, curve, model))
@@ -188,20 +188,20 @@ def with_truths(
     strangers = sorted((set(truths) | set(lapses)) - set(codes))
     if strangers:
         raise BadInput(f"truth of {', '.join(strangers)}", f"of the protocol's subjects {', '.join(codes)}")
-    found = []
+    replaced = []
     for code, observer in zip(codes, observers, strict=True):
         if code in truths:
-            own = truths[code]
-            frequency_hz = np.union1d(np.geomspace(0.1, 1000.0, 241), own.frequency_hz)
-            level = library.level_db_re_1um_at(frequency_hz) + own.level_db_sl_at(frequency_hz)
+            truth = truths[code]
+            frequency_hz = np.union1d(np.geomspace(0.1, 1000.0, 241), truth.frequency_hz)
+            level = library.level_db_re_1um_at(frequency_hz) + truth.level_db_sl_at(frequency_hz)
             curve = ThresholdCurve(
-                f"truth of {code}", frequency_hz, level, "simulated", f"{own.name} over {library.name}"
+                f"truth of {code}", frequency_hz, level, "simulated", f"{truth.name} over {library.name}"
             )
             observer = replace(observer, curve=curve)
         if code in lapses:
             observer = replace(observer, psychometric=replace(observer.psychometric, lapse=lapses[code]))
-        found.append(observer)
-    return tuple(found)
+        replaced.append(observer)
+    return tuple(replaced)
 
 
 def run_study(
@@ -212,11 +212,11 @@ def run_study(
     observers: Sequence[Observer],
     clock: Clock,
     load: str | None = None,
-    told: Callable[[str, float], None] = lambda name, progress: None,
+    show: Callable[[str, float], None] = lambda name, share: None,
 ) -> int:
     """Take every observer through its session, resumed if it was begun, and return the study's row in the store.
 
-    load: put on the display's port while an observer's finger is there. told: called with the name of the subject and
+    load: put on the display's port while an observer's finger is there. show: called with the name of the subject and
     its progress, 0 to 1. Raises BadInput where the number of observers is not that of the subjects.
     """
     rig = apparatus.rig
@@ -230,7 +230,7 @@ def run_study(
         session = open_session(study, subject.code, sitting=Sitting("simulated"))
         sitting = _Sitting(observer, task, rig, load)
         try:
-            run_session(PresentedSession(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
+            run_session(PresentedSession(session), sitting, lambda now: show(observer.name, now.progress))  # noqa: B023
         finally:
             sitting.leave()
     return study.id

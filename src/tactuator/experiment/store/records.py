@@ -179,11 +179,11 @@ def change_subject(connection: Connection, subject: int, **values: Any) -> None:
 
 def facts(connection: Connection, study: int) -> dict[int, dict[str, str]]:
     """Return the demographic items of the study's subjects by their row and the item's name."""
-    fact, found = schema.demographic, dict[int, dict[str, str]]()
+    fact, facts = schema.demographic, dict[int, dict[str, str]]()
     query = select(fact).join(schema.subject).where(schema.subject.c.study_id == study).order_by(fact.c.id)
     for row in connection.execute(query):
-        found.setdefault(row.subject_id, {})[row.name] = row.value
-    return found
+        facts.setdefault(row.subject_id, {})[row.name] = row.value
+    return facts
 
 
 def set_fact(connection: Connection, subject: int, name: str, value: str | None, unit: str) -> None:
@@ -380,8 +380,8 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
     key = connection.execute(insert(schema.trial).returning(schema.trial.c.id), row).scalar_one()
     lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
     rows = [
-        {"trial_id": key, "position": index, **vars(one), "client_lit_ms": lit[index]}
-        for index, one in enumerate(played.intervals)
+        {"trial_id": key, "position": index, **vars(interval), "client_lit_ms": lit[index]}
+        for index, interval in enumerate(played.intervals)
     ]
     if rows:
         connection.execute(insert(schema.interval), rows)

@@ -142,9 +142,9 @@ class Store:
 
     def _check(self) -> None:
         with self.engine.connect() as connection:
-            found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
-        if found != "ok":
-            reason = " ".join(str(found).split())
+            outcome = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+        if outcome != "ok":
+            reason = " ".join(str(outcome).split())
             raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
 
     def _make_tables(self) -> None:

@@ -79,13 +79,13 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
         if session is not None:
             wanted.append(run.session_id == session)
         query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
-        found = connection.execute(query).all()
+        rows = connection.execute(query).all()
         runs = []
-        for first in range(0, len(found), _RUNS):
-            part = found[first : first + _RUNS]
+        for first in range(0, len(rows), _RUNS):
+            part = rows[first : first + _RUNS]
             trials, intervals = (read(connection, part) for read in (_trials, _intervals))
             runs += [_stored(sessions, protocols, row, trials, intervals) for row in part]
-    if not found:
+    if not rows:
         where = f"store {store.path}" if session is None else "the session"
         raise BadInput(f"{where} has no {state} run", "one with at least one")
     return runs
@@ -123,8 +123,8 @@ class _Rows:
 
     def of(self, run: int) -> tuple[NDArray[Any], ...]:
         """Return the columns of one run."""
-        own = slice(*np.searchsorted(self.run, [run, run + 1]))
-        return tuple(column[own] for column in self.columns)
+        mine = slice(*np.searchsorted(self.run, [run, run + 1]))
+        return tuple(column[mine] for column in self.columns)
 
 
 def _trials(connection: Connection, runs: Sequence[Found]) -> _Rows:

@@ -115,15 +115,6 @@ class Halted(Exception):
     """Raised where somebody stopped the trial while it played; the rig is at rest."""
 
 
-def _nobody(interval: int, begins: bool) -> None:
-    """Do nothing, as nobody watches."""
-
-
-def _never() -> bool:
-    """Return False, as nobody stops the trial."""
-    return False
-
-
 @dataclass(frozen=True)
 class PlayedInterval:
     """An interval as it was played.
@@ -161,8 +152,8 @@ class Presenter:
 
     rig: Rig
     channel: str
-    watch: Watch = field(default=_nobody)
-    halted: Callable[[], bool] = field(default=_never)
+    watch: Watch = field(default=lambda interval, begins: None)
+    halted: Callable[[], bool] = field(default=lambda: False)
     marks: Marks | None = None
 
     def __post_init__(self) -> None:
@@ -197,8 +188,8 @@ class Presenter:
         trace = join_traces(self._played(stretch, edges, lates), self.rig.rate_hz, self.rig.channels)
         rate_hz = self.rig.rate_hz
         intervals = tuple(
-            PlayedInterval(trace.part(onset, onset + len(one)), onset / rate_hz, len(one) / rate_hz, late)
-            for one, onset, late in zip(references, onsets, lates, strict=True)
+            PlayedInterval(trace.part(onset, onset + len(reference)), onset / rate_hz, len(reference) / rate_hz, late)
+            for reference, onset, late in zip(references, onsets, lates, strict=True)
         )
         tick = self.rig.began_at
         return Presentation(intervals, tick, len(stretch) / rate_hz)
