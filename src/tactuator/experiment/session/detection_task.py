@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
@@ -24,7 +25,6 @@ from tactuator.experiment.session.task import (
     Envelope,
     OfferedResponse,
     Picture,
-    PlaybackCallbacks,
     Question,
     Rules,
 )
@@ -32,9 +32,10 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.presenter import Detection, Presenter
-from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Timing, Trial, trial_rng
+from tactuator.experiment.trial.presenter import Presenter, Watch, amplitude
+from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps
 from tactuator.table import ResultTable
 
@@ -206,19 +207,33 @@ class DetectionCourse:
         lot = float(trial_rng((*self.seed, 9), self.trials).random())
         return LOUD if lot < catch.loud_share else BLANK if lot < catch.loud_share + catch.blank_share else SIGNAL
 
-    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
+    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the trial's intervals on the channel of the run's finger."""
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
-        frequency, protocol = trial.placement.frequency_hz, self.task.protocol
-        channel = self.task.apparatus.channel(self.planned.finger)
-        marks = protocol.marks
-        presenter = Presenter(self.task.apparatus.rig, channel.name, callbacks.watch, callbacks.halted, marks)
-        masker = protocol.masker
-        detection = Detection(presenter, channel, protocol.timing, protocol.paradigm, masker)
-        intervals, shown = detection.play(trial, frequency, self.seed)
-        level = float(channel.threshold.curve.level_db_re_1um_at(frequency))
-        return PlayedTrial(trial, intervals, presented, frequency, level, shown.rig_tick, shown.lasted_s)
+        frequency_hz, protocol, rig = trial.placement.frequency_hz, self.task.protocol, self.task.apparatus.rig
+        channel, timing = self.task.apparatus.channel(self.planned.finger), protocol.timing
+        presenter = Presenter(rig, channel.name, watch, halted, protocol.marks)
+        ramp_s, unit_v = timing.ramp_at_s(frequency_hz), float(channel.threshold_voltage(frequency_hz))
+        tones, references = protocol.paradigm.tones(trial, frequency_hz), []
+        for index, tone in enumerate(tones):
+            reference = presenter.on_channel(tone.wave(rig.rate_hz, timing))
+            if protocol.masker is not None:
+                rng = trial_rng((*self.seed, 2, index), trial.number)
+                column = rig.channels.index(protocol.masker.channel or channel.name)
+                reference[:, column] += protocol.masker.wave(len(reference), rig.rate_hz, ramp_s, rng)
+            references.append(reference)
+        shown = presenter.present(references, timing.lead_s, timing.gap_s)
+        records = []
+        for label, tone, at in zip(trial.stimuli, tones, shown.intervals, strict=True):
+            position_v = at.trace.position_v[:, presenter.column]
+            peak_v = amplitude(position_v, frequency_hz, at.trace.rate_hz, ramp_s)
+            measured_db_sl = float(db(max(peak_v, 1e-12) / unit_v))
+            saturated = bool(at.trace.saturated[:, presenter.column].any())
+            levels = (tone.level_db_sl, measured_db_sl, saturated)
+            records.append(IntervalRecord(label, *levels, at.onset_s, at.duration_s, at.lamp_late_s))
+        level = float(channel.threshold.curve.level_db_re_1um_at(frequency_hz))
+        return PlayedTrial(trial, tuple(records), presented, frequency_hz, level, shown.rig_tick, shown.lasted_s)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: a tone between its ramps, or nothing."""

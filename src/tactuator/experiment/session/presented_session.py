@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from tactuator.errors import BadInput, TimingMissed
 from tactuator.experiment.session.session import Acknowledged, NextTrial, Session
-from tactuator.experiment.session.task import PlaybackCallbacks
 from tactuator.experiment.store.records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial
@@ -128,7 +127,7 @@ class PresentedSession:
         for attempt in range(_ATTEMPTS_MAX):
             presentations = self._count(following)
             try:
-                played = course.play(following.trial, PlaybackCallbacks(watch, halted), clock.utc())
+                played = course.play(following.trial, watch, halted, clock.utc())
             except TimingMissed as missed:
                 self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
                 if attempt + 1 == _ATTEMPTS_MAX:

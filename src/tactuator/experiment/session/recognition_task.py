@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -32,14 +32,13 @@ from tactuator.experiment.session.task import (
     Envelope,
     OfferedResponse,
     Picture,
-    PlaybackCallbacks,
     Question,
     Rules,
 )
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import Presentation, Presenter
+from tactuator.experiment.trial.presenter import Presenter, Watch
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
@@ -194,38 +193,6 @@ class RecognitionTask:
             tables += [matrix_table(matrix, words), information_table(title, matrix.information, words)]
         return (*tables, *(abx_table(result, words) for result in abx))
 
-    def play(self, trial: Trial, callbacks: PlaybackCallbacks) -> tuple[tuple[IntervalRecord, ...], Presentation]:
-        """Play the items of a trial on every channel, and return the records of its intervals and the presentation.
-
-        A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
-        something takes on the subject's page then says nothing of what it was.
-        """
-        asking, rig = self.protocol.recognition, self.apparatus.rig
-        longest = max(len(item.reference) for item in self.items.values())
-        references = [self.items[label].reference for label in trial.stimuli]
-        if asking.paradigm == "abx":
-            references = [_filled(reference, longest) for reference in references]
-        presenter = Presenter(rig, rig.channels[0], callbacks.watch, callbacks.halted)
-        silent = longest * len(references) - sum(len(reference) for reference in references)
-        shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
-        records = tuple(
-            IntervalRecord(
-                label,
-                None,
-                None,
-                bool(interval.trace.saturated.any()),
-                interval.onset_s,
-                interval.duration_s,
-                interval.lamp_late_s,
-            )
-            for label, interval in zip(trial.stimuli, shown.intervals, strict=True)
-        )
-        return records, shown
-
-
-def _filled(reference: FloatArray, length: int) -> FloatArray:
-    return np.concatenate([reference, np.zeros((length - len(reference), reference.shape[1]))])
-
 
 @dataclass
 class BlockCourse:
@@ -259,10 +226,26 @@ class BlockCourse:
         right = sum(trial.judge(response) for trial, response in answered)
         return wanted is None or not self._responses or right >= wanted * len(self._responses)
 
-    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
-        """Play the items of the trial."""
-        intervals, shown = self.task.play(trial, callbacks)
-        return PlayedTrial(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
+    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
+        """Play the items of the trial on every channel.
+
+        A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
+        something takes on the subject's page then says nothing of what it was.
+        """
+        task = self.task
+        asking, rig = task.protocol.recognition, task.apparatus.rig
+        longest = max(len(item.reference) for item in task.items.values())
+        references = [task.items[label].reference for label in trial.stimuli]
+        if asking.paradigm == "abx":
+            references = [np.pad(reference, ((0, longest - len(reference)), (0, 0))) for reference in references]
+        silent = longest * len(references) - sum(len(reference) for reference in references)
+        presenter = Presenter(rig, rig.channels[0], watch, halted)
+        shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
+        records = tuple(
+            IntervalRecord(label, None, None, bool(at.trace.saturated.any()), at.onset_s, at.duration_s, at.lamp_late_s)
+            for label, at in zip(trial.stimuli, shown.intervals, strict=True)
+        )
+        return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: the largest of all channels in each step."""

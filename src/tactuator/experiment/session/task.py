@@ -197,17 +197,6 @@ class Rules:
     resume_within_s: float = math.inf
 
 
-@dataclass(frozen=True)
-class PlaybackCallbacks:
-    """Functions that are called while a trial plays.
-
-    watch: told of its intervals. halted: asked whether the trial is to end at once.
-    """
-
-    watch: Watch
-    halted: Callable[[], bool] = lambda: False
-
-
 class Course(Protocol):
     """A run that goes on, in which the same responses in the same order always lead to the same trial."""
 
@@ -230,8 +219,12 @@ class Course(Protocol):
     def passed(self) -> bool:
         """Return False for practice that is over and has not met its criterion, True otherwise."""
 
-    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
-        """Play the trial. presented: the present time. Raises Halted where it was stopped while it played."""
+    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
+        """Play the trial.
+
+        watch: told of its intervals. halted: asked whether it is to end at once. presented: the present time. Raises
+        Halted where it was stopped while it played.
+        """
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of what the interval plays."""

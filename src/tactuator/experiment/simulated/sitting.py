@@ -21,7 +21,7 @@ from tactuator.experiment.session.task import Apparatus, Clock
 from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import amplitude
-from tactuator.experiment.trial.trial import IntervalRecord, Timing, Trial, trial_rng
+from tactuator.experiment.trial.trial import Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 from tactuator.rig.rig import Rig, require_finger_ports
@@ -91,58 +91,6 @@ def _criterion_shift(weights: FloatArray) -> FloatArray:
 
 
 _UM_PER_MM = 1000.0
-
-
-@dataclass
-class ObserverAtRig:
-    """An observer whose finger is on `channel`, with that load.
-
-    It judges each interval by the peak displacement at the stimulus's frequency, hum, noise and friction included. A
-    matched filter takes it from the stretches that the records of the intervals name.
-    """
-
-    observer: Observer
-    rig: Rig
-    channel: str
-    timing: Timing
-    seed: tuple[int, ...]
-    load: str | None = None
-    _felt: list[FloatArray] = field(init=False, default_factory=list)
-
-    def __post_init__(self) -> None:
-        port = self.rig.finger(self.channel)
-        port.touch(self.load)
-        port.attach(self.feel)
-
-    def feel(self, displacement_mm: FloatArray) -> None:
-        """Keep the displacement of one block, shape (n,), in millimetres."""
-        self._felt.append(displacement_mm)
-
-    def levels_db_re_1um(self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> FloatArray:
-        """Return the level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
-        felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
-        begins = felt.size - round(lasted_s * rate_hz)
-        ramp_s, peaks_mm = self.timing.ramp_at_s(frequency_hz), []
-        for interval in intervals:
-            assert interval.onset_s is not None
-            assert interval.duration_s is not None
-            onset = begins + round(interval.onset_s * rate_hz)
-            stretch = felt[onset : onset + round(interval.duration_s * rate_hz)]
-            peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
-        return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
-
-    def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
-        """Return the interval picked, as a response, and forget what was felt so far."""
-        rng = trial_rng((*self.seed, 1), trial.number)
-        levels = self.levels_db_re_1um(frequency_hz, intervals, lasted_s)
-        self._felt.clear()
-        return trial.responses[self.observer.respond(levels, frequency_hz, trial.number, rng)]
-
-    def leave(self) -> None:
-        """Take the finger off the display."""
-        port = self.rig.finger(self.channel)
-        port.detach(self.feel)
-        port.touch(None)
 
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
@@ -228,7 +176,7 @@ def run_study(
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for subject, observer in zip(protocol.subject, observers, strict=True):
         session = open_session(study, subject.code, sitting=Sitting("simulated"))
-        sitting = _Sitting(observer, task, rig, load)
+        sitting = ObserverAtRig(observer, task, rig, load)
         try:
             run_session(PresentedSession(session), sitting, lambda now: show(observer.name, now.progress))  # noqa: B023
         finally:
@@ -236,33 +184,62 @@ def run_study(
     return study.id
 
 
-class _Sitting(Respondent):
-    """An observer at the rig, whose finger goes to the channel of each run."""
+class ObserverAtRig(Respondent):
+    """An observer whose finger goes to the channel of each run, with that load.
+
+    It judges each interval by the peak displacement at the stimulus's frequency, hum, noise and friction included. A
+    matched filter takes it from the stretches that the records of the intervals name.
+    """
 
     def __init__(self, observer: Observer, task: DetectionTask, rig: Rig, load: str | None) -> None:
         self._observer, self._task, self._rig, self._load = observer, task, rig, load
-        self._at: ObserverAtRig | None = None
+        self._felt_mm: list[FloatArray] = []
+        self._channel: str | None = None
 
     def begin(self, following: NextTrial) -> None:
         """Put the finger on the run's channel."""
         self.leave()
-        channel = self._task.apparatus.channel(following.planned.finger).name
-        timing = self._task.protocol.timing
-        self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
+        self._seed = following.seed
+        self._channel = self._task.apparatus.channel(following.planned.finger).name
+        port = self._rig.finger(self._channel)
+        port.touch(self._load)
+        port.attach(self._feel)
+
+    def _feel(self, displacement_mm: FloatArray) -> None:
+        self._felt_mm.append(displacement_mm)
 
     def presented(self, played: PlayedTrial) -> None:
         """Keep the trial's intervals as they were played."""
         self._played = played
 
     def respond(self, trial: Trial) -> str:
-        """Return the interval in which the most was felt."""
-        assert self._at is not None
-        assert trial.placement is not None
-        assert trial.placement.frequency_hz is not None
-        return self._at.answer(trial, trial.placement.frequency_hz, self._played.intervals, self._played.lasted_s)
+        """Return the interval in which the most was felt, and forget what was felt so far."""
+        placement = trial.placement
+        assert placement is not None
+        assert placement.frequency_hz is not None
+        levels = self._levels_db_re_1um(placement.frequency_hz)
+        self._felt_mm.clear()
+        rng = trial_rng((*self._seed, 1), trial.number)
+        return trial.responses[self._observer.respond(levels, placement.frequency_hz, trial.number, rng)]
+
+    def _levels_db_re_1um(self, frequency_hz: float) -> FloatArray:
+        """Return the level felt in each interval of the trial that was just played, shape (m,)."""
+        felt, rate_hz = np.concatenate(self._felt_mm), self._rig.rate_hz
+        begins = felt.size - round(self._played.lasted_s * rate_hz)
+        ramp_s, peaks_mm = self._task.protocol.timing.ramp_at_s(frequency_hz), []
+        for interval in self._played.intervals:
+            assert interval.onset_s is not None
+            assert interval.duration_s is not None
+            onset = begins + round(interval.onset_s * rate_hz)
+            stretch = felt[onset : onset + round(interval.duration_s * rate_hz)]
+            peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
+        return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
 
     def leave(self) -> None:
         """Take the finger off the display."""
-        if self._at is not None:
-            self._at.leave()
-            self._at = None
+        if self._channel is not None:
+            port = self._rig.finger(self._channel)
+            port.detach(self._feel)
+            port.touch(None)
+            self._channel = None
+            self._felt_mm.clear()
