@@ -25,7 +25,7 @@ from timing import in_turn, of_program
 
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
-from tactuator.paper.controllers import paper_controller
+from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import Plan, observers, paper_display
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig

@@ -4,11 +4,10 @@ import re
 from pathlib import Path
 
 from tactuator.paper.plan import LEVELS_DB_SL, Plan, paper_display
-from tactuator.paper.publication.comparison import comparison, markdown
-from tactuator.paper.publication.plates import plates
-from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
+from tactuator.paper.report import plates
+from tactuator.paper.response import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.run import run_study
-from tactuator.paper.speech import check_speech
+from tactuator.paper.summary import comparison, markdown
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 PICTURE = README.parent / "docs" / "figures" / "equality.svg"

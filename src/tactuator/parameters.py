@@ -68,7 +68,10 @@ def kept_by(check: Callable[[Any], Any], allowed: str) -> tuple[PlainValidator, 
 
 def _array(value: Any) -> FloatArray:
     if not isinstance(value, np.ndarray):
-        _NESTED.validate_python(value)
+        try:
+            _NESTED.validate_python(value)
+        except ValidationError:
+            raise BadInput("not made of numbers", "a list of numbers, or a list of such lists") from None
     return np.asarray(value, dtype=np.float64)
 
 

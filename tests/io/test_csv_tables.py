@@ -32,7 +32,7 @@ def test_resolve_curve__name_or_path__finds_either(tmp_path: Path) -> None:
     [
         ("", "columns nothing; allowed: frequency_hz"),
         ("hz,db\n1,2\n", "columns hz, db; allowed"),
-        ("frequency_hz,level_db_re_1um\n1,x\n", "could not convert string to float"),
+        ("frequency_hz,level_db_re_1um\n1,x\n", "level_db_re_1um is 'x' in a row; allowed: a number"),
         ("frequency_hz,level_db_re_1um\n1,2\n2\n", "allowed"),
         ("frequency_hz,level_db_re_1um\n1,2\n2,3\n", "2 points; allowed: three or more"),
         ("frequency_hz,acceleration_m_s2_rms\n1,2\n2,-3\n3,1\n", "not a finite number"),

@@ -10,12 +10,10 @@ import pytest
 
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
-from tactuator.paper.objectives import judge_objectives
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
-from tactuator.paper.publication.comparison import comparison
-from tactuator.paper.publication.summary import summary
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
-from tactuator.paper.run import PaperStudy
+from tactuator.paper.run import PaperStudy, judge_objectives
+from tactuator.paper.summary import comparison, summary
 from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
 from tests.paper.conftest import Reproduced
@@ -198,7 +196,7 @@ def test_readme__table__is_what_a_run_gives(study: PaperStudy) -> None:
     text = (Path(__file__).parents[2] / "README.md").read_text()
     rows = re.findall(r"^\| (.+) \| (.+) \| (.+) \|$", text.split("<!-- paper-here -->")[1], flags=re.MULTILINE)[1:]
     made = comparison(study)
-    assert [(what, paper) for what, paper, _ in rows] == [(row.what, row.paper) for row in made]
-    for (_, _, printed), row in zip(rows, made, strict=True):
-        numbers = [[float(n) for n in re.findall(r"\d+\.?\d*", text)] for text in (printed, row.here)]
+    assert [(what, paper) for what, paper, _ in rows] == [(what, paper) for what, paper, _ in made]
+    for (_, _, printed), (_, _, here) in zip(rows, made, strict=True):
+        numbers = [[float(n) for n in re.findall(r"\d+\.?\d*", text)] for text in (printed, here)]
         np.testing.assert_allclose(*numbers, rtol=0.05, atol=0.05)

@@ -9,11 +9,11 @@ import pytest
 import soundfile
 
 from tactuator.cli import main
+from tactuator.paper import report as publish
 from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.publication import publish
+from tactuator.paper.response import check_speech
 from tactuator.paper.run import PaperStudy
-from tactuator.paper.speech import check_speech
 from tests.paper.conftest import Reproduced
 
 

@@ -29,7 +29,7 @@ FULL_V = 9.999
 @cache
 def example() -> Display:
     """Return the example display, adaptive."""
-    with as_file(files("tactuator.paper") / "data" / "display.toml") as path:
+    with as_file(files("tactuator.io") / "examples" / "display.toml") as path:
         return replace(read_display(path), touch=Touch(adaptive=True))
 
 

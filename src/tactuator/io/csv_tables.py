@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -24,102 +25,42 @@ from tactuator.perception.curve import (
     level_from_acceleration,
 )
 
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or
-    its row).
-    """
-
-    displacement_mm: FloatArray
-    voltage_v: FloatArray
-    names: list[str]
-
-
-def read_pairs(path: str | Path) -> Pairs:
-    """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
-    path = Path(path)
-    try:
-        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
-    except BadInput as error:
-        raise BadInput(f"pairs {path}: {error}", "a CSV file that can be read") from None
-    header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    for needed in ("displacement_mm", "voltage_v"):
-        if needed not in header:
-            raise BadInput(f"pairs {path}: there is no column {needed!r}", "displacement_mm,voltage_v[,name]")
-    x, v = header.index("displacement_mm"), header.index("voltage_v")
-    label = header.index("name") if "name" in header else None
-    numbers = [[_number(row, k, path, line) for k in (x, v)] for line, row in enumerate(rows[1:], start=2)]
-    table = np.array(numbers, dtype=np.float64).reshape(-1, 2)
-    names = [
-        row[label].strip() if label is not None and label < len(row) and row[label].strip() else f"row {line}"
-        for line, row in enumerate(rows[1:], start=2)
-    ]
-    return Pairs(table[:, 0], table[:, 1], names)
-
-
-def _number(row: list[str], column: int, path: Path, line: int) -> float:
-    cell = row[column].strip() if column < len(row) else ""
-    try:
-        value = float(cell)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise BadInput(f"pairs {path}: row {line} has {cell!r}", "a finite number")
-    return value
-
-
-@dataclass(frozen=True, eq=False)
-class NamedMatrix:
-    """A confusion matrix with names. counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
-
-    counts: FloatArray
-    stimuli: tuple[str, ...]
-    responses: tuple[str, ...]
-
-
-def read_matrix(path: str | Path) -> NamedMatrix:
-    """Read a matrix; BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts."""
-    path = Path(path)
-    try:
-        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
-    except BadInput as error:
-        raise BadInput(f"matrix {path}: {error}", "a CSV file that can be read") from None
-    if not rows:
-        raise BadInput(f"matrix {path}: no rows", "a row of counts for each stimulus")
-    # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.
-    corner = not rows[0][0] or (not _is_number(rows[0][0]) and len(rows) == len(rows[0]))
-    names_across = corner or not all(_is_number(cell) for cell in rows[0][1:])
-    header, body = (rows[0], rows[1:]) if names_across else (None, rows)
-    names_down = corner or any(not _is_number(row[0]) for row in body)
-    if len({len(row) for row in rows}) != 1 or not body:
-        raise BadInput(f"matrix {path}: rows of {sorted({len(row) for row in rows})} cells", "rows of equal length")
-    first = 1 if names_down else 0
-    cells = [row[first:] for row in body]
-    for row in cells:
-        for cell in row:
-            if not _is_number(cell):
-                raise BadInput(f"matrix {path}: {cell!r} is not a number", "counts")
-    counts = np.array(cells, dtype=np.float64)
-    stimuli = tuple(row[0] for row in body) if names_down else _numbered(counts.shape[0])
-    responses = tuple(header[first:]) if header is not None else _numbered(counts.shape[1])
-    return NamedMatrix(counts, stimuli, responses)
-
-
-def _numbered(count: int) -> tuple[str, ...]:
-    return tuple(str(number + 1) for number in range(count))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
 _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
+
+
+@contextmanager
+def _read(kind: str, path: Path) -> Iterator[tuple[list[str], list[list[str]]]]:
+    """Yield the lines and the rows of a CSV; what is refused within tells the kind and the file."""
+    try:
+        try:
+            lines = read_text(path).split("\n")
+        except BadInput as error:
+            raise BadInput(f"{error}", "a CSV file that can be read") from None
+        yield lines, table_rows([line for line in lines if line.strip() and not line.lstrip().startswith("#")])
+    except BadInput as error:
+        raise error.within(f"{kind} {path}") from None
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _columns(rows: list[list[str]], names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return the columns of those names that are there, (n,) each. Raises BadInput for rows that have not all."""
+    places = {name: rows[0].index(name) for name in names if name in rows[0]}
+    columns: dict[str, list[float]] = {name: [] for name in places}
+    for row in rows[1:]:
+        for name, place in places.items():
+            value = _number(row[place]) if place < len(row) else None
+            if value is None:
+                got = repr(row[place]) if place < len(row) else "missing"
+                raise BadInput(f"{name} is {got} in a row", "a number in each")
+            columns[name].append(value)
+    return {name: np.array(column) for name, column in columns.items()}
 
 
 def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
@@ -140,18 +81,29 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
-    lines = _lines(path)
-    head = _head(lines)
-    columns = _columns(path, [line for line in lines if line.strip() and not line.lstrip().startswith("#")])
-    frequency = columns["frequency_hz"]
-    if _LEVEL in columns:
-        level = columns[_LEVEL]
-    else:
+    with _read("threshold curve", path) as (lines, rows):
+        header = rows[0] if rows else []
+        if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
+            allowed = f"frequency_hz and {_LEVEL} (or {_ACCELERATION})"
+            raise BadInput(f"columns {', '.join(header) or 'nothing'}", allowed)
+        if any(len(row) < len(header) for row in rows[1:]) or len(rows) < 2:
+            raise BadInput("rows of unequal length", f"{len(header)} cells a row")
+        columns = _columns(rows, _NUMBERS)
+    level = columns.get(_LEVEL)
+    if level is None:
         positive = np.where(columns[_ACCELERATION] > 0.0, columns[_ACCELERATION], np.nan)
-        level = level_from_acceleration(frequency, positive)
-    provenance = cast(Provenance, head.get("provenance", "digitised"))
-    source = head.get("source", path.name)
-    return ThresholdCurve(head.get("name", path.stem), frequency, level, provenance, source, columns.get(_ERROR))
+        level = level_from_acceleration(columns["frequency_hz"], positive)
+    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
+    head = {key.strip().lower(): value.strip() for key, value in pairs}
+    head = head if "name" in head else {}
+    return ThresholdCurve(
+        head.get("name", path.stem),
+        columns["frequency_hz"],
+        level,
+        cast(Provenance, head.get("provenance", "digitised")),
+        head.get("source", path.name),
+        columns.get(_ERROR),
+    )
 
 
 def read_relative_curve(path: str | Path) -> RelativeCurve:
@@ -159,60 +111,13 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
 
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
-    path = Path(path)
-    rows = _table(path, [line for line in _lines(path) if not line.lstrip().startswith("#")])
-    header = [cell.strip() for cell in rows[0]] if rows else []
-    if not {"frequency_hz", "level_db_sl"} <= set(header) or len(rows) < 2:
-        raise BadInput(
-            f"curve {path}: columns {', '.join(header) or 'nothing'}, {max(len(rows) - 1, 0)} rows",
-            "frequency_hz and level_db_sl, one row or more",
-        )
-    places = [header.index(name) for name in ("frequency_hz", "level_db_sl")]
-    try:
-        values = np.array([[float(row[place]) for place in places] for row in rows[1:]])
-    except (ValueError, IndexError):
-        raise BadInput(f"curve {path}: a cell is missing or not a number", "numbers") from None
-    return RelativeCurve(values[:, 0], values[:, 1], path.stem)
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return read_text(path).split("\n")
-    except BadInput as error:
-        raise BadInput(f"threshold curve {path}: {error}", "a CSV file that can be read") from None
-
-
-def _table(path: Path, lines: list[str]) -> list[list[str]]:
-    try:
-        return table_rows(lines)
-    except BadInput as error:
-        raise error.within(f"threshold curve {path}") from None
-
-
-def _head(lines: list[str]) -> dict[str, str]:
-    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
-    found = {key.strip().lower(): value.strip() for key, value in pairs}
-    return (
-        {key: value for key, value in found.items() if key in ("name", "provenance", "source")}
-        if ("name" in found)
-        else {}
-    )
-
-
-def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    table = _table(path, rows)
-    header = [cell.strip() for cell in table[0]] if table else []
-    if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
-        got = ", ".join(header) or "nothing"
-        raise BadInput(f"threshold curve {path}: columns {got}", f"frequency_hz and {_LEVEL} (or {_ACCELERATION})")
-    if any(len(row) < len(header) for row in table[1:]) or len(table) < 2:
-        raise BadInput(f"threshold curve {path}: rows of unequal length", f"{len(header)} cells a row")
-    own = [index for index, name in enumerate(header) if name in _NUMBERS]  # others tell how it was measured
-    try:
-        values = np.array([[float(row[index]) for index in own] for row in table[1:]])
-    except ValueError as error:
-        raise BadInput(f"threshold curve {path}: {error}", "numbers") from None
-    return {header[index]: values[:, place] for place, index in enumerate(own)}
+    path, names = Path(path), ("frequency_hz", "level_db_sl")
+    with _read("curve", path) as (_, rows):
+        if not rows or not set(names) <= set(rows[0]) or len(rows) < 2:
+            got = f"columns {', '.join(rows[0]) if rows else 'nothing'}, {max(len(rows) - 1, 0)} rows"
+            raise BadInput(got, f"{' and '.join(names)}, one row or more")
+        columns = _columns(rows, names)
+    return RelativeCurve(columns["frequency_hz"], columns["level_db_sl"], path.stem)
 
 
 def write_curve(
@@ -240,3 +145,69 @@ def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[o
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return stream.getvalue()
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or
+    its row).
+    """
+
+    displacement_mm: FloatArray
+    voltage_v: FloatArray
+    names: list[str]
+
+
+def read_pairs(path: str | Path) -> Pairs:
+    """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
+    needed = ("displacement_mm", "voltage_v")
+    with _read("pairs", Path(path)) as (_, rows):
+        header = [cell.lower() for cell in rows[0]] if rows else []
+        for column in needed:
+            if column not in header:
+                raise BadInput(f"there is no column {column!r}", "displacement_mm,voltage_v[,name]")
+        places = [header.index(column) for column in (*needed, "name") if column in header]
+        values, names = [], []
+        for line, row in enumerate(rows[1:], start=2):
+            cells = [row[place] if place < len(row) else "" for place in places]
+            numbers = [_number(cell) for cell in cells[:2]]
+            for cell, number in zip(cells, numbers, strict=False):
+                if number is None or not np.isfinite(number):
+                    raise BadInput(f"row {line} has {cell!r}", "a finite number")
+            values.append(numbers)
+            names.append(cells[2] if len(cells) > 2 and cells[2] else f"row {line}")
+    table = np.array(values, dtype=np.float64).reshape(-1, 2)
+    return Pairs(table[:, 0], table[:, 1], names)
+
+
+@dataclass(frozen=True, eq=False)
+class NamedMatrix:
+    """A confusion matrix with names. counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
+
+    counts: FloatArray
+    stimuli: tuple[str, ...]
+    responses: tuple[str, ...]
+
+
+def read_matrix(path: str | Path) -> NamedMatrix:
+    """Read a matrix: a row a stimulus, a column a response; a header row and a first column of names may be.
+
+    Raises BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts.
+    """
+    with _read("matrix", Path(path)) as (_, rows):
+        if not rows:
+            raise BadInput("no rows", "a row of counts for each stimulus")
+        # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.
+        corner = not rows[0][0] or (_number(rows[0][0]) is None and len(rows) == len(rows[0]))
+        names_across = corner or any(_number(cell) is None for cell in rows[0][1:])
+        header, body = (rows[0], rows[1:]) if names_across else (None, rows)
+        first = 1 if corner or any(_number(row[0]) is None for row in body) else 0
+        if len({len(row) for row in rows}) != 1 or not body:
+            raise BadInput(f"rows of {sorted({len(row) for row in rows})} cells", "rows of equal length")
+        words = [cell for row in body for cell in row[first:] if _number(cell) is None]
+        if words:
+            raise BadInput(f"{words[0]!r} is not a number", "counts")
+        counts = np.array([row[first:] for row in body], dtype=np.float64)
+    numbered = [tuple(str(number + 1) for number in range(count)) for count in counts.shape]
+    stimuli = tuple(row[0] for row in body) if first else numbered[0]
+    return NamedMatrix(counts, stimuli, tuple(header[first:]) if header is not None else numbered[1])

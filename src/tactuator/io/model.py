@@ -16,43 +16,24 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.text import read_finite_json
 from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.parameters import from_table, plain
 from tactuator.signals.systems import ContinuousSystem
 
 FORMAT = "tactuator-model/1"
 _FAMILY = 8
+_UNITS = ("command", "position")
 _SMALLEST = 1e-100
 """Smallest magnitude of a coefficient that is not zero: beyond it products overflow."""
 
 
 def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> dict[str, Any]:
     """Return the document of model.json; `family`: other plants that the record cannot tell from the model."""
-    return {
-        "format": FORMAT,
-        "tool": __version__,
-        "num": model.num.tolist(),
-        "den": model.den.tolist(),
-        "delay_s": model.delay_s,
-        "quantity": model.quantity,
-        "units": {"command": model.command_unit, "position": model.position_unit},
-        "covariance": model.covariance.tolist(),
-        "band_hz": list(model.band_hz),
-        "method": model.method,
-        "friction": dict(model.friction),
-        "family": [_family_member(one) for one in family],
-        "valid_hz": None if model.valid_hz is None else list(model.valid_hz),
-        "excess": {
-            "frequency_hz": model.excess.frequency_hz.tolist(),
-            "magnitude": model.excess.magnitude.tolist(),
-            "phase_rad": model.excess.phase.tolist(),
-        },
-        "record": dict(model.record),
-        "calibration": dict(model.calibration),
-    }
-
-
-def _family_member(system: ContinuousSystem) -> dict[str, Any]:
-    num, den = system.polynomials()
-    return {"num": num.tolist(), "den": den.tolist(), "delay_s": system.delay_s}
+    tables = plain(model)
+    units = {what: tables.pop(f"{what}_unit") for what in _UNITS}
+    members = [dict(zip(("num", "den"), map(plain, one.polynomials()), strict=True)) for one in family]
+    delays = ({"delay_s": one.delay_s} for one in family)
+    both = [member | delay for member, delay in zip(members, delays, strict=True)]
+    return {"format": FORMAT, "tool": __version__, **tables, "units": units, "family": both}
 
 
 def write_model(path: str | Path, model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> None:
@@ -91,32 +72,12 @@ def read_model(path: str | Path) -> PlantModel:
 
 def parse_model(document: dict[str, Any]) -> PlantModel:
     """Return the model of a document. Raises BadInput for what is not one, or no record can lead to."""
-    try:
-        return _sound(_model(document))
-    except BadInput:
-        raise
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise BadInput(f"{error} is amiss", "a file that `identify` wrote") from None
-
-
-def _model(document: dict[str, Any]) -> PlantModel:
-    low, high = document["band_hz"]
-    return PlantModel(
-        num=np.asarray(document["num"], dtype=np.float64),
-        den=np.asarray(document["den"], dtype=np.float64),
-        delay_s=float(document["delay_s"]),
-        covariance=np.asarray(document["covariance"], dtype=np.float64),
-        band_hz=(float(low), float(high)),
-        quantity=str(document["quantity"]),
-        command_unit=str(document["units"]["command"]),
-        position_unit=str(document["units"]["position"]),
-        method=str(document["method"]),
-        record=document["record"],
-        calibration=document["calibration"],
-        friction=document["friction"],
-        excess=_excess(document.get("excess")),
-        valid_hz=_pair(document.get("valid_hz")),
-    )
+    known = {key: value for key, value in document.items() if key in PlantModel.__dataclass_fields__}
+    units = document.get("units")
+    if not isinstance(units, dict) or not set(_UNITS) <= set(units):
+        raise BadInput(f"{units!r}", "the units of command and position", key="units")
+    excess = {"excess": Excess.none()} if known.get("excess") is None else {}
+    return _sound(from_table(PlantModel, known | excess | {f"{what}_unit": units[what] for what in _UNITS}))
 
 
 def _sound(model: PlantModel) -> PlantModel:
@@ -135,23 +96,9 @@ def _sound(model: PlantModel) -> PlantModel:
         raise BadInput(f"delay_s is {model.delay_s:g}", "zero or more")
     if np.any(np.diag(model.covariance) < 0.0):
         raise BadInput("covariance has a variance below zero", "zero or more")
-    excess = (model.excess.frequency_hz, model.excess.magnitude, model.excess.phase)
-    if {one.shape for one in excess} != {(excess[0].size,)} or not excess[0].size:
+    excess = (model.excess.frequency_hz, model.excess.magnitude, model.excess.phase_rad)
+    if {column.shape for column in excess} != {(excess[0].size,)} or not excess[0].size:
         raise BadInput("excess has columns of unequal length", "as many of each, one or more")
     if np.any(excess[0] <= 0.0) or np.any(np.diff(excess[0]) < 0.0):
         raise BadInput("excess has frequencies that do not ascend", "ascending, above zero")
-    for name in ("record", "calibration", "friction"):
-        if not isinstance(getattr(model, name), dict):
-            raise BadInput(f"{name} is {getattr(model, name)!r}", "a table")
     return model
-
-
-def _excess(table: dict[str, Any] | None) -> Excess:
-    if table is None:
-        return Excess.none()
-    columns = (np.asarray(table[name], dtype=np.float64) for name in ("frequency_hz", "magnitude", "phase_rad"))
-    return Excess(*columns)
-
-
-def _pair(values: Any) -> tuple[float, float] | None:
-    return None if values is None else (float(values[0]), float(values[1]))

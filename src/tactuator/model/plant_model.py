@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -10,19 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.parameters import Number, Numbers, table
 from tactuator.signals.systems import ContinuousSystem
 
 _Z95 = 1.959964
 
 
-@dataclass(frozen=True, eq=False)
+@table("excess", eq=False)
 class Excess:
     """Standard deviations of the response's logarithm beyond the covariance's: what the record does not exclude, what
-    the form cannot follow. frequency_hz ascending, magnitude (natural), phase (rad): (m,); ends hold beyond."""
+    the form cannot follow. frequency_hz ascending, magnitude (natural), phase_rad: (m,); ends hold beyond."""
 
-    frequency_hz: FloatArray
-    magnitude: FloatArray
-    phase: FloatArray
+    frequency_hz: Numbers
+    magnitude: Numbers
+    phase_rad: Numbers
 
     @classmethod
     def none(cls) -> Excess:
@@ -31,16 +32,16 @@ class Excess:
 
     def joined(self, other: NDArray[Any]) -> Excess:
         """Return this with another deviation of the logarithm, (m,), added in squares."""
-        return Excess(self.frequency_hz, np.hypot(self.magnitude, other.real), np.hypot(self.phase, other.imag))
+        return Excess(self.frequency_hz, np.hypot(self.magnitude, other.real), np.hypot(self.phase_rad, other.imag))
 
     def at(self, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return magnitude and phase at `frequency_hz` (any shape), straight between points of log frequency."""
         place = np.log(np.maximum(frequency_hz, 1e-300))
         known = np.log(self.frequency_hz)
-        return np.interp(place, known, self.magnitude), np.interp(place, known, self.phase)
+        return np.interp(place, known, self.magnitude), np.interp(place, known, self.phase_rad)
 
 
-@dataclass(frozen=True, eq=False)
+@table("model", eq=False)
 class PlantModel:
     """An identified plant. num, den: descending powers of s, den monic; delay_s: dead time.
 
@@ -51,20 +52,20 @@ class PlantModel:
     known); beyond it the model is a guess.
     """
 
-    num: FloatArray
-    den: FloatArray
-    delay_s: float
-    covariance: FloatArray
-    band_hz: tuple[float, float]
+    num: Numbers
+    den: Numbers
+    delay_s: Number
+    covariance: Numbers
+    band_hz: tuple[Number, Number]
     quantity: str = "displacement"
     command_unit: str = "V"
     position_unit: str = "V"
     method: str = "refined"
     record: dict[str, Any] = field(default_factory=dict)
     calibration: dict[str, Any] = field(default_factory=dict)
-    friction: dict[str, float] = field(default_factory=dict)
+    friction: dict[str, Number] = field(default_factory=dict)
     excess: Excess = field(default_factory=Excess.none)
-    valid_hz: tuple[float, float] | None = None
+    valid_hz: tuple[Number, Number] | None = None
 
     def __post_init__(self) -> None:
         size = self.num.size + self.den.size

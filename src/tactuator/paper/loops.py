@@ -1,13 +1,115 @@
-"""Step 5: the paper's C around the paper's motor, continuous and sampled, with its margins."""
+"""Steps 5, 6 and 7: the paper's C around its motor with its margins, the prefilters, and the bits that they need."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+import tactuator as tt
+from tactuator.arrays import FloatArray
+from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
-from tactuator.signals.loop import FeedbackLoop, Margins, margins
+from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins
+from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
+from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
+from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
+
+
+def paper_controller(display: Display) -> Controller:
+    """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
+    channels = tuple(replace(one, feedback=replace(one.feedback, structure="paper")) for one in display.channels)
+    return tt.design(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
+
+
+def reshaped_controller(display: Display, curve: ThresholdCurve) -> Controller:
+    """Return a controller for another curve: C stays, the prefilters follow the curve over what it covers
+    of the band.
+    """
+    channels = []
+    for one in display.channels:
+        low, high = one.threshold.band_hz
+        band = (max(low, float(curve.frequency_hz[0])), min(high, float(curve.frequency_hz[-1])))
+        channels.append(replace(one, threshold=replace(one.threshold, curve=curve, band_hz=band)))
+    return paper_controller(replace(display, channels=tuple(channels)))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Error of |H| against the curve over the band, dB: greatest, root mean square even in log frequency, and at every
+    frequency_hz, shape (n,)."""
+
+    poles: int
+    max_error_db: float
+    rms_error_db: float
+    frequency_hz: FloatArray
+    error_db: FloatArray
+
+
+@dataclass(frozen=True)
+class Prefilters:
+    """The paper's F as printed (continuous) and as its bilinear transform runs; ours for every channel (sampled)."""
+
+    paper: Judged
+    paper_sampled: Judged
+    fitted: dict[str, PrefilterFit]
+
+    @property
+    def worst_fitted(self) -> PrefilterFit:
+        """Return the fit of the channel with the greatest error."""
+        return max(self.fitted.values(), key=lambda fit: fit.max_error_db)
+
+
+def judge_prefilters(display: Display) -> Prefilters:
+    """Judge the paper's F on its own motor, and a prefilter of the same order fitted to H/T for every channel."""
+    index = display.channels[0]
+    c = bilinear(paper.FEEDBACK, display.rate_hz)
+    plant = sampled_loop(display, index).plant
+    sampled = TwoDegreeLoop(bilinear(paper.PREFILTER, display.rate_hz), c, plant)
+    fitted = {
+        channel.name: fit_prefilter(channel, c, display.rate_hz, display.delay_samples, poles=paper.PREFILTER_POLES)
+        for channel in display.channels
+    }
+    return Prefilters(_judged(index, paper_response()), _judged(index, sampled), fitted)
+
+
+def paper_response() -> TwoDegreeLoop:
+    """Return H = F T in continuous time, as the paper prints it; of unit gain at rest."""
+    return TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
+
+
+def _judged(channel: Channel, loop: TwoDegreeLoop) -> Judged:
+    """Return the error with 0 dB put at the curve's level at its lowest frequency."""
+    curve = channel.threshold.curve
+    low, high = channel.threshold.band_hz
+    own = curve.frequency_hz[(curve.frequency_hz >= low) & (curve.frequency_hz <= high)]
+    even = np.geomspace(low, high, 1200)
+    frequency = np.unique(np.append(even, own))
+    wanted = curve.level_db_re_1um_at(frequency) - curve.level_db_re_1um_at(curve.frequency_hz[0])
+    error = db(np.abs(loop.position_response(frequency))) - wanted
+    rms = float(np.sqrt(np.mean(error[np.isin(frequency, even)] ** 2)))
+    return Judged(paper.PREFILTER_POLES, float(np.max(np.abs(error))), rms, frequency, error)
+
+
+RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
+
+
+def bits_needed() -> Needed:
+    """Return the bits for the paper's F, and for its C in the loop with one sample of delay."""
+    f: dict[str, dict[float, BitsNeeded]] = {form: {} for form in FORMS}
+    c: dict[str, dict[float, BitsNeeded]] = {form: {} for form in FORMS if form != "direct"}
+    for rate_hz in RATES_HZ:
+        late = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
+        plant = zero_order_hold(paper.PLANT, rate_hz) * late
+        for form in FORMS:
+            f[form][rate_hz] = filter_bits(bilinear(paper.PREFILTER, rate_hz), form)
+            if form in c:
+                c[form][rate_hz] = loop_bits(bilinear(paper.FEEDBACK, rate_hz), plant, form)
+    return {"prefilter F": f, "feedback C": c}
 
 
 @dataclass(frozen=True)

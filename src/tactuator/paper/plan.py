@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+import tactuator as tt
 from tactuator.experiment.simulated.sitting import Observer
-from tactuator.io.display import read_display
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
@@ -58,8 +58,8 @@ class Plan:
 
 def paper_display() -> Display:
     """Return the display as the paper describes it, index finger first, with two plausible siblings."""
-    with as_file(files("tactuator.paper") / "data" / "display.toml") as path:
-        return read_display(path)
+    with as_file(files("tactuator.io") / "examples" / "display.toml") as path:
+        return tt.read_display(path)
 
 
 def observers(library: ThresholdCurve) -> tuple[Observer, ...]:

@@ -1,4 +1,4 @@
-"""Steps 8 and 10: the response of every channel at the paper's levels, without and with a finger."""
+"""Steps 8, 10 and 12: every channel's response at the paper's levels, without and with a finger; speech as felt."""
 
 from __future__ import annotations
 
@@ -7,16 +7,49 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+import tactuator as tt
 from tactuator.arrays import ComplexArray
-from tactuator.measure.options import MeasurementOptions
-from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
-from tactuator.model.description import Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.speech.limiter import FingerLimiting
+from tactuator.speech.reading import SpeechFile, scan_speech
+from tactuator.speech.render import render_array
+from tactuator.speech.synthesis import sample_path
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """Speech on the display. file: what was presented; report: felt against asked; limiting: what the limiter took from
+    each finger.
+    """
+
+    file: SpeechFile
+    report: FeltReport
+    limiting: tuple[FingerLimiting, ...]
+
+
+def check_speech(plan: Plan) -> SpeechFile:
+    """Return the plan's speech file, read through. Raises BadInput for one that cannot be used: call it before all else
+    is run.
+    """
+    return scan_speech(sample_path() if plan.speech is None else plan.speech)
+
+
+def speak(plan: Plan, controller: Controller, file: SpeechFile, progress: Progress) -> Spoken:
+    """Play the file coded `direct` at LEVEL_DB_SL on all channels of the simulated display and measure it at the finger
+    ports.
+    """
+    reference, _, limiting = render_array(file.path, controller)
+    progress("speech", 0.5)
+    rig = tt.SimulatedRig(controller.display, plan.seed_of("speech"))
+    report = compare_felt(rig, controller, reference)
+    progress("speech", 1.0)
+    return Spoken(file, report, limiting)
+
 
 UNLOADED, LOADED = "none", "finger"
 CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
@@ -68,12 +101,11 @@ def measure_responses(
     together = 1.0 - 0.01 / (len(RESPONSE_HZ) * len(controller.channels))
     runs = [(load, level) for load in loads for level in levels_db_sl]
     for index, (load, level) in enumerate(runs):
-        rig = SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
-        touch(rig, controller.display, load)
-        rig.load(controller)
-        options = MeasurementOptions(level, load=load, confidence_db=CONFIDENCE_DB[level], coverage=together)
-        responses = stepped_sine(rig, RESPONSE_HZ, options)
-        for measured in responses:
+        rig = tt.SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
+        found = tt.measure_response(
+            rig, controller, RESPONSE_HZ, level, load, confidence_db=CONFIDENCE_DB[level], coverage=together
+        )
+        for measured in found.responses:
             hertz = measured.frequency_hz
             expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)
             target = controller.display.channel(measured.channel).threshold_voltage(hertz) * from_db(level)
@@ -82,12 +114,6 @@ def measure_responses(
                 points.append(ResponsePoint(measured.channel, load, level, f, e, t, m, ci, limited))
         progress("response", (index + 1) / len(runs))
     return tuple(points)
-
-
-def touch(rig: SimulatedRig, display: Display, load: str) -> None:
-    """Put the first load of every channel on, or take all loads off."""
-    for channel in display.channels:
-        rig.finger(channel.name).touch(channel.loads[0].name if load != UNLOADED and channel.loads else None)
 
 
 def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:

@@ -2,29 +2,92 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactuator.identification.calibration import Calibration
+from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
-from tactuator.model.verdict import Verdict
-from tactuator.paper.calibration import calibrate
-from tactuator.paper.controllers import paper_controller, reshaped_controller
-from tactuator.paper.loops import PaperLoop, paper_loop
-from tactuator.paper.motor import IdentifiedMotor, OpenLoopResponse, identify_motors, measure_motors, record_motors
-from tactuator.paper.noise import NoiseProbe, probe_noise
-from tactuator.paper.objectives import judge_objectives
+from tactuator.model.verdict import Finding, Verdict, compared, verdict_of
+from tactuator.paper.device import (
+    IdentifiedMotor,
+    NoiseProbe,
+    OpenLoopResponse,
+    calibrate,
+    identify_motors,
+    measure_motors,
+    probe_noise,
+)
+from tactuator.paper.loops import (
+    PaperLoop,
+    Prefilters,
+    bits_needed,
+    judge_prefilters,
+    paper_controller,
+    paper_loop,
+    reshaped_controller,
+)
 from tactuator.paper.plan import Plan, Progress
-from tactuator.paper.prefilters import Prefilters, judge_prefilters
-from tactuator.paper.resolution import bits_needed
-from tactuator.paper.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
-from tactuator.paper.speech import Spoken, speak
+from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, Spoken, measure_responses, nominal_response, speak
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.rig.rig import Trace
+from tactuator.signals.decibels import db
 from tactuator.speech.reading import SpeechFile
+from tactuator.synthesis.verdict import RESONANCE, judge
 from tactuator.wordlength.bits import Needed
+
+JUDGED_AT_DB_SL = 30.0
+"""The response is judged where neither friction nor saturation interferes."""
+
+
+def judge_objectives(
+    plan: Plan, controller: Controller, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
+) -> Verdict:
+    """Return the verdict by what was measured; max|T|, which nobody can measure at rest, by the controller's model."""
+    at_level = [one for one in responses if one.level_db_sl == JUDGED_AT_DB_SL]
+    heard = noise_verdict(noise.designed, plan.display)
+    modelled = judge(controller, plan.display)
+    findings = [
+        *_follows(plan, at_level),
+        *(one for objective in heard.objectives for one in objective.findings),
+        *(one for objective in modelled.objectives for one in objective.findings if one.quantity == RESONANCE),
+        *_bears_load(plan, at_level),
+    ]
+    return verdict_of(findings)
+
+
+def _follows(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
+    """Judge objective i of every channel: the greatest error of a measured point against the curve."""
+    for channel in plan.display.channels:
+        errors = [
+            (abs(float(db(one.measured_v / one.target_v))), one)
+            for one in responses
+            if (one.channel, one.load) == (channel.name, UNLOADED)
+        ]
+        value, worst = max(errors, key=lambda pair: pair[0])
+        allowed = plan.display.objectives.flatness_db
+        found = compared("i", channel.name, UNLOADED, "error of |H|", value, allowed, "dB", worst.frequency_hz)
+        yield replace(found, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
+
+
+def _bears_load(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
+    """Judge objective iv of every channel: the greatest change by the finger up to `load_band_hz`."""
+    tolerance = plan.display.objectives
+    free = {(one.channel, one.frequency_hz): one.measured_v for one in responses if one.load == UNLOADED}
+    for channel in plan.display.channels:
+        changes = [
+            (float(db(one.measured_v / free[one.channel, one.frequency_hz])), one.frequency_hz)
+            for one in responses
+            if (one.channel, one.load) == (channel.name, LOADED)
+        ]
+        low = max((abs(change), hertz) for change, hertz in changes if hertz <= tolerance.load_band_hz)
+        value, at_hz = low
+        found = compared("iv", channel.name, LOADED, "change of |H|", value, tolerance.load_max_db, "dB", at_hz)
+        change, worst_hz = max(changes, key=lambda pair: abs(pair[0]))
+        yield replace(found, remark=f"over the band {change:+.2f} dB at {worst_hz:.3g} Hz")
+
 
 STEPS = (
     *("calibration", "identification", "motor response", "loop", "prefilter", "noise", "response"),
@@ -49,7 +112,6 @@ class PaperStudy:
 
     plan: Plan
     calibration: dict[str, Calibration]
-    record: Trace
     motors: dict[str, IdentifiedMotor]
     open_loop: OpenLoopResponse
     loop: PaperLoop
@@ -74,8 +136,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     with observers_at_work(plan, controller) as detected_by:  # they take longer than all the rest together
         calibration = calibrate(plan)
         progress("calibration", 1.0)
-        record = record_motors(plan)
-        motors = identify_motors(plan, record, progress)
+        motors = identify_motors(plan, progress)
         open_loop = measure_motors(plan, progress)
         loop = paper_loop(plan.display)
         progress("loop", 1.0)
@@ -92,7 +153,6 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     return PaperStudy(
         plan,
         calibration,
-        record,
         motors,
         open_loop,
         loop,

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+import tactuator as tt
 from tactuator.arrays import FloatArray
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.store_results import group_curve
@@ -27,7 +28,6 @@ from tactuator.helper_process import begin_helper, helper_context
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.rig.simulated import SimulatedRig
 
 _PROTOCOL = """
 [study]
@@ -121,7 +121,7 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
     frequencies = ", ".join(f"{hertz:g}" for hertz in THRESHOLD_HZ)
     seed = plan.seed_of(f"trials of {observer.name}")
     text = _PROTOCOL.format(seed=seed, fingers=fingers, frequencies=frequencies, subject=observer.name)
-    rig = SimulatedRig(controller.display, plan.seed_of(f"thresholds of {observer.name}"))
+    rig = tt.SimulatedRig(controller.display, plan.seed_of(f"thresholds of {observer.name}"))
     rig.load(controller)
     loads = controller.display.channels[0].loads
     database = Store(store, durable=False)

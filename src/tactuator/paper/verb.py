@@ -55,11 +55,10 @@ def reproduce(
     """
     from tactuator.io.atomic import atomic_folder
     from tactuator.paper.plan import Plan, paper_display
-    from tactuator.paper.publication.comparison import comparison
-    from tactuator.paper.publication.publish import OWN_NAMES, publish
-    from tactuator.paper.publication.summary import summary
+    from tactuator.paper.report import OWN_NAMES, publish
+    from tactuator.paper.response import check_speech
     from tactuator.paper.run import STEPS, run_study
-    from tactuator.paper.speech import check_speech
+    from tactuator.paper.summary import comparison, summary
 
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
     file = check_speech(plan)
@@ -67,5 +66,4 @@ def reproduce(
         steps = {name: stack.enter_context(working(name, 1.0)) for name in STEPS}
         study = run_study(plan, file, lambda name, done: steps[name](done))
         publish(study, beside)
-    rows = tuple((row.what, row.paper, row.here) for row in comparison(study))
-    return PaperResult(Path(folder), summary(study), rows, tuple(study.spoken.file.notes))
+    return PaperResult(Path(folder), summary(study), comparison(study), tuple(study.spoken.file.notes))

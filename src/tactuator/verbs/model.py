@@ -15,7 +15,7 @@ from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from tactuator.model.description import Channel, Display
     from tactuator.rig.rig import Rig
@@ -28,14 +28,18 @@ _ASKED = Fields("identification.asked:Asked")
 
 
 def calibrate(
-    pairs: Annotated[Place, Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True)],
+    pairs: Annotated[
+        "Place | tuple[ArrayLike, ArrayLike]",
+        Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
+    ],
     gauge_error_mm: Annotated[float, Option("Standard error of the gauge.")] = 0.0,
     strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
 ) -> "CalibrationResult":
     """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
     pairs off the line are refused, each by its name.
 
-    Raises BadInput for pairs that make no line, and with `strict` where a pair is off it.
+    pairs: their file, or displacement (mm) and voltage, (n,) each. Raises BadInput for pairs that make no line, and
+    with `strict` where a pair is off it.
 
     >>> tt.calibrate("pairs.csv")
     <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
@@ -44,8 +48,11 @@ def calibrate(
     from tactuator.io.csv_tables import read_pairs
     from tactuator.verbs.identified import CalibrationResult
 
-    read = read_pairs(Path(pairs))
-    line = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
+    if isinstance(pairs, tuple):
+        line = fit_line(*pairs, gauge_error_mm=gauge_error_mm)
+    else:
+        read = read_pairs(Path(pairs))
+        line = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
     if line.refused and strict:
         raise BadInput("; ".join(map(str, line.refused)), "pairs on one line")
     return promoted(CalibrationResult, line)

@@ -335,6 +335,7 @@ def measure_response(
     channel: Channels = None,
     confidence_db: Annotated[float, Option("95 % half-width to reach.")] = MeasurementOptions.confidence_db,
     longest_s: Annotated[float, Option("Seconds per point at most.")] = MeasurementOptions.longest_s,
+    coverage: float = MeasurementOptions.coverage,
     out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
     figures: Figures = None,
     seed: Seed = 0,
@@ -342,8 +343,9 @@ def measure_response(
     """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
     it is not flat, or the confidence was not reached.
 
-    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: None or 0 for no mains. Raises
-    BadInput for another load or level, and for a loop that the display's own models call unstable.
+    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: None or 0 for no mains; coverage:
+    of the confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that the display's own models
+    call unstable.
 
     >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
     [10.0, 100.0]
@@ -363,7 +365,7 @@ def measure_response(
     band_hz = _common_band(loop, channel)
     wanted = over_the_band(band_hz, mains_hz or 0.0) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
     options = MeasurementOptions(
-        level_db_sl, channel, load, confidence_db, longest_s,
+        level_db_sl, channel, load, confidence_db, longest_s, coverage,
         mains_hz=mains_hz or 0.0, band_hz=band_hz, controller_hash=loop.content_hash,
     )  # fmt: skip
     with opened(rig, loop.display, seed) as ready:

@@ -12,7 +12,7 @@ from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.model.controller import Controller
-from tactuator.paper.controllers import paper_controller
+from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.simulated import SimulatedRig
 

@@ -1,0 +1,207 @@
+"""What came out: summary.json with every figure of the study by name, and the table "paper / here"."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from tactuator.paper.plan import LEVELS_DB_SL
+from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
+from tactuator.paper.run import PaperStudy
+from tactuator.paper.thresholds import bias_and_spread_db
+
+Row = tuple[str, str, str]
+"""A row of the table: what is compared, as the paper has it, as it came out here."""
+_SAMPLED = ("crossover_hz", "phase_margin_deg", "gain_margin_db", "sensitivity_peak", "complementary_peak")
+_CONTINUOUS = ("crossover_hz", "phase_margin_deg", "sensitivity_peak", "complementary_peak", "bandwidth_hz")
+_CALIBRATED = ("gain_v_per_mm", "gain_confidence_v_per_mm", "offset_v", "linearity_percent")
+_ERRORS = ("poles", "max_error_db", "rms_error_db")
+
+
+def summary(study: PaperStudy) -> dict[str, Any]:
+    """Return the figures as plain numbers, strings and lists; the same seed gives the same."""
+    first = study.plan.display.channels[0].name
+    prefilters, continuous, error = study.prefilters, study.loop.continuous_margins, study.curve.standard_error_db
+    sampled_db, spoken = prefilters.paper_sampled.max_error_db, study.spoken
+    fitted_db = {name: fit.max_error_db for name, fit in prefilters.fitted.items()}
+    bias_db, spread_db = bias_and_spread_db(study.thresholds)
+    return {
+        "display": study.plan.display.name,
+        "seed": study.plan.seed,
+        "calibration": {
+            "sensor_gain_v_per_mm": study.calibration[first].gain_v_per_mm,
+            "channels": {name: _of(line, _CALIBRATED) for name, line in study.calibration.items()},
+        },
+        "plant": {
+            name: {
+                "num": motor.estimate.num.tolist(),
+                "den": motor.estimate.den.tolist(),
+                "frf_error_db_max": motor.frf_error_db_max,
+            }
+            for name, motor in study.motors.items()
+        },
+        "loop": _of(continuous, _CONTINUOUS)
+        | {"disk_margin": continuous.disk.alpha, "sampled": _of(study.loop.sampled_margins, _SAMPLED)},
+        "prefilter": {
+            "paper": _of(prefilters.paper, _ERRORS) | {"sampled_max_error_db": sampled_db},
+            "fitted": _of(prefilters.worst_fitted, _ERRORS) | {"channels": fitted_db},
+        },
+        "resolution_bits": {
+            name: {form: {f"{rate:g}": asdict(bits) for rate, bits in rates.items()} for form, rates in forms.items()}
+            for name, forms in study.resolution.items()
+        },
+        "noise": _noise(study),
+        "response": [asdict(point) for point in study.responses],
+        "friction": {"response_without_friction": [asdict(point) for point in study.without_friction]},
+        "objectives": study.verdict.document()["objectives"],
+        "thresholds": _thresholds(study),
+        "curve": {
+            "frequency_hz": study.curve.frequency_hz.tolist(),
+            "level_db_re_1um": study.curve.level_db_re_1um.tolist(),
+            "standard_error_db": None if error is None else error.tolist(),
+        },
+        "threshold_bias_db": bias_db,
+        "threshold_spread_db": spread_db,
+        "reshaped": {
+            "max_error_db": study.reshaped.max_error_db,
+            "response": [asdict(point) for point in study.reshaped.responses],
+        },
+        "speech": {
+            "file": spoken.file.path.name,
+            "duration_s": spoken.file.duration_s,
+            "felt_error_db_rms": spoken.report.worst_rms_db,
+            "peak_db_sl": spoken.report.peak_db_sl,
+            "limited_db": {finger.finger: finger.max_reduction_db for finger in spoken.limiting},
+            "notes": list(spoken.file.notes),
+        },
+    }
+
+
+def summary_text(study: PaperStudy) -> str:
+    """Return the text of the summary as it is written to summary.json."""
+    return json.dumps(summary(study), indent=1, allow_nan=False, default=float) + "\n"
+
+
+def _of(result: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(result, name) for name in names}
+
+
+def _noise(study: PaperStudy) -> list[dict[str, Any]]:
+    """Return felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
+    heard = [(gain, one) for gain, channels in study.noise.proportional.items() for one in channels]
+    rows = [*heard, *((None, one) for one in study.noise.designed)]
+    return [
+        {
+            "gain": gain,
+            "channel": one.channel,
+            "mains_db_sl": dict(zip((f"{line:g}" for line in one.line_hz), one.line_db_sl.tolist(), strict=True)),
+            "worst_band_db_sl": float(one.band_db_sl.max()),
+            "resonance_hz": one.resonance_hz,
+            "resonance_db_sl": one.resonance_db_sl,
+        }
+        for gain, one in rows
+    ]
+
+
+def _thresholds(study: PaperStudy) -> dict[str, list[dict[str, Any]]]:
+    by_observer: dict[str, list[dict[str, Any]]] = {}
+    for one in study.thresholds:
+        row = {key: value for key, value in asdict(one).items() if key != "observer"}
+        by_observer.setdefault(one.observer, []).append(row)
+    return by_observer
+
+
+def comparison(study: PaperStudy) -> tuple[Row, ...]:
+    """Return every row, in the paper's order."""
+    return (*_plant_rows(study), *_loop_rows(study), *_response_rows(study), *_person_rows(study))
+
+
+def _plant_rows(study: PaperStudy) -> list[Row]:
+    first = study.plan.display.channels[0].name
+    gain = study.calibration[first]
+    estimate = study.motors[first].estimate
+    worst = max(motor.frf_error_db_max for motor in study.motors.values())
+    return [
+        (
+            "sensor gain (V/mm)",
+            "0.19898",
+            f"{gain.gain_v_per_mm:.5f} ± {gain.gain_confidence_v_per_mm:.5f}",
+        ),
+        (
+            "motor P(s)",
+            "2875/(s² + 94s + 290)",
+            f"{estimate.num[0]:.0f}/(s² + {estimate.den[1]:.1f}s + {estimate.den[2]:.0f})",
+        ),
+        ("identified response, 0.4-300 Hz, three channels", "“well modeled”", f"within {worst:.2f} dB of the truth"),
+    ]
+
+
+def _loop_rows(study: PaperStudy) -> list[Row]:
+    continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
+    judged = study.prefilters
+    return [
+        ("cut-off frequency (Hz)", "20", f"{continuous.crossover_hz:.2f}"),
+        (
+            "phase margin, continuous / sampled",
+            "chart / “sufficient”",
+            f"{continuous.phase_margin_deg:.1f}° / {sampled.phase_margin_deg:.1f}°",
+        ),
+        ("gain margin, sampled", "chart", f"{sampled.gain_margin_db:.1f} dB"),
+        (
+            "prefilter against the curve, 0.4-300 Hz, 4 poles",
+            f"within {judged.paper.max_error_db:.1f} dB (its own F)",
+            f"within {judged.worst_fitted.max_error_db:.2f} dB (fitted)",
+        ),
+    ]
+
+
+def _response_rows(study: PaperStudy) -> list[Row]:
+    levels = [level for level in LEVELS_DB_SL if level > 0.0]
+    rows = []
+    for load, words in ((UNLOADED, "unloaded"), (LOADED, "with a finger")):
+        errors = " / ".join(f"{worst_error_db(study.responses, load, level):.2f}" for level in levels)
+        paper = "“closely”" if load == UNLOADED else "“essentially the same”"
+        named = " / ".join(f"{level:g}" for level in levels)
+        rows.append((f"response against expected, {words}, {named} dB SL", paper, f"within {errors} dB"))
+    zero = [one for one in study.responses if (one.load, one.level_db_sl) == (UNLOADED, 0.0)]
+    low = min(one.error_db for one in zero if one.frequency_hz <= 50.0)
+    smooth = max(abs(one.error_db) for one in study.without_friction if one.frequency_hz <= 50.0)
+    here = f"down to {low:.2f} dB below 50 Hz: friction (without it within {smooth:.2f} dB)"
+    rows.append(("response at 0 dB SL, unloaded", "deviations at a few frequencies", here))
+    for objective in study.verdict.objectives:
+        rows.append((f"objective {objective.number}", "asked", objective.outcome.value))
+    return rows
+
+
+def _person_rows(study: PaperStudy) -> list[Row]:
+    bias, spread = bias_and_spread_db(study.thresholds)
+    trials = np.array([one.trials for one in study.thresholds])
+    low, high = np.percentile(trials, [5, 95])
+    library = study.plan.display.channels[0].threshold.curve
+    difference = study.curve.level_db_re_1um - library.level_db_re_1um_at(study.curve.frequency_hz)
+    speech = study.spoken.report
+    return [
+        ("trials a run", "60-90", f"{trials.mean():.0f} (5-95 %: {low:.0f}-{high:.0f})"),
+        ("threshold less the observers' truth", "unknown", f"{bias:+.2f} dB, standard deviation {spread:.2f} dB"),
+        (
+            "new curve against the library's",
+            "higher at low, lower at high frequencies",
+            f"{difference[0]:+.1f} dB at {study.curve.frequency_hz[0]:g} Hz, "
+            f"{difference[-1]:+.1f} dB at {study.curve.frequency_hz[-1]:g} Hz",
+        ),
+        ("prefilter reshaped to the new curve", "future work", f"within {study.reshaped.max_error_db:.2f} dB"),
+        (
+            "speech on three fingers, felt against asked",
+            "future work",
+            f"{speech.worst_rms_db:.2f} dB rms, peak {speech.peak_db_sl:.0f} dB SL",
+        ),
+    ]
+
+
+def markdown(rows: tuple[Row, ...]) -> str:
+    """Return the rows as a Markdown table."""
+    head = "| what | paper (2004) | here |\n|---|---|---|\n"
+    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
