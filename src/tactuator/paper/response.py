@@ -16,9 +16,8 @@ from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.speech.limiter import FingerLimiting
-from tactuator.speech.reading import SpeechFile, scan_speech
-from tactuator.speech.render import render_array
-from tactuator.speech.synthesis import sample_path
+from tactuator.speech.reading import SpeechFile, sample_path, scan_speech
+from tactuator.speech.render import rendering
 
 
 @dataclass(frozen=True)
@@ -43,12 +42,11 @@ def speak(plan: Plan, controller: Controller, file: SpeechFile, progress: Progre
     """Play the file coded `direct` at LEVEL_DB_SL on all channels of the simulated display and measure it at the finger
     ports.
     """
-    reference, _, limiting = render_array(file.path, controller)
-    progress("speech", 0.5)
     rig = tt.SimulatedRig(controller.display, plan.seed_of("speech"))
-    report = compare_felt(rig, controller, reference)
-    progress("speech", 1.0)
-    return Spoken(file, report, limiting)
+    with rendering(file.path, controller) as reference:
+        report = compare_felt(rig, controller, reference.blocks())
+        progress("speech", 1.0)
+        return Spoken(file, report, reference.limiting)
 
 
 UNLOADED, LOADED = "none", "finger"
