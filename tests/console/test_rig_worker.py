@@ -366,7 +366,7 @@ def test_order__that_somebody_waits_for__is_taken_and_outlives_an_end(order) -> 
 
 
 def test_worker__with_too_many_orders__tells_the_page(controller) -> None:
-    told: list[rig_orders.Told] = []
+    told: list[rig_orders.News] = []
     worker = RigWorker("simulated", controller.display, 1, told.append)
     for _ in range(WAITING_MAX + 3):
         worker.order(PRESS)

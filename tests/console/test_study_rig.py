@@ -75,7 +75,7 @@ def test_console_rig__two_streams__are_those_of_the_rig_alone_and_the_scope_sees
     place = Apparatus(rig, controller, "simulated")
     assert place.simulated
     record = place.record("index")
-    assert (record.rig_simulated, record.speed) == (True, 1.0)
+    assert (record["rig_simulated"], record["speed"]) == (True, 1.0)
 
 
 def theirs_position(traces):

@@ -58,10 +58,10 @@ class Generator:
         self._source: Iterator[FloatArray] = iter(())
         self._gain = self._phase = self._towards = self._step = 0.0
         self._frequency = 0.0
-        self._own_peak = 1.0
+        self._file_peak = 1.0
         self._position_s = 0.0
         self._columns = np.zeros(len(self._names))
-        self._left = np.zeros((0, len(self._names)))
+        self._unplayed = np.zeros((0, len(self._names)))
 
     @property
     def wave(self) -> GeneratorWave | None:
@@ -122,7 +122,7 @@ class Generator:
         if before is not None and self._gain != 0.0:
             return
         self._phase, self._position_s, self._frequency = 0.0, 0.0, wave.frequency_hz
-        self._left = np.zeros((0, len(self._names)))
+        self._unplayed = np.zeros((0, len(self._names)))
         if wave.kind == "noise":
             self._filters = [
                 _band(channel.threshold.band_hz, self._display.rate_hz) for channel in self._display.channels
@@ -131,23 +131,23 @@ class Generator:
         elif wave.kind == "file":
             reference = self._opened(wave)
             columns = [reference.head.channels.index(name) for name in self._names]
-            self._own_peak = max((float(np.abs(block).max(initial=0.0)) for block in reference.blocks()), default=0.0)
+            self._file_peak = max((float(np.abs(block).max(initial=0.0)) for block in reference.blocks()), default=0.0)
             self._source = (block[:, columns] for block in reference.blocks())
             self._gain = self._towards = self._target(wave)  # it has ramps of its own
 
     def _target(self, wave: GeneratorWave) -> float:
-        own = self._own_peak if wave.kind == "file" else 1.0
-        if wave.kind == "file" and abs(wave.level_db_sl - float(db(own))) < 0.05:
+        peak = self._file_peak if wave.kind == "file" else 1.0
+        if wave.kind == "file" and abs(wave.level_db_sl - float(db(peak))) < 0.05:
             return 1.0  # as the file has it
-        return float(from_db(wave.level_db_sl)) / max(own, 1e-12)
+        return float(from_db(wave.level_db_sl)) / max(peak, 1e-12)
 
     def _ramp(self, count: int, target: float) -> FloatArray:
         """Return the gain of the next rows, which reaches the target RAMP_S after it was set."""
         if target != self._towards:
             self._towards, self._step = target, abs(target - self._gain) / (RAMP_S * self._display.rate_hz)
-        left = abs(target - self._gain)
+        distance = abs(target - self._gain)
         steps = self._step * np.arange(1, count + 1)
-        gains = np.where(steps < left, self._gain + np.sign(target - self._gain) * steps, target)
+        gains = np.where(steps < distance, self._gain + np.sign(target - self._gain) * steps, target)
         self._gain = float(gains[-1])
         return np.asarray(gains)
 
@@ -172,20 +172,20 @@ class Generator:
         return np.asarray(np.sin(2.0 * np.pi * turns)[:, None] * self._columns)
 
     def _noise(self, count: int) -> FloatArray:
-        made = np.empty((count, len(self._names)))
+        noise = np.empty((count, len(self._names)))
         for index, (sections, gain) in enumerate(self._filters):
             white = self._rng.standard_normal(count)
-            made[:, index], self._states[index] = signal.sosfilt(sections, gain * white, zi=self._states[index])
-        return made
+            noise[:, index], self._states[index] = signal.sosfilt(sections, gain * white, zi=self._states[index])
+        return noise
 
     def _file(self, count: int) -> FloatArray:
-        while len(self._left) < count:
+        while len(self._unplayed) < count:
             more = next(self._source, None)
             if more is None:
                 self._next = None  # it is over
                 break
-            self._left = np.concatenate((self._left, more))
-        taken, self._left = self._left[:count], self._left[count:]
+            self._unplayed = np.concatenate((self._unplayed, more))
+        taken, self._unplayed = self._unplayed[:count], self._unplayed[count:]
         return np.concatenate((taken, np.zeros((count - len(taken), len(self._names)))))
 
     def _opened(self, wave: GeneratorWave) -> ReferenceFile:

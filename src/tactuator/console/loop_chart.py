@@ -127,7 +127,7 @@ class Steps:
 
 def states_of(system: SampledSystem) -> States:
     """Return the states of a system: its sections one behind the other, then its delay."""
-    made = States(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
+    states = States(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
     for b0, b1, b2, a0, a1, a2 in system.sections() / 1.0:
         section = States(
             np.array([[-a1, 1.0], [-a2, 0.0]]) / np.array([[a0, 1.0], [a0, 1.0]]),
@@ -135,20 +135,20 @@ def states_of(system: SampledSystem) -> States:
             np.array([1.0, 0.0]),
             b0 / a0,
         )
-        made = _behind(made, section)
+        states = _behind(states, section)
     for _ in range(system.delay_samples):
-        made = _behind(made, States(np.zeros((1, 1)), np.ones(1), np.ones(1), 0.0))
-    return made
+        states = _behind(states, States(np.zeros((1, 1)), np.ones(1), np.ones(1), 0.0))
+    return states
 
 
 def padded(plants: Sequence[States]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return systems stacked, (loops, n, n), (loops, n), (loops, n), (loops,): smaller ones get states that rest."""
-    order = max(one.b.size for one in plants)
+    order = max(plant.b.size for plant in plants)
     a, b, c = np.zeros((len(plants), order, order)), np.zeros((len(plants), order)), np.zeros((len(plants), order))
-    for place, one in enumerate(plants):
-        own = one.b.size
-        a[place, :own, :own], b[place, :own], c[place, :own] = one.a, one.b, one.c
-    return a, b, c, np.array([one.d for one in plants])
+    for place, plant in enumerate(plants):
+        size = plant.b.size
+        a[place, :size, :size], b[place, :size], c[place, :size] = plant.a, plant.b, plant.c
+    return a, b, c, np.array([plant.d for plant in plants])
 
 
 def steps(
@@ -161,21 +161,21 @@ def steps(
     dozens of loops are a few matrix products.
     """
     ap, bp, cp, dp = plants
-    loops, own, other = len(dp), controller.b.size, ap.shape[1]
+    loops, size, other = len(dp), controller.b.size, ap.shape[1]
     through = 1.0 / (1.0 + controller.d * dp)
     # u = by_controller xc + by_plant xp + by_input (r, d), the loop closed
     by_controller = controller.c[None] * through[:, None]
     by_plant = -controller.d * cp * through[:, None]
     by_input = np.stack([controller.d * through, through], axis=1)
-    order = own + other
+    order = size + other
     a, b = np.zeros((loops, order, order)), np.zeros((loops, order, 2))
     bc = controller.b
-    a[:, :own, :own] = controller.a - bc[:, None] * (dp[:, None] * by_controller)[:, None, :]
-    a[:, :own, own:] = -bc[:, None] * (cp + dp[:, None] * by_plant)[:, None, :]
-    a[:, own:, :own] = bp[:, :, None] * by_controller[:, None, :]
-    a[:, own:, own:] = ap + bp[:, :, None] * by_plant[:, None, :]
-    b[:, :own] = bc[:, None] * (np.array([1.0, 0.0]) - dp[:, None] * by_input)[:, None, :]
-    b[:, own:] = bp[:, :, None] * by_input[:, None, :]
+    a[:, :size, :size] = controller.a - bc[:, None] * (dp[:, None] * by_controller)[:, None, :]
+    a[:, :size, size:] = -bc[:, None] * (cp + dp[:, None] * by_plant)[:, None, :]
+    a[:, size:, :size] = bp[:, :, None] * by_controller[:, None, :]
+    a[:, size:, size:] = ap + bp[:, :, None] * by_plant[:, None, :]
+    b[:, :size] = bc[:, None] * (np.array([1.0, 0.0]) - dp[:, None] * by_input)[:, None, :]
+    b[:, size:] = bp[:, :, None] * by_input[:, None, :]
     rows = np.concatenate([dp[:, None] * by_controller, cp + dp[:, None] * by_plant], axis=1)
     with np.errstate(all="ignore"):
         asked, pushed = _outputs(a, b, rows, dp[:, None] * by_input, stride, instants)
@@ -191,12 +191,12 @@ def _outputs(
     whole = np.zeros((loops, order + 2, order + 2))
     whole[:, :order, :order], whole[:, :order, order:] = a, b
     whole[:, order:, order:] = np.eye(2)
-    found = np.concatenate([rows, direct], axis=1)[:, None, :]
+    values = np.concatenate([rows, direct], axis=1)[:, None, :]
     power = np.linalg.matrix_power(whole, stride)
-    while found.shape[1] < instants:
-        found = np.concatenate([found, found @ power], axis=1)
+    while values.shape[1] < instants:
+        values = np.concatenate([values, values @ power], axis=1)
         power = power @ power
-    return found[:, :instants, order], found[:, :instants, order + 1]
+    return values[:, :instants, order], values[:, :instants, order + 1]
 
 
 def _behind(first: States, second: States) -> States:
@@ -280,12 +280,11 @@ def ground(plants: ChannelPlants) -> dict[str, Any]:
     asked = plants.channel.feedback
     peak_s = asked.sensitivity_peak
     peak_t = plants.display.objectives.resonance_peak
+    closed = peak_t * np.exp(1j * _TURN)
     return {
         "contours": [{"level_db": level, "points": _contour(10.0 ** (level / 20.0))} for level in _LEVELS_DB],
-        "sensitivity": None
-        if asked.sensitivity_peak is None
-        else _around(-1.0 + np.exp(1j * _TURN) / asked.sensitivity_peak),
-        "resonance": _around(_circle_t(peak_t)) if peak_t > 1.0 else None,
+        "sensitivity": None if peak_s is None else _points(-1.0 + np.exp(1j * _TURN) / peak_s),
+        "resonance": _points(closed / (1.0 - closed)) if peak_t > 1.0 else None,
         "phase": asked.phase_margin_deg,
         "limits": {
             "s_db": [list(pair) for pair in zip(asked.rejection_hz, asked.rejection_max_db, strict=True)],
@@ -296,36 +295,21 @@ def ground(plants: ChannelPlants) -> dict[str, Any]:
     }
 
 
-def _circle_t(peak: float) -> ComplexArray:
-    """Return L on which |T| has one value."""
-    closed = peak * np.exp(1j * _TURN)
-    return np.asarray(closed / (1.0 - closed))
-
-
 def _contour(value: float) -> list[list[float]]:
     """Return the contour |T| = value between -360 and 0 degrees, from its left end on."""
-    turn = np.linspace(1e-3, 2.0 * np.pi - 1e-3, 241)
-    closed = value * np.exp(1j * turn)
+    closed = value * np.exp(1j * np.linspace(1e-3, 2.0 * np.pi - 1e-3, 241))
     with np.errstate(all="ignore"):
-        points = _points(np.asarray(closed / (1.0 - closed)))
-    if value < 1.0:  # it runs from 0 to -360 degrees; above, around the critical point
-        points = points[np.argsort(points[:, 0])]
-    return _rounded(points)
+        # below 1 it runs from 0 to -360 degrees; above, around the critical point
+        return _points(closed / (1.0 - closed), ascending=value < 1.0)
 
 
-def _around(loop: ComplexArray) -> list[list[float]]:
-    return _rounded(_points(loop))
-
-
-def _points(loop: ComplexArray) -> FloatArray:
+def _points(loop: ComplexArray, ascending: bool = False) -> list[list[float]]:
+    """Return L as points of phase (degrees, from -360 to 0) and gain (dB), rounded to what is drawn."""
     phase = np.degrees(np.angle(loop))
     points = np.column_stack([np.where(phase > 0.0, phase - 360.0, phase), db(loop)])
-    return np.asarray(points[np.isfinite(points[:, 1]) & (np.abs(points[:, 1]) < 120.0)])
-
-
-def _rounded(points: FloatArray) -> list[list[float]]:
-    found: list[list[float]] = np.round(points, 1).tolist()
-    return found
+    points = points[np.isfinite(points[:, 1]) & (np.abs(points[:, 1]) < 120.0)]
+    rounded: list[list[float]] = np.round(points[np.argsort(points[:, 0])] if ascending else points, 1).tolist()
+    return rounded
 
 
 MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
@@ -385,24 +369,24 @@ def _templates(plants: ChannelPlants, phase: FloatArray, gain: FloatArray) -> It
         if plants.frequency_hz[0] < mark < plants.frequency_hz[-1]:
             place = int(np.searchsorted(logs, np.log(mark)))
             share = (np.log(mark) - logs[place - 1]) / (logs[place] - logs[place - 1])
-            points = [(1.0 - share) * one[:, place - 1] + share * one[:, place] for one in (phase, gain)]
+            points = [(1.0 - share) * axis[:, place - 1] + share * axis[:, place] for axis in (phase, gain)]
             yield np.round(hull(np.array(points).T), 2).tolist()
 
 
 def _steps(plants: ChannelPlants, moved: Steps) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    shown: dict[str, Any] = {}
     for name, values in (("asked", moved.asked), ("pushed", moved.pushed)):
-        found[name] = {"curves": [_plain(values[place], 4) for place in plants.shown]}
+        shown[name] = {"curves": [_plain(values[place], 4) for place in plants.shown]}
         if len(plants.family) > 1:
-            found[name]["envelope"] = [_plain(values.min(axis=0), 4), _plain(values.max(axis=0), 4)]
-    return found
+            shown[name]["envelope"] = [_plain(values.min(axis=0), 4), _plain(values.max(axis=0), 4)]
+    return shown
 
 
 def _crossed(
     plants: ChannelPlants, gain: FloatArray, sense: FloatArray, complement: FloatArray, phase: FloatArray
 ) -> Iterator[str]:
     """Yield what the family passes, as it shows on the drawn frequencies; the figures tell by how much."""
-    asked = plants.channel.feedback
+    asked, logs = plants.channel.feedback, np.log(plants.frequency_hz)
     if asked.sensitivity_peak is not None and np.max(sense) > db(asked.sensitivity_peak) + _DRAWN_DB:
         yield "sensitivity"
     if np.max(complement) > db(plants.display.objectives.resonance_peak) + _DRAWN_DB:
@@ -414,9 +398,7 @@ def _crossed(
         ("mains", complement, asked.mains_hz, asked.mains_max_db),
     ):
         for frequency, limit in zip(at, most, strict=True):
-            if any(
-                np.interp(np.log(frequency), np.log(plants.frequency_hz), one) > limit + _DRAWN_DB for one in levels
-            ):
+            if any(np.interp(np.log(frequency), logs, level) > limit + _DRAWN_DB for level in levels):
                 yield f"{name} {frequency:g}"
 
 
@@ -433,5 +415,5 @@ def _within_margin(gain: FloatArray, phase: FloatArray, margin_deg: float) -> bo
 
 
 def _plain(values: FloatArray, digits: int = 3) -> list[float]:
-    found: list[float] = np.round(np.nan_to_num(values, neginf=-400.0, posinf=400.0), digits).tolist()
-    return found
+    plain: list[float] = np.round(np.nan_to_num(values, neginf=-400.0, posinf=400.0), digits).tolist()
+    return plain

@@ -272,7 +272,7 @@ def _ratio_of(frequency_hz: float, phase_deg: float, rate_hz: float) -> float:
     missing = [_phase_deg(frequency_hz, float(np.exp(end)), rate_hz) - phase_deg for end in (low, high)]
     if missing[0] >= 0.0 or missing[1] <= 0.0:
         return _ALLOWED["ratio"][0] if missing[0] >= 0.0 else _ALLOWED["ratio"][1]
-    found = optimize.brentq(
+    logarithm = optimize.brentq(
         lambda x: _phase_deg(frequency_hz, float(np.exp(x)), rate_hz) - phase_deg, low, high, xtol=1e-9
     )
-    return float(np.exp(found))
+    return float(np.exp(logarithm))

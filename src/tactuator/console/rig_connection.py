@@ -79,10 +79,10 @@ def _listen(session: RigSession) -> None:
     """Let the pages be told what the rig's process tells; it comes on another thread."""
     loop = asyncio.get_running_loop()
 
-    def tell(told: orders.Told) -> None:
+    def tell(news: orders.News) -> None:
         with suppress(RuntimeError):  # the server has ended, and with it the loop
-            if isinstance(told, orders.Refused):
-                loop.call_soon_threadsafe(session.controls.tell_refusal, told.text)
+            if isinstance(news, orders.Refused):
+                loop.call_soon_threadsafe(session.controls.tell_refusal, news.text)
             else:
                 loop.call_soon_threadsafe(session.controls.tell_all)
 

@@ -169,7 +169,7 @@ class Refused:
     text: str
 
 
-Told = RigStatus | Piece | Points | Presented | Refused
+News = RigStatus | Piece | Points | Presented | Refused
 
 
 WAITING_MAX = 1000
@@ -188,13 +188,13 @@ class WaitingOrders:
         Where too many wait, another is refused. An order to end something takes the place of those before it instead,
         and one that an experiment waits for is taken in any case.
         """
-        told = ""
+        warning = ""
         if self._queue.qsize() >= WAITING_MAX and not _is_awaited(order):
             if not _ends(order):
                 return f"{WAITING_MAX} orders wait for the rig; allowed: another once they are done"
-            told = f"{self._forget()} orders that waited for the rig are dropped, because something is to end"
+            warning = f"{self._forget()} orders that waited for the rig are dropped, because something is to end"
         self._queue.put(order)
-        return told
+        return warning
 
     def get(self) -> Order:
         """Return the next order, as soon as there is one."""

@@ -131,7 +131,7 @@ class RigProcess:
         self.points: orders.Points | None = None
         self.samples = ScopeSamples(len(display.channels), round(KEPT_S * display.rate_hz))
         self.levels = Levels(display)
-        self.changed: Callable[[orders.Told], None] = lambda told: None
+        self.changed: Callable[[orders.News], None] = lambda news: None
         self.taken: Callable[[orders.Piece], None] = lambda piece: None
         self.presented: Callable[[orders.Presented | None], None] = lambda piece: None
         self._before = 0
@@ -193,7 +193,7 @@ class RigProcess:
 
     def close(self) -> None:
         """Bring the rig to rest, and end the process."""
-        self.changed = lambda told: None
+        self.changed = lambda news: None
         self._end()
 
     def _end(self) -> None:
@@ -214,20 +214,20 @@ class RigProcess:
                 self._take(orders.RigStatus(mode="gone", fault=_ENDED))
             self.presented(None)
 
-    def _take(self, told: orders.Told) -> None:
-        match told:
+    def _take(self, news: orders.News) -> None:
+        match news:
             case orders.Piece():
-                rows = np.frombuffer(told.content, dtype=np.float32).reshape(-1, self.samples.series)
-                self.samples.add(self._before + told.first, rows, told.saturated)
-                self.taken(told)
+                rows = np.frombuffer(news.content, dtype=np.float32).reshape(-1, self.samples.series)
+                self.samples.add(self._before + news.first, rows, news.saturated)
+                self.taken(news)
                 return
             case orders.Presented():
-                self.presented(told)
+                self.presented(news)
                 return
             case orders.RigStatus():
-                self.status = told
+                self.status = news
             case orders.Points():
-                self.points = told
+                self.points = news
             case orders.Refused():
                 pass
-        self.changed(told)
+        self.changed(news)

@@ -70,12 +70,12 @@ class RigWorker:
     tell: called with everything that is to be told; it must not wait.
     """
 
-    def __init__(self, spec: str, display: Display, seed: int, tell: Callable[[orders.Told], None]) -> None:
+    def __init__(self, spec: str, display: Display, seed: int, tell: Callable[[orders.News], None]) -> None:
         self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
         self._orders = WaitingOrders()
         self._halt = threading.Event()
         self._generator = Generator(display, np.random.default_rng(seed))
-        self._status = orders.RigStatus(press_v={one.name: 0.0 for one in display.channels})
+        self._status = orders.RigStatus(press_v={channel.name: 0.0 for channel in display.channels})
         self._rig: Rig | None = None
         self._opened: Rig | None = None
         self._controller: Controller | None = None
@@ -85,8 +85,8 @@ class RigWorker:
         """Take an order, from any thread; what ends a measurement ends it at once."""
         if isinstance(order, orders.RestOrder | orders.QuitOrder):
             self._halt.set()
-        if told := self._orders.put(order):
-            self._tell(orders.Refused(told))
+        if warning := self._orders.put(order):
+            self._tell(orders.Refused(warning))
 
     def run(self) -> None:
         """Open the rig and obey until the order to quit; then leave the rig at rest."""
@@ -282,7 +282,7 @@ class RigWorker:
         self._open()
         assert self._opened is not None
         self._say(mode="measuring", fault="")
-        found: tuple[Response, ...] = ()
+        measured_so_far: tuple[Response, ...] = ()
         try:
             touch_all(self._opened, self._display.channels, order.settings.load)
             self._load(orders.LoadOrder(order.controller))
@@ -290,12 +290,12 @@ class RigWorker:
             with TemporaryDirectory() as folder:
 
                 def tell(responses: tuple[Response, ...], over: bool = False) -> None:
-                    nonlocal found
-                    found = responses
+                    nonlocal measured_so_far
+                    measured_so_far = responses
                     self._tell(points_of(responses, order, Path(folder), over))
 
                 measured(WatchedRig(self._opened, self._halt.is_set), order, tell)
-                tell(found, over=True)
+                tell(measured_so_far, over=True)
         except RigHalted:
             self._rest()
         self._end_as("idle")
@@ -337,14 +337,14 @@ class Sender:
     """Sends through `pipe` in a thread of its own: a slow server holds nothing up, and no sample is dropped."""
 
     def __init__(self, pipe: Connection) -> None:
-        self._waiting: queue.SimpleQueue[orders.Told | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[orders.News | None] = queue.SimpleQueue()
         self._pipe = pipe
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def tell(self, told: orders.Told) -> None:
+    def tell(self, news: orders.News) -> None:
         """Send it after all that came before; return at once."""
-        self._waiting.put(told)
+        self._waiting.put(news)
 
     def close(self) -> None:
         """Wait until everything is sent, a second at most."""
@@ -353,8 +353,8 @@ class Sender:
 
     def _work(self) -> None:
         with suppress(OSError):
-            while (told := self._waiting.get()) is not None:
-                self._pipe.send(told)
+            while (news := self._waiting.get()) is not None:
+                self._pipe.send(news)
 
 
 class RigHalted(Exception):
@@ -434,16 +434,16 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
     levels = [ResponseLevels.of(response, order.controller) for response in responses]
     shown = [
         {
-            "channel": one.channel,
-            "load": one.load,
-            "frequency_hz": one.frequency_hz.tolist(),
+            "channel": response.channel,
+            "load": response.load,
+            "frequency_hz": response.frequency_hz.tolist(),
             "level_db_sl": _finite(level.felt_db_sl),
             "expected_db_sl": _finite(level.predicted_db_sl),
-            "confidence_db": _finite(one.confidence_db),
-            "saturated": one.saturated.tolist(),
-            "reached": one.reached.tolist(),
+            "confidence_db": _finite(response.confidence_db),
+            "saturated": response.saturated.tolist(),
+            "reached": response.reached.tolist(),
         }
-        for one, level in zip(responses, levels, strict=True)
+        for response, level in zip(responses, levels, strict=True)
     ]
     done = len(responses[0].frequency_hz) if responses else 0
     return orders.Points({"responses": shown}, done, len(order.settings.frequency_hz), path.read_text("utf-8"), over)

@@ -197,8 +197,8 @@ class View:
         counts = (number, content.shape[1], content.shape[0], content.shape[2])
         crossing = float("nan") if self._crossing is None else float(self._crossing)
         rows = (float(window.first), float(window.step), float(samples.end), crossing)
-        told = (dropped, samples.lost, samples.saturated, int(self.done))
-        return HEADER.pack(*counts, *rows, *told) + np.ascontiguousarray(content, dtype="<f4").tobytes()
+        counted = (dropped, samples.lost, samples.saturated, int(self.done))
+        return HEADER.pack(*counts, *rows, *counted) + np.ascontiguousarray(content, dtype="<f4").tobytes()
 
     def _stop(self, look: Look, span: int) -> int | None:
         """Return the row at which the picture ends."""
@@ -219,10 +219,10 @@ class View:
         trigger = Trigger(series, look.level, look.edge)
         last = self._samples.end - self._after(look, span)
         start = max(self._armed_at if look.mode == "single" else 0, last - max(span, round(_SEARCH_S * self._rate)))
-        found = newest_crossing(self._samples, trigger, start, last)
-        if found is not None or look.mode == "auto":
-            self._crossing = found
-        self.done = look.mode == "single" and found is not None
+        crossing = newest_crossing(self._samples, trigger, start, last)
+        if crossing is not None or look.mode == "auto":
+            self._crossing = crossing
+        self.done = look.mode == "single" and crossing is not None
 
     def _after(self, look: Look, span: int) -> int:
         return round((1.0 - look.share) * span)

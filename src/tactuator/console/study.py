@@ -103,16 +103,16 @@ class ConsoleRig(Rig):
         while not self._told.empty():  # of before
             self._told.get()
         self._began_at, self._rows_played = None, 0
-        self._order(orders.PresentOrder(number, tuple(np.asarray(one, dtype=np.float64) for one in blocks)))
-        for told in self._answers(number, _SILENT_S):
-            if told.fault:
-                raise (TimingMissed if told.missed else DeviceFault)(told.fault)
-            if told.began_at is not None:
-                self._began_at = told.began_at
-            if told.trace is not None:
-                count = self._rows_played + len(told.trace)
-                self._rows_played = count if told.rows_played is None else told.rows_played
-                yield told.trace
+        self._order(orders.PresentOrder(number, tuple(np.asarray(block, dtype=np.float64) for block in blocks)))
+        for piece in self._answers(number, _SILENT_S):
+            if piece.fault:
+                raise (TimingMissed if piece.missed else DeviceFault)(piece.fault)
+            if piece.began_at is not None:
+                self._began_at = piece.began_at
+            if piece.trace is not None:
+                count = self._rows_played + len(piece.trace)
+                self._rows_played = count if piece.rows_played is None else piece.rows_played
+                yield piece.trace
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Raise BadInput: an experiment plays through the controller only."""
@@ -145,14 +145,14 @@ class ConsoleRig(Rig):
         """Yield what is told of the order of that number, to its end; what is told of others came late."""
         while True:
             try:
-                told = self._told.get(timeout=patience_s)
+                piece = self._told.get(timeout=patience_s)
             except queue.Empty:
                 raise DeviceFault(f"the rig's process has told nothing for {patience_s:g} s") from None
-            if told is None:
+            if piece is None:
                 raise DeviceFault("the process that holds the rig has ended", "open the rig again")
-            if told.number == number:
-                yield told
-                if told.over:
+            if piece.number == number:
+                yield piece
+                if piece.over:
                     return
 
 

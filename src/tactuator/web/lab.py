@@ -73,11 +73,11 @@ class Lab:
 
     def by_token(self, token: str) -> Found | None:
         """Return the session that a subject's link opens, or None."""
-        found = None
+        session = None
         for row in self._rows:  # all of them, so that the duration gives no hint of the tokens
             if hmac.compare_digest(row.link_token.encode(), token.encode()):
-                found = row
-        return found
+                session = row
+        return session
 
     async def refresh(self) -> None:
         """Read the study's sessions and subjects anew, after an operator changed them."""

@@ -145,7 +145,7 @@ class OperatorPage:
             tables = await self.lab.results(session)
         except BadInput as error:
             raise BadInput(self.lab.words("operator.refused_no_result") if subject else str(error)) from None
-        await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(one) for one in tables]})
+        await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(table) for table in tables]})
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the page shows."""
@@ -170,7 +170,7 @@ class OperatorPage:
                 "simulated": apparatus.simulated,
             },
             "sessions": [self._session(row) for row in lab.sessions],
-            "runs": [] if active is None else [_run(one) for one in active.session.tally],
+            "runs": [] if active is None else [_run(run) for run in active.session.tally],
             "picture": None if course is None else course.picture(),
         }
 
@@ -199,8 +199,8 @@ def _standing(session: Session) -> dict[str, Any]:
 
     share_correct: of what is answered, practice left out; None while there is nothing.
     """
-    counted = [one for one in session.tally if not one.planned.practice]
-    answered, right = sum(one.answered for one in counted), sum(one.correct for one in counted)
+    counted = [run for run in session.tally if not run.planned.practice]
+    answered, right = sum(run.answered for run in counted), sum(run.correct for run in counted)
     return {
         "stage": session.stage,
         "progress": session.progress,
@@ -210,13 +210,13 @@ def _standing(session: Session) -> dict[str, Any]:
     }
 
 
-def _run(one: RunTally) -> dict[str, Any]:
+def _run(run: RunTally) -> dict[str, Any]:
     return {
-        "title": one.planned.title,
-        "state": one.state,
-        "answered": one.answered,
-        "of": one.planned.trials,
-        "share_correct": one.correct / one.answered if one.answered else None,
+        "title": run.planned.title,
+        "state": run.state,
+        "answered": run.answered,
+        "of": run.planned.trials,
+        "share_correct": run.correct / run.answered if run.answered else None,
     }
 
 

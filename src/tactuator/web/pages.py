@@ -86,7 +86,7 @@ def file_response(folder: Traversable, name: str, headers: Mapping[str, str]) ->
 
 def holds_file(folder: Traversable, name: str) -> bool:
     """Return whether the folder lists a file of that name: a request's own, which the system may refuse (too long)."""
-    return any(one.name == name and one.is_file() for one in folder.iterdir())
+    return any(file.name == name and file.is_file() for file in folder.iterdir())
 
 
 def plain_text(text: str, status: int = 200) -> Response:

@@ -48,13 +48,13 @@ class Listener(socket.socket):
         """Take the next connection. Raises ConnectionAbortedError where it is beyond the limits, so that the event loop
         turns to what else there is before the next one.
         """
-        made, address = super().accept()
-        theirs = [where for one, where in self._taken.items() if one.fileno() >= 0]
+        taken, address = super().accept()
+        theirs = [where for known, where in self._taken.items() if known.fileno() >= 0]
         if len(theirs) >= CONNECTIONS_MAX or theirs.count(address[0]) >= CONNECTIONS_PER_ADDRESS_MAX:
-            made.close()
+            taken.close()
             raise ConnectionAbortedError
-        self._taken[made] = address[0]
-        return made, address
+        self._taken[taken] = address[0]
+        return taken, address
 
 
 def listener(host: str, port: int) -> Listener:
@@ -65,15 +65,15 @@ def listener(host: str, port: int) -> Listener:
     """
     if not 0 <= port <= 65535:
         raise BadInput(f"port {port}", "0 to 65535")
-    made = Listener(socket.AF_INET6 if ":" in host else socket.AF_INET)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listening = Listener(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        made.bind((host, port))
+        listening.bind((host, port))
     except OSError as error:
-        made.close()
+        listening.close()
         raise BadInput(f"address {host}, port {port}: {error.strerror or error}", "one that is free") from None
-    made.listen(_BACKLOG)
-    return made
+    listening.listen(_BACKLOG)
+    return listening
 
 
 _MISDIRECTED, _FORBIDDEN = 421, 403
@@ -281,7 +281,7 @@ def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str]
     )
     for name in _LOGGERS:
         logger = logging.getLogger(name)
-        for before in [one for one in logger.filters if isinstance(one, LogLimit)]:
+        for before in [known for known in logger.filters if isinstance(known, LogLimit)]:
             logger.removeFilter(before)
         logger.addFilter(LogLimit(clock))
     return config

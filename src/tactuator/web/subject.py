@@ -120,7 +120,7 @@ class SubjectTab:
 
     async def _run_stage(self, presented: PresentedSession) -> None:
         session = presented.session
-        told = stage, _ = presented.comes
+        announced = stage, _ = presented.comes
         await self._stage(presented)
         if stage in ("done", "ended"):
             self.lab.release(self.session)
@@ -128,7 +128,7 @@ class SubjectTab:
         elif stage == "consent":
             await self._await_consent(presented)
         else:
-            if not await self._is_ready(presented, told):
+            if not await self._is_ready(presented, announced):
                 return  # the operator gave up the run that was introduced: the page is told of the next
             if stage == "trial":
                 await self._run_trials(presented)
@@ -167,12 +167,12 @@ class SubjectTab:
             if isinstance(message, Pause | Withdraw):
                 raise _Interrupted(message)
 
-    async def _is_ready(self, presented: PresentedSession, told: tuple[str, str]) -> bool:
+    async def _is_ready(self, presented: PresentedSession, announced: tuple[str, str]) -> bool:
         """Wait until the subject goes on from what the page was told; return False where something else comes now."""
-        while presented.comes == told:
+        while presented.comes == announced:
             message = await self._until_changed()
-            if isinstance(message, Ready) and message.stage == told[0]:
-                return presented.comes == told
+            if isinstance(message, Ready) and message.stage == announced[0]:
+                return presented.comes == announced
         return False
 
     async def _until_changed(self) -> SubjectMessage | None:

@@ -40,8 +40,8 @@ async function route() {
   view.onkeydown = null;
   navigation(state);
   try {
-    const Made = await VIEWS[state.view].load();
-    const made = shown = new Made(view, link, state);
+    const { default: View } = await import(`./${state.view}.js`); // when it is opened first
+    const made = shown = new View(view, link, state);
     await made.open();
     if (shown !== made) return;
     made.isOpen = true;

@@ -5,7 +5,7 @@ import { Drop } from "./drop.js";
 
 const WAIT_MS = 350, MOST = 60000;
 
-export class Display {
+export default class Display {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, past: [], future: [] }); }
 
   kept() { return `text of ${this.state.display ?? "a new display"}`; }

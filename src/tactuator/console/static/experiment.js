@@ -9,7 +9,7 @@ import { term } from "./words.js";
 
 const named = (key) => key.replace("example:", "example ");
 
-export class Experiment {
+export default class Experiment {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, files: [], study: null, known: undefined }); }
 
   async open() {

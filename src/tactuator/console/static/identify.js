@@ -6,7 +6,7 @@ import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { term } from "./words.js";
 
-export class Identify {
+export default class Identify {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], validate: [] }); }
 
   async open() {

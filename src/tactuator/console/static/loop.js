@@ -12,7 +12,7 @@ import { term } from "./words.js";
 const STYLES = ["none", "7 4", "7 4"], HUES = ["nominal", "load", "load2"];
 const REGIONS = { sensitivity: "|S| passes its limit", resonance: "|T| passes its limit", phase: "the phase margin is short" };
 
-export class Loop {
+export default class Loop {
   constructor(view, link, state) {
     Object.assign(this, { view, link, state, past: [], future: [], latencies: [], kept: [], frame: null, waiting: false, next: null, since: null, later: [], good: null });
     window.consoleLatencies = this.latencies;

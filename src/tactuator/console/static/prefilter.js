@@ -8,7 +8,7 @@ import { term } from "./words.js";
 
 const STEP_DB = 0.5, MANY = 5, FEWEST = 2, MOST = 16;
 
-export class Prefilter {
+export default class Prefilter {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, past: [], future: [], personal: null, found: null, dragged: null, waiting: false, again_: false }); }
 
   async open() {

@@ -7,7 +7,7 @@ import { term } from "./words.js";
 
 const LOADS = ["nominal", "load", "load2", "sense"];
 
-export class Response {
+export default class Response {
   constructor(view, link, state) { Object.assign(this, { view, link, state, kept: [], points: null, expected: null }); }
 
   async open() {

@@ -12,7 +12,7 @@ const MODES = { roll: "rolling", auto: "trigger, or rolling", normal: "at the tr
 const ROWS = [{ title: "reference", unit: "thresholds" }, { title: "command", unit: "V" }, { title: "position", unit: "V of the sensor" }];
 const LEVELS = 300;
 
-export class Scope {
+export default class Scope {
   constructor(view, link, state) {
     Object.assign(this, { view, link, state, frames: [], levels: [], held: null, last: null, hidden: new Set() });
     window.scopeFrames = this.frames; // the time at which each was drawn, for the benchmark

@@ -9,7 +9,7 @@ import { term } from "./words.js";
 
 const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
 
-export class Speech {
+export default class Speech {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], maps: [] }); }
 
   async open() {

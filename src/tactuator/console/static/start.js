@@ -18,7 +18,7 @@ const TOUR = [
   ["Render speech, and play it", "speech", "tactuator render speech.wav --display display.toml --level 35 --out reference.wav --felt felt.wav"],
 ];
 
-export class Start {
+export default class Start {
   constructor(view, link) { Object.assign(this, { view, link }); }
 
   async open() {
