@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import WebSocket
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
 from tactuator.console.loop_chart import MARKS_HZ, frame, ground, settled_figures, verdict_rows
@@ -147,32 +147,19 @@ class Check(ViewRequest):
 
 
 REQUESTS: Requests[ViewRequest | Draw] = {
-    name: TypeAdapter(kind)
-    for name, kind in {
-        "start": Start,
-        "open": Open,
-        "bring": Bring,
-        "draw": Draw,
-        "point": MovePoint,
-        "design": Design,
-        "check": Check,
-        **display_view.REQUESTS,
-        **identify_view.REQUESTS,
-        **prefilter_view.REQUESTS,
-        **speech_view.REQUESTS,
-        **study.REQUESTS,
-    }.items()
+    "start": Start,
+    "open": Open,
+    "bring": Bring,
+    "draw": Draw,
+    "point": MovePoint,
+    "design": Design,
+    "check": Check,
+    **display_view.REQUESTS,
+    **identify_view.REQUESTS,
+    **prefilter_view.REQUESTS,
+    **speech_view.REQUESTS,
+    **study.REQUESTS,
 }
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """The shape whose figures are wanted, and the request that it came with."""
-
-    request: int
-    display: str
-    channel: str
-    shape: LoopShape
 
 
 class ConsoleConnection:
@@ -184,7 +171,7 @@ class ConsoleConnection:
 
     def __init__(self, socket: WebSocket, state: ConsoleState, apart: Executor | None = None) -> None:
         self._socket, self._state, self._apart = socket, state, apart
-        self._wanted: _Wanted | None = None
+        self._newest: tuple[int, str, str, LoopShape] | None = None
         self._changed = asyncio.Event()
 
     async def serve(self) -> None:
@@ -198,7 +185,7 @@ class ConsoleConnection:
         place = request.display, request.channel
         plants, shape = self._state.plants(*place), request.wanted(self._state)
         drawn = frame(plants, self._state.system(*place, shape))
-        self._wanted = _Wanted(number, *place, shape)
+        self._newest = number, *place, shape
         self._changed.set()
         return {"shape": shape.document(), "frame": drawn}
 
@@ -207,25 +194,23 @@ class ConsoleConnection:
         while True:
             await self._changed.wait()
             self._changed.clear()
-            wanted = self._wanted
-            if wanted is None:
+            if self._newest is None:
                 continue
+            number, display, channel, shape = self._newest
             try:
-                figures = await self._figures_of(wanted)
+                figures = await self._figures_of(display, channel, shape)
             except TactuatorError as error:
                 figures = {"refused": str(error)}
             except Exception:
                 LOGGER.exception("figures of the console failed")
                 figures = {"refused": DEFECT}
-            await send(self._socket, {"of": wanted.request, "channel": wanted.channel, "figures": figures})
+            await send(self._socket, {"of": number, "channel": channel, "figures": figures})
 
-    async def _figures_of(self, wanted: _Wanted) -> Answer:
-        state, place = self._state, (wanted.display, wanted.channel)
-        system, known = state.system(*place, wanted.shape), state.known(*place, wanted.shape)
-        loop = asyncio.get_running_loop()
-        controller, figures = await loop.run_in_executor(
-            self._apart, settled_figures, state.plants(*place), system, known
-        )
+    async def _figures_of(self, display: str, channel: str, shape: LoopShape) -> Answer:
+        state, place = self._state, (display, channel)
+        known = state.known(*place, shape)
+        plants, system, loop = state.plants(*place), state.system(*place, shape), asyncio.get_running_loop()
+        controller, figures = await loop.run_in_executor(self._apart, settled_figures, plants, system, known)
         if known is None:
-            state.keep(*place, wanted.shape, controller)
+            state.keep(*place, shape, controller)
         return figures

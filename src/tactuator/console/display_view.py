@@ -16,7 +16,7 @@ from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.display import where_of
 from tactuator.io.shipped import display_template
 from tactuator.io.text import parse_toml, read_text
-from tactuator.model.description import SHARED_TABLES, Channel, Display, keys_of
+from tactuator.model.description import SHARED_TABLES, Channel, keys_of
 from tactuator.parameters import choices, default, parameters
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
@@ -152,7 +152,14 @@ class DisplayJudge(ViewRequest):
             key = state.take_text(self.text, self.display)
         except TactuatorError as error:
             return judged | {"fault": str(error), "line": line_of(self.text, error)}
-        return judged | {"key": key, "sketch": _sketch(state.display(key))}
+        display = state.display(key)
+        sketch = {
+            "name": display.name,
+            "rate_hz": display.rate_hz,
+            "delay_samples": display.delay_samples,
+            "channels": [_channel(channel) for channel in display.channels],
+        }
+        return judged | {"key": key, "sketch": sketch}
 
 
 @dataclass(frozen=True)
@@ -199,15 +206,6 @@ def _table(text: str, name: str, place: int, title: str, keys: Mapping[str, Fiel
         for key, about in keys.items()
     ]
     return {"table": name, "place": place, "title": title, "fields": fields}
-
-
-def _sketch(display: Display) -> Answer:
-    return {
-        "name": display.name,
-        "rate_hz": display.rate_hz,
-        "delay_samples": display.delay_samples,
-        "channels": [_channel(channel) for channel in display.channels],
-    }
 
 
 def _channel(channel: Channel) -> Answer:

@@ -11,6 +11,7 @@ import logging
 import shlex
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -33,7 +34,7 @@ Name = Annotated[str, StringConstraints(max_length=200)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Answer = dict[str, Any]
 Asked = TypeVar("Asked")
-Requests = Mapping[str, TypeAdapter[Asked]]
+Requests = Mapping[str, type[Asked]]
 
 DEFECT = "a defect of the console; the server's log has it. What is in the page is still there"
 LOGGER = logging.getLogger("tactuator.web.lab")
@@ -64,9 +65,16 @@ def checked(requests: Requests[Asked], message: Mapping[str, Any]) -> Asked:
     if not isinstance(name, str) or name not in requests:
         raise BadInput("not known", _OF_PAGE, where=("message",), key="do")
     try:
-        return requests[name].validate_python(fields)
+        kind: Any = requests[name]
+        request: Asked = _adapter(kind).validate_python(fields)
     except ValidationError as error:
         raise refusal(error, "message", _OF_PAGE) from None
+    return request
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 async def serve_requests(

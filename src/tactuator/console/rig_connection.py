@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from fastapi import FastAPI, WebSocket
-from pydantic import TypeAdapter
 
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import GeneratorWave
@@ -40,24 +39,21 @@ class Acknowledge(PageRequest):
 
 
 REQUESTS: Requests[PageRequest] = {
-    name: TypeAdapter(kind)
-    for name, kind in {
-        "take": TakeControls,
-        "give": GiveControls,
-        "live": orders.LiveOrder,
-        "stop": StopPlaying,
-        "rest": orders.RestOrder,
-        "reopen": orders.ReopenOrder,
-        "controller": UseController,
-        "wave": GeneratorWave,
-        "touch": orders.TouchOrder,
-        "press": orders.PressOrder,
-        "measure": orders.MeasureSettings,
-        "expected": Expected,
-        "look": Look,
-        "drawn": Acknowledge,
-        "save": Save,
-    }.items()
+    "take": TakeControls,
+    "give": GiveControls,
+    "live": orders.LiveOrder,
+    "stop": StopPlaying,
+    "rest": orders.RestOrder,
+    "reopen": orders.ReopenOrder,
+    "controller": UseController,
+    "wave": GeneratorWave,
+    "touch": orders.TouchOrder,
+    "press": orders.PressOrder,
+    "measure": orders.MeasureSettings,
+    "expected": Expected,
+    "look": Look,
+    "drawn": Acknowledge,
+    "save": Save,
 }
 
 

@@ -170,10 +170,10 @@ class Refused:
 
 
 News = RigStatus | Piece | Points | Presented | Refused
-
-
 WAITING_MAX = 1000
 """Orders that may wait, while a measurement goes on for instance; a page makes less than a hundred a second."""
+_AWAITED = PresentOrder | AwaitedRestOrder | QuitOrder
+"""Orders whose end an experiment waits for, or with which the process ends."""
 
 
 class WaitingOrders:
@@ -189,8 +189,8 @@ class WaitingOrders:
         and one that an experiment waits for is taken in any case.
         """
         warning = ""
-        if self._queue.qsize() >= WAITING_MAX and not _is_awaited(order):
-            if not _ends(order):
+        if self._queue.qsize() >= WAITING_MAX and not isinstance(order, _AWAITED):
+            if not (isinstance(order, RestOrder) or (isinstance(order, GenerateOrder) and order.wave is None)):
                 return f"{WAITING_MAX} orders wait for the rig; allowed: another once they are done"
             warning = f"{self._forget()} orders that waited for the rig are dropped, because something is to end"
         self._queue.put(order)
@@ -212,16 +212,7 @@ class WaitingOrders:
         waited = []
         while (order := self.get_nowait()) is not None:
             waited.append(order)
-        kept = [order for order in waited if _is_awaited(order)]
+        kept = [order for order in waited if isinstance(order, _AWAITED)]
         for order in kept:
             self._queue.put(order)
         return len(waited) - len(kept)
-
-
-def _is_awaited(order: Order) -> bool:
-    """Return whether an experiment waits for the order's end, or the process ends with it."""
-    return isinstance(order, PresentOrder | AwaitedRestOrder | QuitOrder)
-
-
-def _ends(order: Order) -> bool:
-    return isinstance(order, RestOrder) or (isinstance(order, GenerateOrder) and order.wave is None)

@@ -16,7 +16,7 @@ from typing import Annotated
 import numpy as np
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from numpy.typing import ArrayLike
-from pydantic import Field, StringConstraints, TypeAdapter
+from pydantic import Field, StringConstraints
 
 from tactuator.console import rig_orders as orders
 from tactuator.console.requests import (
@@ -221,11 +221,7 @@ class ExportStudy(PageRequest):
 
 REQUESTS = {"experiment.start": ExperimentStart, "experiment.look": ExperimentLook}
 """Requests of the view before a study is open, on the page's own connection."""
-_STUDY_REQUESTS: Requests[PageRequest] = {
-    "begin": TypeAdapter(BeginStudy),
-    "end": TypeAdapter(EndStudy),
-    "export": TypeAdapter(ExportStudy),
-}
+_STUDY_REQUESTS: Requests[PageRequest] = {"begin": BeginStudy, "end": EndStudy, "export": ExportStudy}
 
 
 def add_study(app: FastAPI, token: str, study: StudyAtRig | None) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import WebSocket, WebSocketDisconnect
 
@@ -35,6 +35,7 @@ CLOSE_ELSEWHERE = 4001
 """Close code of a connection whose session was opened in another tab."""
 
 _RECHECK_S = 5.0
+_Kind = TypeVar("_Kind")
 _MESSAGES_MAX = 32
 """Number of messages that may wait; a page that sends more is read no further until they are handled."""
 
@@ -124,9 +125,11 @@ class SubjectTab:
         await self._stage(presented)
         if stage in ("done", "ended"):
             self.lab.release(self.session)
-            await self._await_answer()
+            while True:
+                await self._next_message()
         elif stage == "consent":
-            await self._await_consent(presented)
+            agrees = isinstance(await self._next_of(Consent, Decline), Consent)
+            await self._save_or_report(session.give_consent if agrees else session.decline)
         else:
             if not await self._is_ready(presented, announced):
                 return  # the operator gave up the run that was introduced: the page is told of the next
@@ -155,7 +158,8 @@ class SubjectTab:
                 return
             self.lab.notify()
             await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
-            await self._await_answer(presented)
+            while presented.pending is not None:
+                await self._next_message()
             await asyncio.sleep(session.task.rules.feedback_s)
 
     def _next_interruption(self) -> None:
@@ -189,27 +193,11 @@ class SubjectTab:
             return await self._take(incoming.result())
         return None
 
-    async def _await_consent(self, presented: PresentedSession) -> None:
-        while True:
-            message = await self._next_message()
-            if isinstance(message, Consent):
-                await self._save_or_report(presented.session.give_consent)
-                return
-            if isinstance(message, Decline):
-                await self._save_or_report(presented.session.decline)
-                return
-
-    async def _await_ready(self, stage: str) -> None:
-        """Wait until the subject goes on from that stage; what was said of another one came late and is ignored."""
-        while True:
-            message = await self._next_message()
-            if isinstance(message, Ready) and message.stage == stage:
-                return
-
-    async def _await_answer(self, presented: PresentedSession | None = None) -> None:
-        """Wait for the answer to what was played, or, without a presented session, for ever."""
-        while presented is None or presented.pending is not None:
-            await self._next_message()
+    async def _next_of(self, *kinds: type[_Kind]) -> _Kind:
+        """Return the next message of those kinds; what was said beside it is handled, and else ignored."""
+        while not isinstance(message := await self._next_message(), kinds):
+            pass
+        return message
 
     async def _next_message(self) -> SubjectMessage:
         """Return the next message; answers, also those that are sent again, are saved and acknowledged at any time."""
@@ -240,7 +228,8 @@ class SubjectTab:
             self.lab.release(self.session)
         self.lab.notify()
         await self._stage(presented, stage)
-        await self._await_ready(stage)
+        while (await self._next_of(Ready)).stage != stage:
+            pass  # what was said of another stage came late
         self.lab.calls.pop(self.session, None)
         await self._save_or_report(lambda: session.note("resume", "by the subject"))
 
@@ -301,16 +290,16 @@ class SubjectTab:
         loop, session = asyncio.get_running_loop(), presented.session
         lit = len(session.task.question.intervals)
 
+        def show(**message: Any) -> None:
+            asyncio.run_coroutine_threadsafe(self._send_if_open(**message), loop)
+
         def watch(interval: int, begins: bool) -> None:
             if interval < lit:
-                asyncio.run_coroutine_threadsafe(
-                    self._send_if_open(type="interval", interval=interval, on=begins), loop
-                )
+                show(type="interval", interval=interval, on=begins)
             course = session.course
             trial = None if course is None else course.trial()
             if self.lab.shown and begins and course is not None and trial is not None:
-                shape = asdict(course.shape(trial, interval))
-                asyncio.run_coroutine_threadsafe(self._send_if_open(type="shape", **shape), loop)
+                show(type="shape", **asdict(course.shape(trial, interval)))
 
         return watch
 
