@@ -60,19 +60,14 @@ class ThresholdCurve:
             raise BadInput("a frequency or level is not a finite number")
         if np.any(frequency <= 0.0):
             raise BadInput(f"frequency {frequency.min():g} Hz", "positive")
-        self._check_order()
+        steps = np.diff(frequency)
+        if np.any(steps == 0.0):
+            raise BadInput(f"{frequency[1:][steps == 0.0][0]:g} Hz stands twice", "each frequency once")
+        if np.any(steps < 0.0):
+            raise BadInput(f"{frequency[1:][steps < 0.0][0]:g} Hz is out of order", "ascending frequencies")
         errors = self.standard_error_db
         if errors is not None and errors.shape != frequency.shape:
             raise BadInput(f"{errors.size} standard errors for {frequency.size} points", "one each")
-
-    def _check_order(self) -> None:
-        steps = np.diff(self.frequency_hz)
-        if np.any(steps == 0.0):
-            twice = self.frequency_hz[1:][steps == 0.0][0]
-            raise BadInput(f"{twice:g} Hz stands twice", "each frequency once")
-        if np.any(steps < 0.0):
-            late = self.frequency_hz[1:][steps < 0.0][0]
-            raise BadInput(f"{late:g} Hz is out of order", "ascending frequencies")
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""

@@ -322,7 +322,8 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> FloatArray:
         s = np.concatenate([open_loop.poles, open_loop.zeros])
         if open_loop.delay_s == 0.0:
             s = np.concatenate([s, closed_poles(open_loop)])
-        top = _highest_hz(open_loop, s)
+        top = float(np.max(np.abs(s), initial=1.0)) * 30.0 / (2.0 * np.pi)
+        top = max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
     sizes = np.abs(s)[np.abs(s) > 1e-6 * np.max(np.abs(s), initial=0.0)] / (2.0 * np.pi)
     low = min(np.min(sizes, initial=top / 1e3) / 30.0, top / 1e3)
     parts = [np.geomspace(low, top, points)]
@@ -330,11 +331,6 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> FloatArray:
         around = (np.abs(root.imag) + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi)
         parts.append(around[(around > low) & (around < top)])
     return np.unique(np.concatenate(parts))
-
-
-def _highest_hz(open_loop: ContinuousSystem, roots: ComplexArray) -> float:
-    top = float(np.max(np.abs(roots), initial=1.0)) * 30.0 / (2.0 * np.pi)
-    return max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
 
 
 def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, values: FloatArray) -> tuple[float, float]:

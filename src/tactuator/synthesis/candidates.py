@@ -68,7 +68,8 @@ class LoopStructure:
     def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
         above: ComplexArray = np.exp(parameters[:, :1]) + 0j
-        below: ComplexArray = difference * _singles(parameters[:, _POLE, None], difference)
+        pole = -np.expm1(-np.exp(parameters[:, _POLE, None]))
+        below: ComplexArray = difference * ((difference + pole) / pole)
         for index, sign in _PAIRS:
             factor = _pairs(parameters[:, index, None], parameters[:, index + 1, None], difference)
             above, below = (above * factor, below) if sign > 0 else (above, below * factor)
@@ -138,11 +139,6 @@ def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: Compl
     return np.asarray((difference * (difference + c1) + c0) / c0)
 
 
-def _singles(log_frequency: FloatArray, difference: ComplexArray) -> ComplexArray:
-    c0 = -np.expm1(-np.exp(log_frequency))
-    return np.asarray((difference + c0) / c0)
-
-
 def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     frequency = exp(log_frequency)
     c0 = -expm1(-frequency)
@@ -183,27 +179,21 @@ def crossovers_hz(rate_hz: float) -> FloatArray:
 
 def shapes(plant: ContinuousSystem, rate_hz: float) -> Iterator[FloatArray]:
     """Yield blocks of shapes, each (n, COUNT) with a gain of one at index 0, the simplest first."""
-    yield _simple(plant, rate_hz)
-    yield _even(plant, rate_hz, 0)
-    yield _structured(plant, rate_hz)
-    yield _even(plant, rate_hz, 1)
-
-
-def _simple(plant: ContinuousSystem, rate_hz: float) -> FloatArray:
-    """Return integrator, PI and PID, each with and without a roll-off, and a notch on each mode."""
+    # integrator, PI and PID, each with and without a roll-off, and a notch on each mode
     fronts = [*_integrator_and_pi(rate_hz, 20), *_pid(plant, rate_hz, (1.0, 2.0), (None, 0.1))]
     seconds = [_OFF, *_roll_offs(rate_hz, 4), *_leads(rate_hz, 7, (5.0,))]
-    return _combined(fronts, seconds, [_OFF, *_notches(plant, rate_hz, (1.0,), (1.0,))])
-
-
-def _structured(plant: ContinuousSystem, rate_hz: float) -> FloatArray:
-    """Return the same candidates with finer grids, detuned notches, and a second notch in place of the lead."""
+    yield _combined(fronts, seconds, [_OFF, *_notches(plant, rate_hz, (1.0,), (1.0,))])
+    yield _even(plant, rate_hz, 0)
+    # the same with finer grids, detuned notches, notches for the hum, and a second notch in place of the lead
     fronts = [*_integrator_and_pi(rate_hz, 24), *_pid(plant, rate_hz, (0.7, 1.0, 1.6), (None, 0.05, 0.2))]
-    notches = _notches(plant, rate_hz, (0.92, 1.0, 1.08), (0.6, 1.0, 1.6))
     seconds = [_OFF, *_roll_offs(rate_hz, 6), *_leads(rate_hz, 6, (2.5, 6.0, 15.0))]
     if len(modes(plant)) > 1:
         seconds += _notches(plant, rate_hz, (1.0,), (1.0,))
-    return _combined(fronts, seconds, [_OFF, *notches, *_hum_notches(rate_hz)])
+    notches = _notches(plant, rate_hz, (0.92, 1.0, 1.08), (0.6, 1.0, 1.6))
+    corners = np.geomspace(30.0, 0.1 * rate_hz, 3) * 2.0 * np.pi / rate_hz
+    notches += [(corner, 0.7, corner * width, 0.9) for corner, width in product(corners.tolist(), (0.7, 1.0))]
+    yield _combined(fronts, seconds, [_OFF, *notches])
+    yield _even(plant, rate_hz, 1)
 
 
 Front = tuple[float, float, float]
@@ -279,11 +269,6 @@ def _notches(
         for detuning, width, soft in product(detunings, widths, (max(damping, 1e-3), max(3.0 * damping, 0.1)))
         if natural / rate_hz * detuning * width < _FAR
     ]
-
-
-def _hum_notches(rate_hz: float) -> list[Second]:
-    corners = np.geomspace(30.0, 0.1 * rate_hz, 3) * 2.0 * np.pi / rate_hz
-    return [(corner, 0.7, corner * width, 0.9) for corner, width in product(corners.tolist(), (0.7, 1.0))]
 
 
 def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -156,7 +156,7 @@ def assemble(
     fed = None
     if display.touch.adaptive:
         fed = design_feed_forward(display, channel, nominal)
-        raised_db = partial(_still_taken_db, channel, fed, nominal, members, display.rate_hz)
+        raised_db = partial(_still_taken_db, channel, fed, nominal, members)
         fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, fit.poles, raised_db=raised_db)
         nominal = replace(nominal, prefilter=SampledSystem.from_sections(fit.sections, display.rate_hz))
         fed = design_feed_forward(display, channel, nominal)
@@ -175,25 +175,31 @@ def assemble(
     )
 
 
-def _still_taken_db(
+def _loaded(
     channel: Channel,
-    fed: FeedForward,
+    fed: FeedForward | None,
     free: TwoDegreeLoop,
-    members: tuple[Member, ...],
-    rate_hz: float,
+    members: Sequence[Member],
     frequency_hz: FloatArray,
+) -> Iterator[tuple[str, TwoDegreeLoop, ComplexArray | None]]:
+    """Yield for each load on the nominal plant: its name, the loop under it, and H where it is fed forward, (n,)."""
+    for member in members[1:]:
+        if member.model == 0:
+            loop = replace(free, plant=member.sampled)
+            rate_hz = member.sampled.rate_hz
+            yield member.name, loop, fed_response(fed, channel, free, loop, member.load, frequency_hz, rate_hz)
+
+
+def _still_taken_db(
+    channel: Channel, fed: FeedForward, free: TwoDegreeLoop, members: Sequence[Member], frequency_hz: FloatArray
 ) -> FloatArray:
     """Return _TOWARDS_TOUCHED of what the channel's loads take of the level, in the mean, although they are fed
     forward: part of their mass is not. Never more than _RAISED_MAX_DB.
     """
-    response, taken_db = free.position_response(frequency_hz), [np.zeros_like(frequency_hz)]
-    for member in members:
-        loaded = replace(free, plant=member.sampled)
-        touched = fed_response(fed, channel, free, loaded, member.load, frequency_hz, rate_hz)
-        if touched is not None and member.model == 0:
-            taken_db.append(db(np.abs(response / touched)))
-    raised_db = _TOWARDS_TOUCHED * np.mean(taken_db[1:] or taken_db, axis=0)
-    return np.asarray(np.clip(raised_db, -_RAISED_MAX_DB, _RAISED_MAX_DB))
+    response = free.position_response(frequency_hz)
+    touched = [answer for _, _, answer in _loaded(channel, fed, free, members, frequency_hz) if answer is not None]
+    taken_db = [db(np.abs(response / answer)) for answer in touched] or [np.zeros_like(frequency_hz)]
+    return np.asarray(np.clip(_TOWARDS_TOUCHED * np.mean(taken_db, axis=0), -_RAISED_MAX_DB, _RAISED_MAX_DB))
 
 
 BINDING = ("travel", "command", "comfort")
@@ -268,12 +274,10 @@ def _report(
         "worst_hz": fit.worst_hz,
     }
     report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).document()
-    report["headroom_db_sl_loaded"] = {}
-    for member in members[1:]:
-        if member.model == 0:
-            loaded = replace(nominal, plant=member.sampled)
-            answer = fed_response(fed, channel, nominal, loaded, member.load, grid, display.rate_hz)
-            report["headroom_db_sl_loaded"][member.name] = headroom(channel, loaded, grid, comfort, answer).document()
+    report["headroom_db_sl_loaded"] = {
+        load: headroom(channel, loop, grid, comfort, answer).document()
+        for load, loop, answer in _loaded(channel, fed, nominal, members, grid)
+    }
     return report
 
 

@@ -13,5 +13,4 @@ PREFILTER = ContinuousSystem.from_polynomials(
 )
 """F(s), of unit gain at rest: multiply by the threshold voltage at rest for a reference in threshold units."""
 
-SENSOR_GAIN_V_PER_MM = 0.19898
 PREFILTER_POLES = 4

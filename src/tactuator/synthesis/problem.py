@@ -37,7 +37,6 @@ from tactuator.synthesis.candidates import (
     LoopStructure,
     slow_pair,
 )
-from tactuator.synthesis.family import Member
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
 from tactuator.synthesis.screening import WEAKER, Task, around_modes_hz
 
@@ -71,7 +70,8 @@ class LoopProblem:
         low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
-        peaks = _peak_grid_hz(task.family, low, task.rate_hz)
+        peaks = np.unique(np.concatenate([np.geomspace(low, 0.49 * task.rate_hz, 170), *around_modes_hz(task.family)]))
+        peaks = peaks[(peaks >= low) & (peaks <= 0.49 * task.rate_hz)]
         noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
         (mains, self._mains_db), (rejection, self._rejection_db) = self._lines("|T|"), self._lines("|S|")
         parts = [band, peaks, mains, rejection, noise]
@@ -98,19 +98,16 @@ class LoopProblem:
         rows = _Rows(slope)
         mean = DB * (loops.log_s[:, self._band] @ self._band_weight)
         rows.add(mean, self._band, -DB * loops.complementary[:, self._band] * self._band_weight)
-        self._add_lines(rows, loops)
-        self._add_peaks(rows, loops)
+        hum_db = DB * loops.log_t[:, self._mains] - self._mains_db
+        rows.add_each(hum_db, self._mains, DB * loops.sensitivity)
+        rejection_db = DB * loops.log_s[:, self._rejection] - self._rejection_db
+        rows.add_each(rejection_db, self._rejection, -DB * loops.complementary)
+        self._add_figures(rows, loops)
         values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
         total = values[:, 1:].reshape(-1) + self.tighten
         return Point(values[:, 0], slopes[:, 0], total, slopes[:, 1:].reshape(-1, COUNT))
 
-    def _add_lines(self, rows: _Rows, loops: _Loops) -> None:
-        levels = DB * loops.log_t[:, self._mains] - self._mains_db
-        rows.add_each(levels, self._mains, DB * loops.sensitivity)
-        levels = DB * loops.log_s[:, self._rejection] - self._rejection_db
-        rows.add_each(levels, self._rejection, -DB * loops.complementary)
-
-    def _add_peaks(self, rows: _Rows, loops: _Loops) -> None:
+    def _add_figures(self, rows: _Rows, loops: _Loops) -> None:
         at = self._peaks
         for limit in self.loop_limits:
             if limit.quantity == "sensitivity_peak":
@@ -158,14 +155,6 @@ class _Rows:
         """Add a row for every point of `place`: values (m, size); weights on the whole grid, (m, g)."""
         self.values.append(values)
         self.slopes.append(np.real(weights[:, place, None] * self._slope[place]))
-
-
-def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
-    """Return frequencies even in log frequency up to half the rate, and dense around every member's lightly damped
-    roots.
-    """
-    grid = np.unique(np.concatenate([np.geomspace(low_hz, 0.49 * rate_hz, 170), *around_modes_hz(family)]))
-    return grid[(grid >= low_hz) & (grid <= 0.49 * rate_hz)]
 
 
 def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:

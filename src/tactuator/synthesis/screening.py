@@ -25,6 +25,7 @@ _AT_ONCE = 256
 _HELD_AT_ONCE = 48
 """Candidates whose margins are looked at together: most callers want the first few alone."""
 _UNKNOWN = -1
+_AT_ONE = 1e-9
 WEAKER = (1.0, 0.5, 0.2, 0.05)
 """Factors of the gain at which a loop has to be stable: a command at its limit is a loop of lower gain."""
 
@@ -90,7 +91,10 @@ class Task:
     @cached_property
     def must_bear_less(self) -> bool:
         """Tell whether every plant's loop can be stable at any lower gain, and so has to be."""
-        return all(may_be_weakened(member) for member in self.family)
+        # neither a pole outside, nor two at rest, to which the controller adds its integrator
+        poles = [member.sampled.poles for member in self.family]
+        bounded = all(np.all(np.abs(of) <= 1.0 + _AT_ONE) for of in poles)
+        return bounded and all(np.sum(np.abs(of - 1.0) < _AT_ONE) < 2 for of in poles)
 
     def limits_at(self, share: float) -> tuple[Limit, ...]:
         """Return the limits with 1 - share of the resonance objective in reserve."""
@@ -112,7 +116,9 @@ class Screen:
         low, high = task.rejection_band_hz
         nodes, self._band_weight = np.polynomial.legendre.leggauss(12)
         self._band = self._grid(np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes)))
-        self._wide = self._grid(_wide_grid_hz(self._family, low, task.rate_hz))
+        spread = [np.geomspace(0.02 * low, low, 12), np.geomspace(low, 0.4999 * task.rate_hz, 110)]
+        wide = np.unique(np.concatenate([*spread, *around_modes_hz(self._family)]))
+        self._wide = self._grid(wide[(wide > 0.0) & (wide < 0.5 * task.rate_hz)])
         noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
         self._noise = self._grid(noise)
         self._crossovers = self._grid(crossovers_hz(task.rate_hz))
@@ -310,15 +316,6 @@ class Screen:
         return worst
 
 
-def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
-    """Return frequencies even in log frequency up to half the rate, and dense around each member's lightly damped
-    roots.
-    """
-    parts = [np.geomspace(0.02 * low_hz, low_hz, 12), np.geomspace(low_hz, 0.4999 * rate_hz, 110)]
-    grid = np.unique(np.concatenate([*parts, *around_modes_hz(family)]))
-    return grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
-
-
 def around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
     """Yield frequencies around every lightly damped pole and zero of each member, in proportion to its damping."""
     for member in family:
@@ -335,16 +332,9 @@ def _expected_turn(member: Member) -> float:
     z = 1 half of it, one outside nothing (the principle of the argument on the upper half of the unit circle).
     """
     size = np.abs(member.sampled.poles)
-    on = int(np.sum(np.abs(member.sampled.poles - 1.0) < 1e-9)) + 1
-    outside = int(np.sum(size > 1.0 + 1e-9))
+    on = int(np.sum(np.abs(member.sampled.poles - 1.0) < _AT_ONE)) + 1
+    outside = int(np.sum(size > 1.0 + _AT_ONE))
     return float(np.pi * (0.5 * on + outside))
-
-
-def may_be_weakened(member: Member) -> bool:
-    """Tell whether a loop around the plant can be stable at every lower gain: not with a pole outside or two at rest,
-    to which the controller adds its integrator."""
-    poles = member.sampled.poles
-    return bool(np.all(np.abs(poles) <= 1.0 + 1e-9)) and int(np.sum(np.abs(poles - 1.0) < 1e-9)) < 2
 
 
 def _phase_margins_deg(loop: ComplexArray) -> FloatArray:
