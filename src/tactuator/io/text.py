@@ -8,6 +8,7 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,37 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise BadInput(reason or place, where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
         raise BadInput("it is not TOML") from None
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Return a document as TOML: its values, its tables and its lists of tables; what is None is left out.
+
+    Tables within those are written in line.
+    """
+    tables: list[tuple[str, Mapping[str, Any]]] = []
+    values: dict[str, Any] = {}
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            tables.append((f"[{key}]", value))
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            tables += [(f"[[{key}]]", row) for row in value]
+        else:
+            values[key] = value
+    blocks = ["\n".join(_toml_keys(values))] if values else []
+    blocks += ["\n".join([head, *_toml_keys(table)]) for head, table in tables]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _toml_keys(table: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {_toml_value(value)}" for key, value in table.items() if value is not None]
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_toml_keys(value)) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
+    return json.dumps(value, ensure_ascii=False)  # numbers, truth values and strings are spelt as in JSON
 
 
 def table_rows(lines: list[str]) -> list[list[str]]:

@@ -19,6 +19,7 @@ from tactuator.io.atomic import atomic_path, write_text
 from tactuator.io.controller import write_controller
 from tactuator.io.model import write_model
 from tactuator.io.record import write_record
+from tactuator.io.text import toml_text
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.open_loop import Calibrated, CalibratedChannel, CalibrationRequest, Flatness, NoEqualiser
 from tactuator.model.controller import ChannelController, Controller
@@ -172,30 +173,6 @@ def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> t
 
 def _write_json(path: Path, document: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def toml_text(document: Mapping[str, Any]) -> str:
-    """Return the text of a display file with these tables; what is None is left out."""
-    lines = []
-    for name, table in document.items():
-        if name != "channel":
-            lines += [f"[{name}]", *_keys(table), ""]
-    for channel in document["channel"]:
-        lines += ["[[channel]]", *_keys(channel), ""]
-    return "\n".join(lines)
-
-
-def _keys(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in table.items() if value is not None]
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(_keys(value)) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    # numbers, truth values and strings are spelt as in JSON
-    return json.dumps(value, ensure_ascii=False)
 
 
 _QUIET, _LONGEST_S, _FADE = 1e-4, 1.0, 0.1

@@ -21,7 +21,7 @@ from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
-from tactuator.io.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text, toml_text
 from tactuator.speech.options import CODING
 
 GROUP = "tactuator.codings"
@@ -129,39 +129,16 @@ def _whole(cls: type[Any], document: Any, where: tuple[str, ...]) -> dict[str, A
 
 def coding_document(coding: Coding) -> dict[str, Any]:
     """Return plain tables with every parameter, from which `parse_coding` makes an equal coding."""
-    document: dict[str, Any] = asdict(coding)  # type: ignore[call-overload]
-    return {key: _without_none(value) for key, value in document.items()}
+    document: dict[str, Any] = _without_none(asdict(coding))  # type: ignore[call-overload]
+    return document
 
 
 def _without_none(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def write_coding(path: str | Path, coding: Coding) -> None:
     """Write a coding as TOML, every parameter in it: a place to start one's own from."""
-    document = coding_document(coding)
-    plain = {key: value for key, value in document.items() if not _is_table(value)}
-    lines = [f"{key} = {_toml(value)}" for key, value in plain.items()]
-    for key, value in document.items():
-        if isinstance(value, Mapping):
-            lines += ["", f"[{key}]", *(f"{name} = {_toml(item)}" for name, item in value.items())]
-        elif _is_table(value):
-            for entry in value:
-                lines += ["", f"[[{key}]]", *(f"{name} = {_toml(item)}" for name, item in entry.items())]
-    write_text(path, "\n".join(lines) + "\n")
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, list):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)
+    write_text(path, toml_text(coding_document(coding)))

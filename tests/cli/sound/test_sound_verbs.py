@@ -18,11 +18,11 @@ from tactuator.errors import BadInput
 from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.io.record import read_record
 from tactuator.io.shipped import EXAMPLES
+from tactuator.io.text import toml_text
 from tactuator.measure import open_loop
 from tactuator.measure.broadband import Followed, Heard, Level, Wave
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.description import display_document
-from tactuator.report.open_loop import toml_text
 from tactuator.rig.sound import cards
 from tactuator.rig.sound import rig as rigs
 from tests.cli.refusals import refused

@@ -11,10 +11,11 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.io.display import read_display
+from tactuator.io.text import toml_text
 from tactuator.measure.broadband import broadband, find_level, follow, hear, near_band
 from tactuator.measure.open_loop import _groups, usable_band
 from tactuator.model.controller import Controller
-from tactuator.report.open_loop import equaliser_document, impulse_response, toml_text
+from tactuator.report.open_loop import equaliser_document, impulse_response
 from tactuator.rig.rig import require_sensors
 from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
