@@ -8,10 +8,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "figures" / "floors.svg"
 TASKS = {
-    "cli": "asks, calls one function, prints its answer",
+    "cli": "asks, calls one verb, prints its result",
     "console": "a page on which a loop is shaped by dragging",
-    "api": "the chain as Python functions; results that draw themselves",
     "paper": "the paper's run; many files; pages in a browser",
+    "verbs": "one function for each verb; one result for every face",
     "report": "figures and pages from results",
     "speech": "coding and limiting; protocol, session, store, result",
     "measure": "responses, noise, disturbance, felt levels",

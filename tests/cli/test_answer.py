@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tactuator.cli.answer import Framed, answer, bars
+from tactuator.cli.answer import Bars, Framed, answer
 from tactuator.report.tables import with_error
 from tactuator.table import ResultTable
 from tactuator.verbs.progress import watched, working
@@ -83,7 +83,7 @@ def test_plain__any_value__survives_strict_json(value):
 
 
 def test_progress__nobody_watching__is_silent(capsys):
-    with watched(bars), working("counting", 3) as step:
+    with watched(Bars()), working("counting", 3) as step:
         step(1, text="one")
     assert capsys.readouterr() == ("", "")
 

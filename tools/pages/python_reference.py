@@ -10,7 +10,7 @@ FOLDER = ROOT / "docs" / "python"
 LISTED_IN = "docs/reference"  # two clicks from the start page
 #: Rooms that a program of a laboratory may call; the faces and the study are programs themselves.
 ROOMS = (
-    "api", "signals", "perception", "display", "loop", "files", "runtime", "identification", "synthesis", "wordlength",
+    "verbs", "signals", "perception", "model", "io", "runtime", "identification", "synthesis", "wordlength",
     "rig", "measure", "experiment", "speech", "report",
 )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from tactuator.table import ResultTable
@@ -13,6 +13,7 @@ from tactuator.verbs.result import Result, plain
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
+    from rich.progress import Progress
     from rich.table import Table
 
 
@@ -63,18 +64,27 @@ class Framed:
         return table
 
 
-@contextmanager
-def bars(text: str, total: float | None) -> Iterator[Step]:
-    """Show a bar on standard error, gone when done, and nothing where nobody watches (no terminal)."""
-    if not sys.stderr.isatty():
-        yield lambda done=None, total=None, text=None: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+class Bars:
+    """Bars on standard error, one below the other, gone when done; nothing where nobody watches (no terminal)."""
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(text, total=total)
-        yield lambda done=None, total=None, text=None: progress.update(
-            task, completed=done, total=total, description=text
-        )
+    def __init__(self) -> None:
+        self._shown: Progress | None = None
+
+    @contextmanager
+    def __call__(self, text: str, total: float | None) -> Iterator[Step]:
+        """Show a bar for a stretch of work."""
+        if not sys.stderr.isatty():
+            yield lambda done=None, total=None, text=None: None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        with ExitStack() as stack:
+            if self._shown is None:
+                columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+                self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
+                stack.callback(setattr, self, "_shown", None)
+            shown, task = self._shown, self._shown.add_task(text, total=total)
+            yield lambda done=None, total=None, text=None: shown.update(
+                task, completed=done, total=total, description=text
+            )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
-from tactuator.cli.answer import answer, bars
+from tactuator.cli.answer import Bars, answer
 from tactuator.errors import BadInput
 from tactuator.verbs.declared import sentence_of
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option
@@ -125,7 +125,7 @@ def command_of(verb: Verb) -> Callable[..., None]:
         # The matrices here are small: a second thread would spin for nothing, and change last digits.
         for variable in SOLE_PROCESSOR:
             os.environ.setdefault(variable, "1")
-        with watched(bars):
+        with watched(Bars()):
             result = verb(**given)
         if result is None:
             return
@@ -163,11 +163,11 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
     if option.ge is not None or option.le is not None:
         more |= {"min": option.ge, "max": option.le}
     if isinstance(option, Argument):
-        made: Any = typer.Argument(... if required else default, **more)
+        spelled: Any = typer.Argument(... if required else default, **more)
     else:
         names = option.names or (f"--{name.replace('_', '-')}",)
-        made = typer.Option(... if required else default, *names, **more)
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=made, annotation=kind)
+        spelled = typer.Option(... if required else default, *names, **more)
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=spelled, annotation=kind)
 
 
 def _path_type(certain: bool) -> Any:

@@ -225,6 +225,11 @@ class ImageResult(Result):
     asked: str = field(default="", repr=False)
 
     @property
+    def number_format(self) -> str:
+        """Return the number format."""
+        return self.format
+
+    @property
     def holds(self) -> bool:
         return self.is_of_controller is not False
 

@@ -271,7 +271,7 @@ class StoreThresholds(Result):
         people = {threshold.subject for threshold in thresholds}
         figures = {"runs": str(len(levels)), "subjects": str(len(people))}
         figures["thresholds"] = f"{min(levels):.1f} to {max(levels):.1f} dB SL"
-        simulated = {"simulated": "nobody felt this"} if any(one.simulated for one in thresholds) else {}
+        simulated = {"simulated": "nobody felt this"} if any(each.simulated for each in thresholds) else {}
         return figures | simulated
 
     def columns(self) -> Mapping[str, Any]:

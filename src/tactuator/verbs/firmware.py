@@ -61,25 +61,25 @@ def program(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VerifyResult(Result):
-    """A comparison of a board's interrupt with this machine."""
+class CheckResult(Result):
+    """A check of a board: its figures, what is printed of them, and whether it holds."""
 
-    check: "PeriodCheck"
-
-    def headline(self) -> Mapping[str, str]:
-        check = self.check
-        word = "bit for bit the same" if check.bit_exact else f"DIFFERENT ({check.first_difference})"
-        return {
-            check.board: f"{check.ticks} ticks, {check.channels} channels, {', '.join(check.formats)}: {word}; "
-            f"{check.starts} runs, {check.played} samples played, faults: {', '.join(check.faults)}"
-        }
+    check: "PeriodCheck | StreamingCheck | PeriodCycles"
+    shown: ResultTable | str
+    is_held: bool = True
 
     @property
     def holds(self) -> bool:
-        return self.check.bit_exact
+        return self.is_held
+
+    def headline(self) -> Mapping[str, str]:
+        return {"board": self.check.board, "holds": "yes" if self.holds else "no"}
 
     def to_dict(self) -> dict[str, Any]:
-        return asdict(self.check)
+        return asdict(self.check) | {"holds": self.holds}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        return [self.shown]
 
 
 def verify(
@@ -87,7 +87,7 @@ def verify(
     rig: Annotated[str | None, Option("A board that is connected, instead: board:PORT or board:URL.")] = None,
     ticks: Annotated[int, Option("Ticks of the interrupt, in each format.")] = 100_000,
     controller: ControllerOption = None,
-) -> VerifyResult:
+) -> CheckResult:
     """Compare a board's interrupt with this machine's. Every bit has to be the same; exit status 1 if one differs."""
     from tactuator.rig.board_check.period_check import check_period
     from tactuator.rig.boards import find_board
@@ -98,42 +98,13 @@ def verify(
     loaded = _controller(controller)
     name = rig or f"emulated:{find_board(board).name}"
     with working(f"comparing {ticks} ticks"), cast("BoardRig", open_rig(name, loaded.display)) as target:
-        return VerifyResult(check_period(target, loaded, ticks))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StreamResult(Result):
-    """A reference that was streamed to a board whose time goes on."""
-
-    check: "StreamingCheck"
-
-    @property
-    def holds(self) -> bool:
-        return self.check.holds
-
-    def headline(self) -> Mapping[str, str]:
-        check = self.check
-        return {
-            "samples sent": f"{check.samples}",
-            "samples played": f"{check.played}",
-            f"interrupts late by {100.0 * check.lateness_max:g} % of a period": f"{check.late}",
-            "ticks without a row": f"{check.dry}",
-            "frames dropped": f"{check.dropped}",
-            "commands and readings": "bit for bit this machine's" if check.bit_exact else "DIFFERENT",
-            "fault": check.fault,
-            "link, to the board": f"{check.to_board_bytes_per_s:.0f} bytes/s",
-            "link, from the board": f"{check.from_board_bytes_per_s:.0f} bytes/s",
-            "time of the board, of the host": f"{check.board_s:.2f} s, {check.host_s:.1f} s",
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self.check) | {"holds": self.check.holds}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        check = self.check
-        clock = f"{check.instructions_per_s / 1e6:g} million instructions a second"
-        title = f"{check.board}: {check.channels} channels at {check.rate_hz:g} Hz, {clock}"
-        return [ResultTable(title, ("", ""), tuple(self.headline().items()))]
+        check = check_period(target, loaded, ticks)
+    word = "bit for bit the same" if check.bit_exact else f"DIFFERENT ({check.first_difference})"
+    line = (
+        f"{check.board}: {check.ticks} ticks, {check.channels} channels, {', '.join(check.formats)}: {word}; "
+        f"{check.starts} runs, {check.played} samples played, faults: {', '.join(check.faults)}"
+    )
+    return CheckResult(check, line, check.bit_exact)
 
 
 def stream(
@@ -143,13 +114,28 @@ def stream(
         "rig.board_check.streaming_check", "INSTRUCTION_NS"
     ),
     controller: ControllerOption = None,
-) -> StreamResult:
+) -> CheckResult:
     """Stream a reference to a board whose time goes on. Exit status 1 if an interrupt was late or a row missing."""
     from tactuator.rig.board_check.streaming_check import check_streaming
 
     loaded = _controller(controller)
     with working(f"streaming {seconds:g} s"):
-        return StreamResult(check_streaming(board, loaded, seconds, instruction_ns))
+        check = check_streaming(board, loaded, seconds, instruction_ns)
+    rows = (
+        ("samples sent", f"{check.samples}"),
+        ("samples played", f"{check.played}"),
+        (f"interrupts late by {100.0 * check.lateness_max:g} % of a period", f"{check.late}"),
+        ("ticks without a row", f"{check.dry}"),
+        ("frames dropped", f"{check.dropped}"),
+        ("commands and readings", "bit for bit this machine's" if check.bit_exact else "DIFFERENT"),
+        ("fault", check.fault),
+        ("link, to the board", f"{check.to_board_bytes_per_s:.0f} bytes/s"),
+        ("link, from the board", f"{check.from_board_bytes_per_s:.0f} bytes/s"),
+        ("time of the board, of the host", f"{check.board_s:.2f} s, {check.host_s:.1f} s"),
+    )
+    clock = f"{check.instructions_per_s / 1e6:g} million instructions a second"
+    title = f"{check.board}: {check.channels} channels at {check.rate_hz:g} Hz, {clock}"
+    return CheckResult(check, ResultTable(title, ("", ""), rows), check.holds)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,40 +160,10 @@ class BenchResult(Result):
         return [ResultTable("Instructions of a period, the most of any", columns, tuple(rows))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class CyclesResult(Result):
-    """The processor's cycles on a connected board."""
-
-    cycles: "PeriodCycles"
-
-    def headline(self) -> Mapping[str, str]:
-        return {name: f"{case.mean:.0f} cycles" for name, case in self.cycles.cases.items()}
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self.cycles)
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        columns = ("", "periods", "least", "mean", "most", "of the period", "instructions")
-        rows = tuple(
-            (
-                name,
-                str(case.periods),
-                str(case.least),
-                f"{case.mean:.0f}",
-                str(case.most),
-                f"{100.0 * case.share_of_period:.1f} %",
-                "" if case.instructions is None else str(case.instructions),
-            )
-            for name, case in self.cycles.cases.items()
-        )
-        title = f"{self.cycles.board}: cycles of a step, {self.cycles.channels} channels, {self.cycles.format}"
-        return [ResultTable(title, columns, rows)]
-
-
 def bench(
     controller: ControllerOption = None,
     rig: Annotated[str | None, Option("A connected board with a counter of cycles, instead; it plays.")] = None,
-) -> BenchResult | CyclesResult:
+) -> BenchResult | CheckResult:
     """Count the instructions of one period. On every board, in every format, in the usual run and in others. With
     --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
     """
@@ -221,7 +177,8 @@ def bench(
     loaded = _controller(controller)
     if rig is not None:
         with working("counting cycles"), cast("BoardRig", open_rig(rig, loaded.display)) as board:
-            return CyclesResult(count_cycles(board, loaded))
+            cycles = count_cycles(board, loaded)
+        return CheckResult(cycles, _cycles_table(cycles))
     pairs = list(product(BOARDS, FORMATS))
     costs: list[PeriodCost] = []
     with working("boards and formats", len(pairs)) as step:
@@ -229,6 +186,24 @@ def bench(
             costs.append(count_instructions(name, loaded, number_format))
             step(len(costs))
     return BenchResult(tuple(costs))
+
+
+def _cycles_table(cycles: "PeriodCycles") -> ResultTable:
+    rows = tuple(
+        (
+            name,
+            str(case.periods),
+            str(case.least),
+            f"{case.mean:.0f}",
+            str(case.most),
+            f"{100.0 * case.share_of_period:.1f} %",
+            "" if case.instructions is None else str(case.instructions),
+        )
+        for name, case in cycles.cases.items()
+    )
+    columns = ("", "periods", "least", "mean", "most", "of the period", "instructions")
+    title = f"{cycles.board}: cycles of a step, {cycles.channels} channels, {cycles.format}"
+    return ResultTable(title, columns, rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

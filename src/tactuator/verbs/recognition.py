@@ -153,29 +153,29 @@ class StoreInformation(Result):
     abx: "tuple[AbxResult, ...]"
 
     def headline(self) -> Mapping[str, str]:
-        return {_title(one): next(iter(_bits(one.information).values())) for one in self.subjects}
+        return {_title(each): next(iter(_bits(each.information).values())) for each in self.subjects}
 
     def to_dict(self) -> dict[str, Any]:
         results = [
             {
-                "study": one.study,
-                "paradigm": one.paradigm,
-                "subject": one.subject,
-                "labels": one.labels,
-                "matrix": one.counts,
-                "seconds_per_stimulus": one.seconds_per_stimulus,
-                **_information_document(one.information),
+                "study": each.study,
+                "paradigm": each.paradigm,
+                "subject": each.subject,
+                "labels": each.labels,
+                "matrix": each.counts,
+                "seconds_per_stimulus": each.seconds_per_stimulus,
+                **_information_document(each.information),
             }
-            for one in self.subjects
+            for each in self.subjects
         ]
-        return {"results": results, "abx": [asdict(one) for one in self.abx]}
+        return {"results": results, "abx": [asdict(each) for each in self.abx]}
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [
-            *(_information_table(_title(one), one.information) for one in self.subjects),
+            *(_information_table(_title(each), each.information) for each in self.subjects),
             *(
-                f"{one.study}, {one.subject} (abx): {one.trials} trials, {100 * one.share_correct:.1f} % correct"
-                for one in self.abx
+                f"{each.study}, {each.subject} (abx): {each.trials} trials, {100 * each.share_correct:.1f} % correct"
+                for each in self.abx
             ),
         ]
 
@@ -217,8 +217,8 @@ def _bits(information: "Information") -> dict[str, str]:
     return {name: f"{estimate.bits:.2f} bits" for name, estimate in information.estimates.items()}
 
 
-def _title(one: "SubjectResult") -> str:
-    return f"{one.study}, {'all subjects' if one.subject is None else one.subject} ({one.paradigm})"
+def _title(each: "SubjectResult") -> str:
+    return f"{each.study}, {'all subjects' if each.subject is None else each.subject} ({each.paradigm})"
 
 
 def _information_table(title: str, information: "Information") -> ResultTable:

@@ -274,7 +274,7 @@ class MeasuredResponses(Result):
             }
             for response, levels in self._levels()
         ]
-        return {"responses": responses, "learnt": [vars(one) for one in self.learnt]} | self.verdict.document()
+        return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
         from tactuator.verbs.designed import verdict_tables
@@ -391,8 +391,8 @@ def measure_response(
 
 def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:
     """Return the band that every measured channel has."""
-    measured = [one for one in controller.display.channels if not channels or one.name in channels]
-    bands = [one.threshold.band_hz for one in measured]
+    measured = [each for each in controller.display.channels if not channels or each.name in channels]
+    bands = [each.threshold.band_hz for each in measured]
     if not bands:
         return 0.0, 0.45 * controller.rate_hz
     return max(low for low, _ in bands), min(high for _, high in bands)
@@ -486,7 +486,7 @@ def disturb(
             raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
         ready.load(loop)
         rng, wanted = np.random.default_rng(seed), numbers(frequency_hz)
-        for name in channel or [one.name for one in loop.channels]:
+        for name in channel or [each.name for each in loop.channels]:
             with working(f"disturbing {name}"):
                 port = finger(name)
                 reports.append(disturbance(ready, port, loop, name, wanted, rng, excursion_mm=excursion_mm))

@@ -50,7 +50,7 @@ class Result:
         x, y = (columns[name] for name in self.PLOTTED)
         names = next(iter(columns.values()))
         each = [
-            (name, *zip(*((a, b) for own, a, b in zip(names, x, y, strict=True) if own == name), strict=True))
+            (name, *zip(*((a, b) for of, a, b in zip(names, x, y, strict=True) if of == name), strict=True))
             for name in dict.fromkeys(names)
         ]
         return lines_of(*map(_label, self.PLOTTED), each, log_x=True)
