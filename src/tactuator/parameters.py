@@ -209,12 +209,15 @@ def _allowed(kind: Any, marks: list[Any]) -> str:
 
 
 def _bounds(marks: list[Any]) -> str:
-    limits = {"ge": "", "gt": "", "le": ""}
+    limits = {"ge": "", "gt": "", "le": "", "lt": ""}
     for mark in marks:
         limits |= {name: _plain(getattr(mark, name)) for name in limits if hasattr(mark, name)}
     if limits["ge"] and limits["le"]:
         return f", {limits['ge']} to {limits['le']}"
-    words = {"gt": f"above {limits['gt']}", "ge": f"{limits['ge']} or more", "le": f"up to {limits['le']}"}
+    words = {
+        "gt": f"above {limits['gt']}", "ge": f"{limits['ge']} or more", "le": f"up to {limits['le']}",
+        "lt": f"below {limits['lt']}",
+    }  # fmt: skip
     return "".join(f", {words[name]}" for name in words if limits[name])
 
 
