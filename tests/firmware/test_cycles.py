@@ -13,7 +13,6 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_cost import count_cycles
 from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.firmware.chip_model import Chip, Drivers, build
 from tests.rig.guard.guarded import designed
 
@@ -51,7 +50,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 def rig_of(transport: InProcess) -> BoardRig:
     made = BoardRig(LinkClient(transport), designed().display, waits=False, sleep=lambda seconds: None)
-    made.simulate(*simulated_board_bytes(designed().display, 1))
+    made.simulate(1)
     transport.board.allows_hold = 0  # as a board with converters says
     return made
 

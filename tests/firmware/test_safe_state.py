@@ -18,7 +18,6 @@ from tactuator.rig.board.link import SILENT, Frame, LinkClient, Mode, Request, R
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.boards import build_firmware
 from tactuator.rig.emulator import EmulatorUart
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.firmware.debugger import BRANCH_TO_ITSELF, CPSID_I, LR, PC, Debugger
 from tests.rig.guard.guarded import designed
 
@@ -114,7 +113,7 @@ def start(client: LinkClient, rig: BoardRig) -> None:
     for _ in range(10):
         if client.status().image_crc == 0:
             rig.commission()
-            rig.simulate(*simulated_board_bytes(designed().display, 1))
+            rig.simulate(1)
             rig.load(designed())
         client.ask(Request.ARM)
         if client.ask(Request.START, struct.pack("<IBBB", 1, SILENT, False, False))[0] is RequestOutcome.DONE:
@@ -132,7 +131,7 @@ def board(running: Board) -> Board:
     debugger.stop()
     assert running.outputs_are_safe()
     debugger.go()
-    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.simulate(1)
     rig.load(designed())
     start(running.client, rig)
     debugger.stop()

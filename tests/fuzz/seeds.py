@@ -70,7 +70,7 @@ def conversations() -> dict[str, bytes]:
         of = display(*(channel(name) for name in names))
         count = len(names)
         safety = upload(SAFETY, safety_bytes(safety_table(of)))
-        simulated = upload(SIMULATED_DISPLAY, simulated_board_bytes(of, 1)[0])
+        simulated = upload(SIMULATED_DISPLAY, simulated_board_bytes(of, 1))
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1)) + frame(Request.WEIGHTS)
         for number_format in ("float32", "q31"):
             image = upload(IMAGE, build_image(controller(of), number_format))

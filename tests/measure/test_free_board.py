@@ -10,7 +10,6 @@ from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.guard.guarded import designed
 
 
@@ -28,7 +27,7 @@ def multisine(rig):
 def test_measure__free_board__agrees_with_the_simulated_display(measure):
     made = designed()
     free = BoardRig(LinkClient(InProcess()), made.display, waits=False, sleep=lambda seconds: None)
-    free.simulate(*simulated_board_bytes(made.display, 1))
+    free.simulate(1)
     free.load(made)
     simulated = SimulatedRig(made.display, 2)
     simulated.load(made)

@@ -15,7 +15,6 @@ from tactuator.rig.open import emulated_rig, in_process_rig, open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.board.emulated_ports import socket_board
 from tests.rig.guard.guarded import designed
 from tests.rig.own_rig import installed_example
@@ -63,7 +62,7 @@ def _example(display: Display) -> Iterator[Rig]:
 
 def _lossy(display: Display) -> BoardRig:
     rig = BoardRig(LinkClient(Lossy(), 0.01, tries=20), display)
-    rig.simulate(*simulated_board_bytes(display, SEED))
+    rig.simulate(SEED)
     return rig
 
 
@@ -95,7 +94,7 @@ if "TACTUATOR_RIG" in os.environ:
 def begin(rig: BoardRig) -> None:
     """The display as it was in the beginning, and the controller."""
     rig.off()
-    rig.simulate(*simulated_board_bytes(designed().display, SEED))
+    rig.simulate(SEED)
     rig.load(designed())
 
 

@@ -8,7 +8,6 @@ from tactuator.rig.board.link import LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.player import play_reference
 from tactuator.rig.transport import InProcess
-from tactuator.runtime.tables import simulated_board_bytes
 
 RATE_HZ = 4000.0
 
@@ -17,7 +16,7 @@ RATE_HZ = 4000.0
 def rig(controller):
     """Its time goes on by 32 ticks with every request."""
     made = BoardRig(LinkClient(InProcess()), controller.display, waits=False, sleep=lambda seconds: None)
-    made.simulate(*simulated_board_bytes(controller.display, 1))
+    made.simulate(1)
     made.load(controller)
     return made
 

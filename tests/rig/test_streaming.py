@@ -18,7 +18,6 @@ from tactuator.rig.rig import join_traces, recut_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess, LinkDown, connect
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.board.emulated_ports import serial_board, socket_board
 from tests.rig.guard.guarded import designed
 
@@ -30,7 +29,7 @@ SOFT = soft_ticks(4000.0)
 def free_rig(transport=None):
     """A board in this process whose time goes on by 32 ticks with every request, whatever it has to play."""
     rig = BoardRig(LinkClient(transport or InProcess()), designed().display, waits=False, sleep=lambda seconds: None)
-    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.simulate(1)
     rig.load(designed())
     return rig
 
@@ -208,7 +207,7 @@ def test_emulated_board__bytes_come_one_by_one__its_watchdog_waits_with_its_time
     """Found beside ten other programs: the timer stood still for a host that is behind, the watchdog did not."""
     uart = Trickling("mps2-an386", "shift=3,sleep=off")
     with BoardRig(LinkClient(uart, 20.0), designed().display, waits=False) as rig:
-        rig.simulate(*simulated_board_bytes(designed().display, 1))
+        rig.simulate(1)
         rig.load(designed())
         rig.client.must(Request.ARM)
         rig.client.start(1, STREAM, False, False)
@@ -233,7 +232,7 @@ def test_board_that_waits__given_rows_and_stands_still__is_told():
     transport = Standing()
     client = LinkClient(transport)
     rig = BoardRig(client, designed().display)
-    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.simulate(1)
     rig.load(designed())
     rig.play(noise(100))
     transport.stands, at = True, client.status().tick

@@ -15,7 +15,6 @@ from tactuator.rig.emulator import emulator
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import SCHEME, InProcess, SerialPort, Transport, connect
-from tactuator.runtime.tables import simulated_board_bytes
 
 RIGS = "tactuator.rigs"
 """The group of the entry points."""
@@ -83,8 +82,7 @@ def simulated_board_rig(
     client = LinkClient(transport, answer_s)
     try:
         rig = BoardRig(client, display, number_format)
-        content, loads = simulated_board_bytes(display, seed)
-        rig.simulate(content, loads)
+        rig.simulate(seed)
     except BaseException:
         client.close()
         raise
@@ -100,7 +98,7 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
         rig = BoardRig(client, display)
         rig.off()  # whoever was here before may have left it running
         if client.status().allows_hold:
-            rig.simulate(*simulated_board_bytes(display, seed))
+            rig.simulate(seed)
     except BaseException:
         client.close()
         raise

@@ -15,6 +15,7 @@ from tactuator.model.description import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
 from tactuator.rig.rig import Rig, Trace
 from tactuator.runtime.simulation import Block, Simulation
+from tactuator.runtime.tables import load_names
 
 
 class Device(Protocol):
@@ -50,8 +51,7 @@ class ComputedRig(Rig):
         self._device = device
         self._ticks, self._waits = 0, True
         self._fingers = tuple(
-            Finger((None, *(load.name for load in channel.loads)), partial(device.touch, index))
-            for index, channel in enumerate(display.channels)
+            Finger(load_names(channel), partial(device.touch, index)) for index, channel in enumerate(display.channels)
         )
 
     def load(self, controller: Controller) -> None:

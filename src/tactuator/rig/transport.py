@@ -125,7 +125,7 @@ class SerialPort:
         try:
             self._port.write(content)
         except (self._error, OSError) as error:
-            raise self._down(error) from None
+            raise _down(str(error)) from None
 
     def receive(self, timeout_s: float) -> bytes:
         """Return the bytes that have come; waits for at most timeout_s for the first one."""
@@ -137,15 +137,12 @@ class SerialPort:
             waiting = int(self._port.in_waiting)
             return first + bytes(self._port.read(waiting)) if waiting else first
         except (self._error, OSError) as error:
-            raise self._down(error) from None
+            raise _down(str(error)) from None
 
     def close(self) -> None:
         """Close the port, whatever its state."""
         with contextlib.suppress(Exception):
             self._port.close()
-
-    def _down(self, error: Exception) -> LinkDown:
-        return LinkDown(f"the port has vanished ({error})", "a board that stays connected")
 
 
 class SocketLink:

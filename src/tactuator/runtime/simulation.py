@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import controller_table, display_table
+from tactuator.runtime.tables import controller_table, display_table, load_names
 from tactuator.runtime.touch_table import touch_table
 
 REFERENCE_MAX = 1000.0
@@ -63,16 +63,14 @@ class Simulation:
             raise BadInput(f"seed is {seed}", f"0 to {2**32 - 1}")
         self.display = display
         self._keep: list[Any] = []
-        self._loads: list[tuple[str | None, ...]] = []
         self._loops = ffi.new("tact_closed_loop[]", len(display.channels))
         for index, (loop, channel) in enumerate(zip(self._loops, display.channels, strict=True)):
-            table, keep, loads = display_table(channel, display.rate_hz)
-            if display.delay_samples == 0 and any(plant.sensor_direct for plant in keep[0]):
+            table, plants = display_table(channel, display.rate_hz)
+            if display.delay_samples == 0 and any(plant.sensor_direct for plant in plants):
                 raise BadInput(
                     f"channel {channel.name!r}: the plant answers at once and delay_samples is 0", "1 or more"
                 )
-            self._keep += [table, *keep]
-            self._loads.append(loads)
+            self._keep += [table, plants]
             loop.display, loop.delay_samples = table, display.delay_samples
             lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
@@ -101,11 +99,15 @@ class Simulation:
 
     def touch(self, channel: int, load: str | None) -> None:
         """Put a load on a channel (None: take it off). Position and velocity go on."""
-        if load not in self._loads[channel]:
-            allowed = ", ".join(name or "none" for name in self._loads[channel])
-            name = self.display.channels[channel].name
-            raise BadInput(f"channel {name!r}: load {load!r} is not described", f"{allowed}")
-        self._loops[channel].display_state.touched = self._loads[channel].index(load)
+        described = self.display.channels[channel]
+        loads = load_names(described)
+        if load not in loads:
+            raise BadInput(
+                f"load {load!r} is not described",
+                f"{', '.join(name or 'none' for name in loads)}",
+                where=(f"channel {described.name!r}",),
+            )
+        self._loops[channel].display_state.touched = loads.index(load)
 
     def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
         """Play a reference (n, channels) in threshold units through the controller; force_v (n, channels) acts at the

@@ -54,7 +54,6 @@ class HeldPlants:
     """
 
     plants: tuple[HeldPlant, ...]
-    load_names: tuple[str | None, ...]
     dead_time: int
     has_late: bool
 
@@ -88,7 +87,7 @@ def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
     fraction = samples - whole if samples - whole > 1e-9 else 0.0
     scale = _typical_pole(forms)
     held = tuple(_hold(form, order, forms[0].gain, scale, rate_hz, fraction) for form in forms)
-    return HeldPlants(held, (None, *(load.name for load in channel.loads)), whole, fraction > 0.0)
+    return HeldPlants(held, whole, fraction > 0.0)
 
 
 def _canonical(channel: Channel, plant: ContinuousSystem) -> _Canonical:
@@ -222,10 +221,13 @@ def _fill_sections(sections: Any, coefficients: NDArray[np.float32]) -> None:
         section.b0, section.b1, section.b2, section.a1, section.a2 = row
 
 
-def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tuple[str | None, ...]]:
-    """Return the `tact_display` of a channel, what it points to, and the names of its loads (None first: nothing
-    touches).
-    """
+def load_names(channel: Channel) -> tuple[str | None, ...]:
+    """Return the loads of a channel in the order of the core's numbers; None first: nothing touches."""
+    return (None, *(load.name for load in channel.loads))
+
+
+def display_table(channel: Channel, rate_hz: float) -> tuple[Any, Any]:
+    """Return the `tact_display` of a channel, and the plants that it points to."""
     held = held_plants(channel, rate_hz)
     plants = ffi.new("tact_plant[]", len(held.plants))
     for table, plant in zip(plants, held.plants, strict=True):
@@ -256,25 +258,22 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tup
     for i, (frequency_hz, amplitude_v) in enumerate(lines):
         angle = 2.0 * np.pi * frequency_hz / rate_hz
         hum.cosine[i], hum.sine[i], hum.amplitude_v[i] = np.cos(angle), np.sin(angle), amplitude_v
-    return display, [plants], held.load_names
+    return display, plants
 
 
-def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple[str | None, ...], ...]]:
-    """Return the display for `seed`, and for each channel the names of its loads in the order of the
-    board's numbers.
-    """
-    parts, loads = [], []
+def simulated_board_bytes(display: Display, seed: int) -> bytes:
+    """Return the display, for `seed`, as an emulated board takes it. Raises BadInput where it has no room for it."""
+    parts = []
     for channel in display.channels:
-        table, _keep, names = display_table(channel, display.rate_hz)
-        if len(names) > lib.TACT_SIMULATED_BOARD_PLANTS_MAX:
+        table, _plants = display_table(channel, display.rate_hz)
+        if len(channel.loads) >= lib.TACT_SIMULATED_BOARD_PLANTS_MAX:
             raise BadInput(
-                f"channel {channel.name!r}: {len(names) - 1} loads",
+                f"channel {channel.name!r}: {len(channel.loads)} loads",
                 f"at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1} on an emulated board",
             )
         converter = channel.converter
         parts.append(struct.pack("<iidd", converter.bits, converter.polarity, converter.range_v, converter.offset_v))
         parts.append(_device_bytes(table))
-        loads.append(names)
     body = struct.pack("<I", seed) + b"".join(parts)
     head = struct.pack("<4sHHI", b"TACW", 1, len(display.channels), 12 + len(body) + 4)
     content = sealed(head + body)
@@ -282,7 +281,7 @@ def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tup
         raise BadInput(
             f"the display takes {len(content)} bytes", f"{lib.TACT_SIMULATED_BOARD_MAX} on an emulated board"
         )
-    return content, tuple(loads)
+    return content
 
 
 def _device_bytes(table: Any) -> bytes:

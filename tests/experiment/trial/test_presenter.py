@@ -12,7 +12,6 @@ from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Trace
 from tactuator.rig.transport import InProcess
-from tactuator.runtime.tables import simulated_board_bytes
 from tests.experiment.session.apparatuses import apparatus
 from tests.rig.guard.guarded import designed
 
@@ -147,7 +146,7 @@ def test_present__board_whose_time_goes_on__keeps_the_onsets_and_lights_lamps_wi
     """
     transport = InProcess()
     rig = BoardRig(LinkClient(transport), designed().display, waits=False, sleep=lambda seconds: None)
-    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.simulate(1)
     rig.load(designed())
     stands: list[tuple[int, bool, int]] = []
     presenter = Presenter(rig, "index", lambda *edge: stands.append((*edge, int(transport.board.tick))))

@@ -17,7 +17,6 @@ from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.tables import simulated_board_bytes
 from tactuator.synthesis.design import design_controller
 
 SENSORS = SENSOR_FAULTS[:5]
@@ -67,8 +66,7 @@ class Guarded:
         self.display: Display = controller.display
         self.transport = InProcess()
         self.rig = BoardRig(LinkClient(self.transport), self.display)
-        content, loads = simulated_board_bytes(self.display, seed)
-        self.rig.simulate(content, loads)
+        self.rig.simulate(seed)
         self.rig.client.upload(IMAGE, build_image(controller, number_format))
         self.rig.client.must(Request.ARM)
         self.board, self.simulated = self.transport.board, self.transport.simulated

@@ -37,7 +37,7 @@ def build(folder: Path) -> Path:
         "IMAGE_FIXED": build_image(designed(), "float32"),
         "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
         "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
-        "DISPLAY": simulated_board_bytes(designed().display, 1)[0],
+        "DISPLAY": simulated_board_bytes(designed().display, 1),
     }
     arrays = (f"static const uint8_t {name}[] = {{{','.join(map(str, of))}}};\n" for name, of in contents.items())
     (folder / "tables.h").write_text("".join(arrays))

@@ -35,6 +35,7 @@ from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
+from tactuator.runtime.tables import load_names, simulated_board_bytes
 
 SENSOR_FAULTS = (
     "sound", "open", "shorted", "frozen", "reversed", "stuck", "offset", "drift", "gain", "lag", "swapped", "bit",
@@ -190,9 +191,10 @@ class BoardRig(Rig):
         """Write the safety table of the display, whatever table was there; the board must be in OFF."""
         self.client.upload(SAFETY, safety_bytes(safety_table(self._display)))
 
-    def simulate(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
-        """Put a simulated display in the place of the converters (boards that have none)."""
-        self.client.upload(SIMULATED_DISPLAY, content)
+    def simulate(self, seed: int = 0) -> None:
+        """Put the simulated display in the place of the converters (boards that have none)."""
+        self.client.upload(SIMULATED_DISPLAY, simulated_board_bytes(self._display, seed))
+        loads = [load_names(channel) for channel in self._display.channels]
         self._fingers = tuple(Finger(names, partial(self._touch, index, names)) for index, names in enumerate(loads))
 
     def _touch(self, channel: int, loads: tuple[str | None, ...], load: str | None) -> None:

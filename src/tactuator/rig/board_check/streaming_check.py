@@ -26,7 +26,6 @@ from tactuator.rig.emulator import EmulatorUart
 from tactuator.rig.open import in_process_rig
 from tactuator.rig.rig import Trace, join_traces
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.tables import simulated_board_bytes
 
 INSTRUCTION_NS = 8
 """125 million instructions a second: what a Cortex-M4F at 168 MHz does at 1.34 clocks an instruction."""
@@ -143,7 +142,7 @@ def check_streaming(
     uart = EmulatorUart(board, f"shift={instruction_ns.bit_length() - 1},sleep=off")
     client = LinkClient(uart, _ANSWER_S)
     with BoardRig(client, controller.display, waits=False, lead_s=_LEAD_S) as rig:
-        rig.simulate(*simulated_board_bytes(controller.display, seed))
+        rig.simulate(seed)
         rig.load(controller)
         before, begun_s = (uart.sent, uart.received), clock()
         watch = HostWatch(round(_LEAD_S * rig.rate_hz), clock, waited or partial(_waited_s, uart))

@@ -174,9 +174,6 @@ def leave_library() -> None:
     atexit.unregister(_leave_in_order)
 
 
-__all__ = ["PORTAUDIO", "leave_library", "name_jack_client", "quiet", "sounddevice"]
-
-
 @dataclass(frozen=True)
 class Card:
     """A device as PortAudio lists it. host: the interface of the system that it is reached by (ALSA, JACK, WASAPI)."""
