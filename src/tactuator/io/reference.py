@@ -17,12 +17,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
+from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -30,6 +31,7 @@ from tactuator.io.atomic import atomic_path, write_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
+from tactuator.parameters import Number, Positive, plain, table
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
@@ -40,17 +42,17 @@ MOST_CHUNK_VALUES = 1 << 24
 """Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
 
 
-@dataclass(frozen=True)
+@table("scale")
 class ReferenceHead:
     """The statement of a reference about itself. curves: channel -> (name, SHA-256 of the points); provenance: plain
     JSON.
     """
 
-    rate_hz: float
+    rate_hz: Positive
     channels: tuple[str, ...]
     curves: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    band_hz: tuple[float, float] | None = None
-    full_scale_db_sl: float = FULL_SCALE_DB_SL
+    band_hz: tuple[Number, Number] | None = None
+    full_scale_db_sl: Annotated[float, Field(strict=True, ge=-1000.0, le=1000.0)] = FULL_SCALE_DB_SL
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -61,16 +63,14 @@ class ReferenceHead:
     def document(self) -> dict[str, Any]:
         """Return the content of NAME.json."""
         named = {name: {"name": curve, "hash": digest} for name, (curve, digest) in self.curves.items()}
-        return {
-            "format": FORMAT,
-            "full_scale_db_sl": self.full_scale_db_sl,
-            "curve": next(iter(named.values()), None),
-            "curves": named,
-            "band_hz": None if self.band_hz is None else list(self.band_hz),
-            "channels": list(self.channels),
-            "rate_hz": self.rate_hz,
-            "provenance": dict(self.provenance),
-        }
+        return {"format": FORMAT, **plain(self), "curve": next(iter(named.values()), None), "curves": named}
+
+    @classmethod
+    def of_document(cls, document: Mapping[str, Any]) -> ReferenceHead:
+        """Return the head of a NAME.json. Raises BadInput, LookupError or TypeError for what is none."""
+        known = {key: document[key] for key in cls.__dataclass_fields__ if key in document}
+        curves = {name: (curve["name"], curve["hash"]) for name, curve in known.get("curves", {}).items()}
+        return cls(**known | {"curves": curves})
 
     def comment(self) -> str:
         """Return the content of a WAV's INFO comment."""
@@ -102,7 +102,7 @@ class ReferenceWriter:
             raise BadInput(f"reference block of shape {block.shape}", f"(n, {len(self._head.channels)})")
         if not np.all(np.isfinite(block)):
             raise BadInput("reference block holds a sample that is not finite", "finite threshold units")
-        with _told(self._path):
+        with _writing(self._path):
             self._append(block)
         self.frames += len(block)
 
@@ -134,14 +134,18 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
     if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
         raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
     with atomic_path(path) as beside:
-        with _told(path):
+        with _writing(path):
             _require_room(beside, frames, len(head.channels))
         if path.suffix == ".wav":
-            with _told(path), _wav(beside, head) as file:
+            with (
+                _writing(path),
+                soundfile.SoundFile(beside, "w", int(head.rate_hz), len(head.channels), "FLOAT", format="WAV") as file,
+            ):
+                file.comment = head.comment()
                 yield ReferenceWriter(file, head, path)
             forget_time(beside)
         else:
-            with _told(path), written_hdf5(beside) as written:
+            with _writing(path), written_hdf5(beside) as written:
                 yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
         if path.suffix == ".wav":
             write_text(path.with_suffix(".json"), json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
@@ -186,13 +190,14 @@ def open_reference(path: str | Path) -> ReferenceFile:
     """Look at a reference; BadInput, one line, if it is missing, not one, or does not say its scale."""
     path = Path(path)
     check_suffix(path)
-    if not path.is_file():
-        raise BadInput(f"reference {path}: no such file", "a file that `render` wrote")
     try:
+        if not path.is_file():
+            raise BadInput("no such file", "a file that `render` wrote")
         return _open_wav(path) if path.suffix == ".wav" else _open_hdf5(path)
     except BadInput as error:
-        raise BadInput(f"reference {path}: {str(error).removeprefix(f'reference {path}: ')}") from None
-    except (soundfile.LibsndfileError, OSError, LookupError, TypeError, ValueError, ArithmeticError, RuntimeError):
+        raise error.within(f"reference {path}") from None
+    except (soundfile.LibsndfileError, OSError, LookupError, TypeError, ValueError, ArithmeticError, RuntimeError,
+            AttributeError):  # fmt: skip
         raise BadInput(f"reference {path}: cannot be read as one", "a file that `render` wrote") from None
 
 
@@ -209,14 +214,6 @@ def content_sha256(path: str | Path) -> str:
 def sample_shares(block: FloatArray, head: ReferenceHead) -> NDArray[np.float32]:
     """Return a block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
     return np.ascontiguousarray(block / head.full_scale, dtype="<f4")
-
-
-@contextmanager
-def _wav(beside: Path, head: ReferenceHead) -> Iterator[soundfile.SoundFile]:
-    rate = int(head.rate_hz)
-    with soundfile.SoundFile(beside, "w", rate, len(head.channels), subtype="FLOAT", format="WAV") as file:
-        file.comment = head.comment()
-        yield file
 
 
 def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
@@ -246,7 +243,7 @@ def _require_room(beside: Path, frames: int, channels: int) -> None:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _writing(path: Path) -> Iterator[None]:
     """Turn the error of a full disk, or of a place that cannot be written, into BadInput of one line."""
     try:
         yield
@@ -284,27 +281,24 @@ def _open_wav(path: Path) -> ReferenceFile:
             raise BadInput(f"it is {file.format} inside", "WAV")
         rate, width, frames, comment = file.samplerate, file.channels, file.frames, file.comment
     if beside.is_file():
-        head = _head(read_finite_json(beside))
+        head = ReferenceHead.of_document(read_finite_json(beside))
     else:
-        found = re.search(r"1\.0 = ([-+.0-9e]+) dB SL; channels ([^;]+);", comment or "")
-        if found is None:
+        scale = re.search(r"1\.0 = ([-+.0-9e]+) dB SL; channels ([^;]+);", comment or "")
+        if scale is None:
             raise BadInput(
-                f"reference {path}: no {beside.name} beside it and no scale in its INFO comment",
+                f"no {beside.name} beside it and no scale in its INFO comment",
                 "a file that says for how many dB SL 1.0 stands",
             )
-        head = ReferenceHead(float(rate), tuple(found[2].split(",")), full_scale_db_sl=float(found[1]))
+        head = ReferenceHead(float(rate), tuple(scale[2].split(",")), full_scale_db_sl=float(scale[1]))
     if len(head.channels) != width or head.rate_hz != rate:
-        raise BadInput(
-            f"reference {path}: {width} channels at {rate} Hz, but its scale is for {len(head.channels)} at "
-            f"{head.rate_hz:g} Hz",
-            "a scale that fits",
-        )
+        stated = f"{len(head.channels)} at {head.rate_hz:g} Hz"
+        raise BadInput(f"{width} channels at {rate} Hz, but its scale is for {stated}", "a scale that fits")
     return ReferenceFile(path, head, frames)
 
 
 def _open_hdf5(path: Path) -> ReferenceFile:
     with opened_hdf5(path) as file:
-        head = _head(json.loads(str(file.attrs["head"])))
+        head = ReferenceHead.of_document(json.loads(str(file.attrs["head"])))
         data = file["reference"]
         shape = data.shape
         if data.dtype.kind != "f" or data.chunks is None or math.prod(data.chunks) > MOST_CHUNK_VALUES:
@@ -312,22 +306,5 @@ def _open_hdf5(path: Path) -> ReferenceFile:
         if data.compression is None and data.id.get_storage_size() < math.prod(shape) * data.dtype.itemsize:
             raise BadInput(f"fewer samples are there than it states, {shape[0]} frames", "a whole file")
     if len(shape) != 2 or shape[1] != len(head.channels):
-        raise BadInput(f"reference {path}: dataset of shape {shape}", f"(n, {len(head.channels)})")
+        raise BadInput(f"dataset of shape {shape}", f"(n, {len(head.channels)})")
     return ReferenceFile(path, head, int(shape[0]))
-
-
-def _head(document: Mapping[str, Any]) -> ReferenceHead:
-    level, rate_hz = float(document["full_scale_db_sl"]), float(document["rate_hz"])
-    if not np.isfinite(level) or abs(level) > 1000.0 or not 0.0 < rate_hz < np.inf:
-        raise ValueError("scale")
-    band, provenance = document.get("band_hz"), document.get("provenance", {})
-    if not isinstance(document["channels"], list) or not isinstance(provenance, dict):
-        raise TypeError("channels")
-    return ReferenceHead(
-        rate_hz,
-        tuple(str(name) for name in document["channels"]),
-        {name: (str(c["name"]), str(c["hash"])) for name, c in dict(document.get("curves", {})).items()},
-        None if band is None else (float(band[0]), float(band[1])),
-        level,
-        provenance,
-    )

@@ -30,6 +30,7 @@ _ARRAYS = {
     "averaged_s": "s",
 }
 _TEXTS = ("channel", "load", "method", "controller_hash")
+_HEAD = ("channel", "load", "level_db_sl", "method")
 _DERIVED = {"magnitude_v": "V", "phase_rad": "rad", "latency_s": "s"}
 
 
@@ -64,11 +65,11 @@ def _write_csv(path: Path, responses: Sequence[Response]) -> None:
     columns = ["frequency_hz", "magnitude_v", "phase_rad", "latency_s", *list(_ARRAYS)[2:]]
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["channel", "load", "level_db_sl", "method", *columns])
-        for one in responses:
-            for k in range(one.frequency_hz.size):
-                cells = [getattr(one, name)[k] for name in columns]
-                writer.writerow([one.channel, one.load, one.level_db_sl, one.method, *(_cell(cell) for cell in cells)])
+        writer.writerow([*_HEAD, *columns])
+        for response in responses:
+            head = [getattr(response, name) for name in _HEAD]
+            for k in range(response.frequency_hz.size):
+                writer.writerow([*head, *(_cell(getattr(response, name)[k]) for name in columns)])
 
 
 def _cell(value: object) -> str:
@@ -81,10 +82,10 @@ def read_responses(path: str | Path) -> tuple[Response, ...]:
     try:
         with opened_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
-                raise BadInput(f"response {path}: format is not {FORMAT!r}", "a file that `measure` wrote")
+                raise BadInput(f"format is not {FORMAT!r}", "a file that `measure` wrote")
             return tuple(_read_group(file[f"response{k + 1}"]) for k in range(len(file)))
     except BadInput as error:
-        raise BadInput(f"response {path}: {str(error).removeprefix(f'response {path}: ')}") from None
+        raise error.within(f"response {path}") from None
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise BadInput(f"response {path}: {str(error).splitlines()[0]}", "a file that `measure` wrote") from None
 
