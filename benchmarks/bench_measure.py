@@ -12,7 +12,7 @@ from timing import in_turn
 
 from tactuator.measure.frequencies import tones
 from tactuator.measure.options import MeasurementOptions
-from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.measure.response import stepped_sine
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.spectra import mains_multiples, off_mains

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
-from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.measure.response import multisine_response, stepped_sine
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig

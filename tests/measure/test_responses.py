@@ -7,9 +7,8 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.measure.error import response_verdict
-from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
-from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.measure.response import multisine_response, stepped_sine
 from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import multisine_response
 from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig, join_traces

@@ -25,7 +25,7 @@ from tactuator.console.rig_orders import WaitingOrders
 from tactuator.errors import BadInput, TactuatorError, TimingMissed
 from tactuator.io.response import write_responses
 from tactuator.measure.error import ResponseLevels
-from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.board.rig import BoardRig

@@ -16,11 +16,12 @@ from scipy import optimize, stats
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.options import FINGER_LEVEL_DB_SL, FINGER_S
+from tactuator.measure.response import sensed_columns
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
 from tactuator.perception.curve import check_level
-from tactuator.rig.rig import Rig, require_sensors
+from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.multisine import Periods, multisine, odd_lines
@@ -294,15 +295,9 @@ def measure_finger(
     The controller is loaded here. Raises BadInput for an unknown channel, one without a loop or without a sensor of the
     displacement, or too short a time.
     """
-    names = tuple(channels or rig.channels)
-    for name in names:
-        if name not in rig.channels:
-            raise BadInput(f"channel {name!r} is not there", f"{', '.join(rig.channels)}")
-    columns = [rig.channels.index(name) for name in names]
-    display = controller.display
-    measured = [display.channels[column] for column in columns]
+    columns = sensed_columns(rig, channels)
+    measured = [controller.display.channels[column] for column in columns]
     loops = [_loop(controller, column) for column in columns]
-    require_sensors(rig, names)
     low = max([_BAND_HZ[0], *(channel.threshold.band_hz[0] for channel in measured)])
     high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
     plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
@@ -312,11 +307,11 @@ def measure_finger(
     tried = play_plan(rig, plan.tried, measured)
     touched = play_plan(rig, plan.evened(free.position[:, 0] / tried.position[:, 0]), measured)
     estimates = []
-    for k, name in enumerate(names):
-        impedance = finger_impedance(measured[k], plan, free.response[k], touched.response[k])
-        felt = loops[k].load_sensitivity(plan.frequency_hz) / measured[k].plant.gain
+    for k, channel in enumerate(measured):
+        impedance = finger_impedance(channel, plan, free.response[k], touched.response[k])
+        felt = loops[k].load_sensitivity(plan.frequency_hz) / channel.plant.gain
         cut = free.ended[k] or tried.ended[k] or touched.ended[k]
-        estimates.append(estimate_finger(name, plan.frequency_hz, impedance, felt, cut))
+        estimates.append(estimate_finger(channel.name, plan.frequency_hz, impedance, felt, cut))
     return tuple(estimates)
 
 

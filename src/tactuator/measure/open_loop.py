@@ -13,8 +13,8 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.broadband import Followed, Heard, Level, broadband, find_level, follow, hear, plant_of_levels
 from tactuator.measure.error import ChannelPrediction, error_db
-from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import multisine_response
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES

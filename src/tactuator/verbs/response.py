@@ -355,8 +355,7 @@ def measure_response(
     from tactuator.measure.adaptive import settle_weights
     from tactuator.measure.error import response_verdict
     from tactuator.measure.frequencies import over_the_band
-    from tactuator.measure.multisine_response import multisine_response
-    from tactuator.measure.stepped_sine import stepped_sine
+    from tactuator.measure.response import multisine_response, stepped_sine
 
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))

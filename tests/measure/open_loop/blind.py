@@ -14,9 +14,9 @@ import numpy as np
 
 from tactuator.errors import TactuatorError
 from tactuator.measure.error import error_db
-from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, _groups, calibrate, usable_band
 from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import multisine_response
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
