@@ -268,32 +268,20 @@ def plug_in_bits(counts: NDArray[np.int64]) -> FloatArray:
     return np.asarray((cells - rows - columns + _n_log_n(n)) / n)
 
 
-def miller_madow_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """Return plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
-    cells = (counts > 0).sum(axis=(-2, -1))
-    rows = (counts.sum(axis=-1) > 0).sum(axis=-1)
-    columns = (counts.sum(axis=-2) > 0).sum(axis=-1)
-    return np.asarray(plug_in_bits(counts) - (cells - rows - columns + 1) / (2.0 * _trials(counts) * np.log(2.0)))
-
-
-def all_cells_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """Return plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
-    stimuli, responses = _stimuli(counts), counts.shape[-1]
-    return np.asarray(plug_in_bits(counts) - (stimuli - 1) * (responses - 1) / (2.0 * _trials(counts) * np.log(2.0)))
-
-
-def error_rule_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """Return (1 - 2 e) log2 k, at least zero; shape (...). NaN where responses are not those of the stimuli."""
-    if counts.shape[-1] != counts.shape[-2]:
-        return np.full(counts.shape[:-2], np.nan)
-    errors = 1.0 - np.trace(counts, axis1=-2, axis2=-1) / _trials(counts)
-    return np.asarray(np.maximum(0.0, (1.0 - 2.0 * errors) * np.log2(_stimuli(counts))))
-
-
 def all_estimates(counts: NDArray[np.int64]) -> dict[str, FloatArray]:
-    """Return every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
-    functions = (plug_in_bits, miller_madow_bits, all_cells_bits, error_rule_bits)
-    return {name: function(counts) for name, function in zip(ESTIMATORS, functions, strict=True)}
+    """Return every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...).
+
+    `error_rule` is at least zero, and NaN where responses are not those of the stimuli.
+    """
+    plug_in, trials, stimuli, responses = plug_in_bits(counts), _trials(counts), _stimuli(counts), counts.shape[-1]
+    occupied = (counts > 0).sum(axis=(-2, -1)) - stimuli - (counts.sum(axis=-2) > 0).sum(axis=-1) + 1
+    error_rule = np.full(counts.shape[:-2], np.nan)
+    if responses == counts.shape[-2]:
+        errors = 1.0 - np.trace(counts, axis1=-2, axis2=-1) / trials
+        error_rule = np.maximum(0.0, (1.0 - 2.0 * errors) * np.log2(stimuli))
+    miller_madow = plug_in - occupied / (2.0 * trials * np.log(2.0))
+    all_cells = plug_in - (stimuli - 1) * (responses - 1) / (2.0 * trials * np.log(2.0))
+    return dict(zip(ESTIMATORS, (plug_in, miller_madow, all_cells, error_rule), strict=True))
 
 
 def information(

@@ -25,7 +25,7 @@ from tactuator.experiment.result.played import (
     hum_is_felt,
     is_simulated,
 )
-from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
+from tactuator.experiment.store.stored_runs import StoredRun
 
 _POINT_COUNT = 12
 
@@ -201,43 +201,36 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
 
 @dataclass(frozen=True)
 class _Level:
-    """A threshold as commanded, clipped to the levels that were played."""
+    """A threshold as commanded, clipped to the levels that were played; named as MeasuredThreshold has it."""
 
-    level: float
-    sd: float
-    low: float
-    high: float
+    refit_db_sl: float
+    refit_sd_db: float
+    refit_low_db_sl: float
+    refit_high_db_sl: float
     bound: str
 
     @classmethod
-    def clipped(cls, level: float, sd: float, low: float, high: float, least: float, most: float) -> _Level:
+    def clipped(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> _Level:
+        least, most = float(played_db_sl.min()), float(played_db_sl.max())
         bound = ">=" if level > most else "<=" if level < least else ""
         level, low, high = (float(np.clip(value, least, most)) for value in (level, low, high))
         return cls(level, sd, low, high, bound)
 
 
 def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> MeasuredThreshold:
-    kinds = catch_kinds(run)
-    levels = run.levels_db_sl[kinds != "blank"]
     fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
-    level, sd, low, high = (float(value) for value in fitted)
-    at = _Level.clipped(level, sd, low, high, float(levels.min()), float(levels.max()))
+    at = _Level.clipped(run.levels_db_sl[catch_kinds(run) != "blank"], *(float(value) for value in fitted))
     seen, hertz = run.intervals, float(run.run.frequency_hz)
-    gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
+    gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
     names = [*procedure.flags, *flags.names(row), *attention(run)]
-    if hum_is_felt(seen, hertz, run.protocol.timing, at.level):
+    if hum_is_felt(seen, hertz, run.protocol.timing, at.refit_db_sl):
         names.append("mains")
-    estimate = procedure.estimate()
-    return _threshold(
-        run, hertz, at, gain, float(run.curve_level_db_re_1um[0]), [*names, *_of_playing(seen, at, gain)],
-        procedure.point, None if estimate is None else (estimate.level_db_sl, estimate.standard_error_db),
-        (float(flags.lapse_power[row]), float(flags.drift.power[row])),
-    )  # fmt: skip
+    power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
+    return _threshold(run, procedure, hertz, at, gain, float(run.curve_level_db_re_1um[0]), names, power)
 
 
 def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
-    kinds, seen = catch_kinds(run), run.intervals
-    placed = kinds != "blank"
+    seen, placed = run.intervals, catch_kinds(run) != "blank"
     if not placed.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
     trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)
@@ -245,39 +238,30 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
     curve = curve_run(procedure.rule, hertz, levels, run.correct[placed])
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
-    common = [*curve.flags.names(), *attention(run)]
-    power = float(curve.flags.drift.power[0])
+    names, power = [*curve.flags.names(), *attention(run)], (None, float(curve.flags.drift.power[0]))
     measured = []
-    for frequency, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
-        low, high = level - _NORMAL_95 * sd, level + _NORMAL_95 * sd
-        at = _Level.clipped(level, float(sd), low, high, float(levels.min()), float(levels.max()))
-        near = np.abs(np.log10(run.frequency_hz / frequency))[trial] <= _NEAR_DECADES
-        gain = delivered_level(
-            seen.commanded_db_sl[near], seen.measured_db_sl[near], float(frequency), at.level, _NEAR_DB
-        )
-        names = [*common, *_of_playing(seen, at, gain)]
-        point = procedure.rule.answering.target
-        measured.append(_threshold(run, float(frequency), at, gain, float(zero), names, point, None, (None, power)))
+    for hertz, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
+        at = _Level.clipped(levels, level, float(sd), level - _NORMAL_95 * sd, level + _NORMAL_95 * sd)
+        near = np.abs(np.log10(run.frequency_hz / hertz))[trial] <= _NEAR_DECADES
+        commanded, sensed = seen.commanded_db_sl[near], seen.measured_db_sl[near]
+        gain = delivered_level(commanded, sensed, float(hertz), at.refit_db_sl, _NEAR_DB)
+        measured.append(_threshold(run, procedure, float(hertz), at, gain, float(zero), names, power))
     return measured
 
 
-def _of_playing(seen: StoredIntervals, at: _Level, gain: DeliveredLevel) -> list[str]:
-    flags = {
-        "out-of-range": bool(at.bound),
-        "saturated": bool(seen.saturated.any()),
-        "delivered-unknown": bool(np.isnan(gain.offset_db)),
-    }
-    return [name for name, true in flags.items() if true]
-
-
 def _threshold(
-    run: StoredRun, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float, flags: Sequence[str],
-    point: float, estimate: tuple[float, float | None] | None, power: tuple[float | None, float | None],
+    run: StoredRun, procedure: Procedure, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float,
+    names: Sequence[str], power: tuple[float | None, float | None],
 ) -> MeasuredThreshold:  # fmt: skip
-    known = not np.isnan(gain.offset_db)
+    """Return a threshold with its displacement; base: level of 0 dB SL, names: flags beside those of the playing."""
+    known, estimate = not np.isnan(gain.offset_db), procedure.estimate()
+    playing = {
+        "out-of-range": bool(at.bound),
+        "saturated": run.intervals.saturated.any(),
+        "delivered-unknown": not known,
+    }
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
-    level = base + shift + at.level
-    spare = _NORMAL_95 * shift_sd
+    level, spare = base + shift + at.refit_db_sl, _NORMAL_95 * shift_sd
     return MeasuredThreshold(
         subject=run.session.subject_code,
         group=run.session.subject_group,
@@ -286,23 +270,19 @@ def _threshold(
         procedure=run.run.procedure,
         run=run.run.id,
         trials=run.correct.size,
-        point=point,
-        own_db_sl=None if estimate is None else estimate[0],
-        own_standard_error_db=None if estimate is None else estimate[1],
-        refit_db_sl=at.level,
-        refit_sd_db=at.sd,
-        refit_low_db_sl=at.low,
-        refit_high_db_sl=at.high,
-        bound=at.bound,
+        point=procedure.point,
+        own_db_sl=None if estimate is None else estimate.level_db_sl,
+        own_standard_error_db=None if estimate is None else estimate.standard_error_db,
+        **vars(at),
         delivered_db=gain.offset_db,
         delivered_sd_db=gain.sd_db,
-        own_level_db_re_1um=None if estimate is None else base + shift + estimate[0],
+        own_level_db_re_1um=None if estimate is None else base + shift + estimate.level_db_sl,
         level_db_re_1um=level,
-        level_low_db_re_1um=level - float(np.hypot(at.level - at.low, spare)),
-        level_high_db_re_1um=level + float(np.hypot(at.high - at.level, spare)),
-        sd_db=float(np.hypot(at.sd, shift_sd)),
+        level_low_db_re_1um=level - float(np.hypot(at.refit_db_sl - at.refit_low_db_sl, spare)),
+        level_high_db_re_1um=level + float(np.hypot(at.refit_high_db_sl - at.refit_db_sl, spare)),
+        sd_db=float(np.hypot(at.refit_sd_db, shift_sd)),
         curve=run.run.curve,
-        flags=tuple(sorted(set(flags))),
+        flags=tuple(sorted({*names, *(name for name, true in playing.items() if true)})),
         lapse_power=power[0],
         drift_power=power[1],
         simulated=is_simulated(run),

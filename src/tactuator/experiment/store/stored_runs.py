@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -84,21 +84,17 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
         for first in range(0, len(rows), _RUNS):
             part = rows[first : first + _RUNS]
             trials, intervals = (read(connection, part) for read in (_trials, _intervals))
-            runs += [_stored(sessions, protocols, row, trials, intervals) for row in part]
+            for row in part:
+                kind, commanded, measured = intervals.of(row.id)
+                tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
+                seen = StoredIntervals(tone, loud, commanded, measured, saturated)
+                about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
+                frequency_hz, level, base, correct = trials.of(row.id)
+                runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     if not rows:
         where = f"store {store.path}" if session is None else "the session"
         raise BadInput(f"{where} has no {state} run", "one with at least one")
     return runs
-
-
-def _stored(
-    sessions: Mapping[int, Found], protocols: Mapping[int, Protocol], row: Found, trials: _Rows, intervals: _Rows
-) -> StoredRun:
-    frequency_hz, level, base, correct = trials.of(row.id)
-    kind, commanded, measured = intervals.of(row.id)
-    seen = StoredIntervals((kind & _TONE) != 0, (kind & _LOUD) != 0, commanded, measured, (kind & _SATURATED) != 0)
-    about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
-    return StoredRun(*about, frequency_hz, level, base, correct, seen)
 
 
 @dataclass(frozen=True, eq=False)
