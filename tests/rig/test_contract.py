@@ -3,7 +3,6 @@
 TACTUATOR_RIG names one more (docs/rig.md). A rig without finger ports is asked for all but those.
 """
 
-import os
 from dataclasses import replace
 from itertools import product
 
@@ -17,7 +16,7 @@ from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig, join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tests.rig.every_rig import RIGS, begin, tones
+from tests.rig.every_rig import BOARDS, RIGS, begin, tones
 from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display
 
@@ -28,25 +27,25 @@ _NAMES = [pytest.param(name, marks=pytest.mark.slow if name in _SLOW else ()) fo
 
 @pytest.fixture(scope="module", params=_NAMES)
 def opened(request):
-    with RIGS[request.param](designed().display) as rig:
-        yield request.param, rig
+    """A rig's name, and a board that is kept from test to test; None for what is opened anew."""
+    if request.param in BOARDS or request.param.startswith("emulated:"):
+        with RIGS[request.param](designed().display) as board:
+            yield request.param, board
+    else:
+        yield request.param, None
 
 
 @pytest.fixture
 def rig(opened):
     """As if it had just been opened, with its controller: no test leans on the one before."""
-    name, rig = opened
-    if isinstance(rig, BoardRig):
-        begin(rig)
-        yield rig
-    elif name == os.environ.get("TACTUATOR_RIG"):  # a device may be opened once
-        rig.rest()
-        rig.load(designed())
-        yield rig
-    else:
-        with RIGS[name](designed().display) as fresh:
-            fresh.load(designed())
-            yield fresh
+    name, board = opened
+    if board is not None:
+        begin(board)
+        yield board
+        return
+    with RIGS[name](designed().display) as fresh:
+        fresh.load(designed())
+        yield fresh
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ from tactuator.runtime.coefficients import (
     PREFILTER_SECTIONS_MAX,
     REFERENCE_FULL_SCALE,
     VOLTS_FULL_SCALE,
-    Q31Section,
     delta_coefficients_single,
     q31_cascade,
     q31_conditioning,
@@ -218,11 +217,8 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
     most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
     mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
     gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
-    return _channel_head(channel) + gains + b"".join(_q31_bytes(section) for section in sections)
-
-
-def _q31_bytes(section: Q31Section) -> bytes:
-    return struct.pack("<5iBBBB", *section.mantissas, *section.shifts, 0)
+    rows = (struct.pack("<5iBBBB", *section.mantissas, *section.shifts, 0) for section in sections)
+    return _channel_head(channel) + gains + b"".join(rows)
 
 
 def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
