@@ -89,18 +89,18 @@ def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
 
     def decorate(cls: type[T]) -> type[T]:
         config = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
-        made: Any = validated(cls, frozen=True, eq=eq, config=config)
-        check = made.__init__
+        table_of: Any = validated(cls, frozen=True, eq=eq, config=config)
+        check = table_of.__init__
 
         @wraps(check)
         def init(self: Any, /, *values: Any, **named: Any) -> None:
             try:
                 check(self, *values, **named)
             except ValidationError as error:
-                raise _refusal(made, title, error) from None
+                raise _refusal(table_of, title, error) from None
 
-        made.__init__ = init
-        return cast(type[T], made)
+        table_of.__init__ = init
+        return cast(type[T], table_of)
 
     return decorate
 

@@ -47,8 +47,8 @@ def sweep_half_written(paths: Iterable[Path]) -> None:
         names.setdefault(path.parent, set()).add(path.name)
     for folder, wanted in names.items():
         for beside in folder.glob(f".*.{_HALF_WRITTEN}.*"):
-            found = re.fullmatch(rf"\.(.+)-[a-z0-9_]{{8}}\.{_HALF_WRITTEN}(\.[^.]+)", beside.name)
-            if found is not None and found[1] + found[2] in wanted and beside.is_file():
+            name = re.fullmatch(rf"\.(.+)-[a-z0-9_]{{8}}\.{_HALF_WRITTEN}(\.[^.]+)", beside.name)
+            if name is not None and name[1] + name[2] in wanted and beside.is_file():
                 beside.unlink(missing_ok=True)
 
 
@@ -71,7 +71,7 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
     """
     target = Path(path).resolve()
     _check_own(target, own_names)
-    made = _made_parents(target)
+    parents = _made_parents(target)
     try:
         beside = target.with_name(f".{target.name}-{_token()}")
         try:
@@ -83,7 +83,7 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
         finally:
             shutil.rmtree(beside, ignore_errors=True)
     except BaseException as error:
-        for folder in made:
+        for folder in parents:
             with suppress(OSError):
                 folder.rmdir()
         if isinstance(error, OSError):

@@ -177,13 +177,13 @@ def _parts(line: str, delimiter: str | None) -> list[str]:
 
 
 def _cells(line: str, delimiter: str | None) -> list[float]:
-    made = []
+    cells = []
     for cell in line.strip().split(delimiter):
         try:
-            made.append(float(cell))
+            cells.append(float(cell))
         except ValueError:
-            made.append(float("nan"))
-    return made
+            cells.append(float("nan"))
+    return cells
 
 
 _LAST_BYTES = 8192
@@ -284,29 +284,29 @@ def _read_matlab(path: Path) -> Columns:
     _require_room(sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
     require_survivable(lambda: scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False))
     content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
-    found: dict[str, FloatArray] = {}
+    columns: dict[str, FloatArray] = {}
     for name, value in content.items():
         if not name.startswith("__"):
-            _gather(name, value, found)
-    return Columns(found)
+            _gather(name, value, columns)
+    return Columns(columns)
 
 
-def _gather(name: str, value: Any, found: dict[str, FloatArray]) -> None:
+def _gather(name: str, value: Any, columns: dict[str, FloatArray]) -> None:
     """Gather the numbers, rows and columns of a variable; fields of a struct as name.field."""
     if hasattr(value, "_fieldnames"):
         for field_name in value._fieldnames:
-            _gather(f"{name}.{field_name}", getattr(value, field_name), found)
+            _gather(f"{name}.{field_name}", getattr(value, field_name), columns)
         return
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
         return
     array = np.asarray(array, dtype=np.float64)
     if array.ndim <= 1:
-        found[name] = np.atleast_1d(array)[:MOST_SAMPLES]
+        columns[name] = np.atleast_1d(array)[:MOST_SAMPLES]
     elif array.ndim == 2:
         tall = array if array.shape[0] >= array.shape[1] else array.T
         for k in range(min(tall.shape[1], 64)):
-            found[f"{name}.{k + 1}"] = tall[:MOST_SAMPLES, k]
+            columns[f"{name}.{k + 1}"] = tall[:MOST_SAMPLES, k]
 
 
 def _read_sound(path: Path) -> Columns:
@@ -324,40 +324,42 @@ def _read_sound(path: Path) -> Columns:
 
 
 def _read_hdf5(path: Path) -> Columns:
-    found: dict[str, FloatArray] = {}
+    columns: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     with opened_hdf5(path) as file:
         attributes = {key: _text(value) for key, value in file.attrs.items()}
         signals = _signals(file)
-        _require_room(sum(min(max(one.shape, default=1), MOST_SAMPLES) * _width(one) for one in signals.values()))
-        _require_room(max((math.prod(one.chunks or ()) for one in signals.values()), default=0))
+        _require_room(
+            sum(min(max(signal.shape, default=1), MOST_SAMPLES) * _width(signal) for signal in signals.values())
+        )
+        _require_room(max((math.prod(signal.chunks or ()) for signal in signals.values()), default=0))
         for name, item in signals.items():
             if _width(item) == 1:
                 part = item[tuple(slice(MOST_SAMPLES) for _ in item.shape)]
-                found[name] = np.atleast_1d(np.asarray(part, dtype=np.float64).squeeze())
+                columns[name] = np.atleast_1d(np.asarray(part, dtype=np.float64).squeeze())
             else:
                 tall = item[:MOST_SAMPLES] if item.shape[0] >= item.shape[1] else item[:, :MOST_SAMPLES].T
                 for k in range(tall.shape[1]):
-                    found[f"{name}.{k + 1}"] = np.asarray(tall[:, k], dtype=np.float64)
+                    columns[f"{name}.{k + 1}"] = np.asarray(tall[:, k], dtype=np.float64)
             if "unit" in item.attrs:
                 units[name] = _text(item.attrs["unit"])
-        cut = any(max(one.shape, default=1) > MOST_SAMPLES for one in signals.values())
+        cut = any(max(signal.shape, default=1) > MOST_SAMPLES for signal in signals.values())
     rate = attributes.get("rate_hz")
-    return Columns(found, float(rate) if rate is not None else None, units, attributes, cut)
+    return Columns(columns, float(rate) if rate is not None else None, units, attributes, cut)
 
 
 def _signals(file: h5py.File) -> dict[str, h5py.Dataset]:
     """Return the file's datasets of numbers in one column, or up to 64, by their names with points for strokes."""
-    found: dict[str, h5py.Dataset] = {}
+    signals: dict[str, h5py.Dataset] = {}
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or name.startswith("#"):
             return
         if item.ndim <= 1 or (item.ndim == 2 and min(item.shape) <= 64):
-            found[name.replace("/", ".")] = item
+            signals[name.replace("/", ".")] = item
 
     file.visititems(visit)
-    return found
+    return signals
 
 
 def _width(item: h5py.Dataset) -> int:

@@ -189,13 +189,13 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     where = where_of(entry)
     entry = _as_acceleration(entry, where)
     elsewhere = {key for name in SHARED_TABLES for key in keys_of(name)} | set(parameters(Wires) if wired else ())
-    own = {key: value for key, value in entry.items() if key not in elsewhere}
-    require_known(own, parameters(Channel), where)
+    mine = {key: value for key, value in entry.items() if key not in elsewhere}
+    require_known(mine, parameters(Channel), where)
     given = {name: _merged(tables[name], entry, name, where) for name in SHARED_TABLES}
     feedback = from_table(FeedbackRequirements, *given["feedback"])
     converter = from_table(Converter, *given["converter"])
-    plant = _plant(own.get("plant"), beside, where, feedback.structure != "none")
-    if own.get("loads") and plant.is_response:
+    plant = _plant(mine.get("plant"), beside, where, feedback.structure != "none")
+    if mine.get("loads") and plant.is_response:
         raise BadInput(
             "a list, while what a load changes cannot be told from a response by itself",
             "none, or the model that `identify` makes of it",
@@ -203,15 +203,15 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
             key="loads",
         )
     friction = None if plant.model is None else plant.model.get("friction") or {}
-    found: dict[str, Any] = {
+    resolved: dict[str, Any] = {
         "plant": plant.system,
         "threshold": _threshold(*given["threshold"], beside),
         "converter": converter,
         "feedback": feedback,
         "prefilter": from_table(PrefilterRequirements, *given["prefilter"]),
-        "environment": channel_environment(*given["environment"], beside, str(own.get("name")), friction),
+        "environment": channel_environment(*given["environment"], beside, str(mine.get("name")), friction),
     }
-    channel = from_table(Channel, in_file(Channel) | own | found, where)
+    channel = from_table(Channel, in_file(Channel) | mine | resolved, where)
     covariance = channel.covariance or _covariance((plant.model or {}).get("covariance", ()), plant.system)
     finished = replace(
         channel,
@@ -220,8 +220,8 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
         family=channel.family + plant.family,
         covariance=covariance,
         valid_hz=channel.valid_hz or plant.valid_hz,
-        model_error_db=channel.model_error_db if "model_error_db" in own else plant.error_db,
-        model_error_hz=channel.model_error_hz or (None if "model_error_db" in own else plant.unsure_hz),
+        model_error_db=channel.model_error_db if "model_error_db" in mine else plant.error_db,
+        model_error_hz=channel.model_error_hz or (None if "model_error_db" in mine else plant.unsure_hz),
     )
     _require_travel_seen(finished, where)
     return finished

@@ -121,9 +121,9 @@ def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
     """
     with EndsHeld() as ends, _Disk(path, "w+") as disk:
         with h5py.File(disk, "w") as file:
-            made = WrittenHdf5(file, disk, ends)
-            yield made
-        made.check()
+            written = WrittenHdf5(file, disk, ends)
+            yield written
+        written.check()
 
 
 def require_survivable(trial: Callable[[], object]) -> None:
@@ -164,9 +164,9 @@ def _try_out(trial: Callable[[], object]) -> None:
 
 def _limit_memory() -> None:
     """Let this process take no more than _MEMORY_BYTES besides what it has, where the system tells how much that is."""
-    told = Path("/proc/self/statm")
-    if told.exists():
-        most = int(told.read_text().split()[0]) * resource.getpagesize() + _MEMORY_BYTES
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        most = int(statm.read_text().split()[0]) * resource.getpagesize() + _MEMORY_BYTES
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 

@@ -30,8 +30,8 @@ def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -
     """Return the document of model.json; `family`: other plants that the record cannot tell from the model."""
     tables = plain(model)
     units = {what: tables.pop(f"{what}_unit") for what in _UNITS}
-    members = [dict(zip(("num", "den"), map(plain, one.polynomials()), strict=True)) for one in family]
-    delays = ({"delay_s": one.delay_s} for one in family)
+    members = [dict(zip(("num", "den"), map(plain, system.polynomials()), strict=True)) for system in family]
+    delays = ({"delay_s": system.delay_s} for system in family)
     both = [member | delay for member, delay in zip(members, delays, strict=True)]
     return {"format": FORMAT, "tool": __version__, **tables, "units": units, "family": both}
 

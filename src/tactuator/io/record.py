@@ -168,7 +168,7 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     if phase is None:
         remarks.append("there is no phase: that of least lag is taken, without dead time")
     order = np.argsort(frequency[known], kind="stable")
-    picked = [one[known][order] for one in (frequency, size, deviation)]
+    picked = [column[known][order] for column in (frequency, size, deviation)]
     turned = None if phase is None else phase[known][order]
     about = {"file": path.name, "kind": "response"}
     return FrequencyResponse(

@@ -35,13 +35,13 @@ def _commented(text: str) -> str:
         lines = []
         for line in table.rstrip().splitlines():
             given = re.match(r"(\w+) = ", line)
-            told = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
-            lines.append(line + told if len(line + told) <= _WIDTH else line)
+            meaning = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
+            lines.append(line + meaning if len(line + meaning) <= _WIDTH else line)
         for key, about in keys_of(name).items():
             if not re.search(rf"(?m)^{key} = ", table):
                 line = f"# {key} = {default(about) or '...'}"
-                told = f"{line}  # {about.description}"
-                lines.append(told if len(told) <= _WIDTH else line)
+                meaning = f"{line}  # {about.description}"
+                lines.append(meaning if len(meaning) <= _WIDTH else line)
         return "\n".join(lines) + "\n"
 
     head, *parts = re.split(r"(?m)^(?=\[)", text)
@@ -77,10 +77,10 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
     plant = f"plant = {json.dumps(path)}{quantity}"
     changes: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-        (r"^plant = \{[^}]*\}.*$", lambda found: plant),
-        (r"^band_hz = \[[^]]*\]", lambda found: f"band_hz = [{low:g}, {high:g}]"),
-        (r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)#", lambda found: f"{found[1]}# CHANGE THIS:"),
-        (r"^(loads|friction_v|presliding_v) = ", lambda found: f"# {found[1]} = "),
+        (r"^plant = \{[^}]*\}.*$", lambda line: plant),
+        (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
+        (r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)#", lambda line: f"{line[1]}# CHANGE THIS:"),
+        (r"^(loads|friction_v|presliding_v) = ", lambda line: f"# {line[1]} = "),
     )
     for pattern, change in changes:
         text = re.sub(pattern, change, text, flags=re.MULTILINE)
@@ -89,9 +89,9 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
 
 def _band(text: str, model: PlantModel) -> tuple[float, float]:
     """Return the template's band (Hz) within that of the model."""
-    found = re.search(r"^band_hz = \[([\d.]+), ([\d.]+)\]", text, flags=re.MULTILINE)
-    assert found is not None  # every shipped display states its band; a test reads them all
-    low, high = float(found[1]), float(found[2])
+    band = re.search(r"^band_hz = \[([\d.]+), ([\d.]+)\]", text, flags=re.MULTILINE)
+    assert band is not None  # every shipped display states its band; a test reads them all
+    low, high = float(band[1]), float(band[2])
     if model.valid_hz is not None:
         low, high = max(low, model.valid_hz[0]), min(high, model.valid_hz[1])
     if not low < high:
@@ -130,16 +130,16 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
     """
     missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
     written: list[Path] = []
-    made: list[Path] = []
+    folders: list[Path] = []
     try:
         for target, content in missing.items():
-            made += _made_folders(target.parent)
+            folders += _made_folders(target.parent)
             written.append(target)
             target.write_bytes(content)
     except BaseException as error:
         for path in written:
             path.unlink(missing_ok=True)
-        for path in reversed(made):
+        for path in reversed(folders):
             path.rmdir()
         if isinstance(error, OSError):
             raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
@@ -157,7 +157,7 @@ def _is_there(target: Path, content: bytes) -> bool:
 
 def _made_folders(folder: Path) -> list[Path]:
     """Make a folder and those above it; return those that were not there, the highest first."""
-    missing = [one for one in (folder, *folder.parents) if not one.exists()][::-1]
-    for one in missing:
-        one.mkdir()
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()][::-1]
+    for parent in missing:
+        parent.mkdir()
     return missing

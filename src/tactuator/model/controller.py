@@ -178,8 +178,8 @@ class Controller:
         """Raise BadInput where a channel's figures are not those of a design for `display`: limits beyond what the
         display has, a threshold voltage or gains that are no positive numbers. A hash says who wrote a file, not
         that its figures make sense: what holds the command is derived from the display anew."""
-        for own, described in zip(self.channels, display.channels, strict=True):
-            _require_limits(own, described, display.objectives.comfort_db_sl)
+        for designed, described in zip(self.channels, display.channels, strict=True):
+            _require_limits(designed, described, display.objectives.comfort_db_sl)
 
     def channel(self, name: str) -> ChannelController:
         """Return the channel's controller. Raises BadInput if there is none of that name."""
@@ -193,40 +193,33 @@ class Controller:
 _ROUNDING = 1.0 + 1e-9
 
 
-def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: float) -> None:
+def _require_limits(designed: ChannelController, described: Channel, comfort_db_sl: float) -> None:
     """Raise BadInput unless every figure is positive and no greater than the display's own limit."""
-    figures = {
-        "command_v": (own.limits.command_v, described.converter.range_v, "V, the converter's range"),
-        "travel_v": (
-            own.limits.travel_v,
-            described.travel_mm * described.sensor_gain_v_per_mm,
-            "V at the sensor, the display's travel",
-        ),
-        "comfort_db_sl": (own.limits.comfort_db_sl, comfort_db_sl, "dB SL, the display's comfort"),
+    where = ("controller", f"channel {designed.name!r}")
+    travel_v = described.travel_mm * described.sensor_gain_v_per_mm
+    greatest = {
+        "command_v": (described.converter.range_v, "V, the converter's range"),
+        "travel_v": (travel_v, "V at the sensor, the display's travel"),
+        "comfort_db_sl": (comfort_db_sl, "dB SL, the display's comfort"),
     }
-    for name, (value, most, words) in figures.items():
+    for key, (most, words) in greatest.items():
+        value = getattr(designed.limits, key)
         if not 0.0 < value <= most * _ROUNDING:
-            raise BadInput(
-                f"controller: channel {own.name!r}: limit {name} is {value:g}", f"above 0, at most {most:g} {words}"
-            )
-    if not (np.isfinite(own.threshold_voltage_dc) and own.threshold_voltage_dc > 0.0):
-        raise BadInput(
-            f"controller: channel {own.name!r}: threshold_voltage_dc is {own.threshold_voltage_dc:g}",
-            "a positive number",
-        )
-    for name, sections in (("prefilter", own.prefilter_sos), ("feedback", own.feedback_sos)):
+            raise BadInput(f"{value:g}", f"above 0, at most {most:g} {words}", where=(*where, "limits"), key=key)
+    if not designed.threshold_voltage_dc > 0.0:
+        value = designed.threshold_voltage_dc
+        raise BadInput(f"{value:g}", "a positive number", where=where, key="threshold_voltage_dc")
+    for key, sections in (("prefilter", designed.prefilter_sos), ("feedback", designed.feedback_sos)):
         if sections is None:
             continue
         with np.errstate(all="ignore"):
             size = np.abs(sections / sections[:, 3:4])
         if not np.all(np.isfinite(size) & ((size == 0.0) | (size >= _LEAST)) & (size <= _GREATEST)):
-            raise BadInput(
-                f"controller: channel {own.name!r}: a coefficient of its {name} is out of range",
-                f"0, or {_LEAST:g} to {_GREATEST:g} of a0",
-            )
-    for gain in own.anti_windup.gains:
+            allowed = f"0, or {_LEAST:g} to {_GREATEST:g} of a0"
+            raise BadInput(f"a coefficient of its {key} is out of range", allowed, where=where)
+    for gain in designed.anti_windup.gains:
         if not 0.0 <= gain <= _GAIN_MAX:
-            raise BadInput(f"controller: channel {own.name!r}: an anti-windup gain is {gain:g}", f"0 to {_GAIN_MAX:g}")
+            raise BadInput(f"an anti-windup gain is {gain:g}", f"0 to {_GAIN_MAX:g}", where=where)
 
 
 _LEAST, _GREATEST = 1e-40, 1e12

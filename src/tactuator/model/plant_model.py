@@ -97,12 +97,12 @@ class PlantModel:
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         gradient, sizes = self._log_gradient(frequency), self._sizes()
         relative = self._relative_covariance()
-        made = []
+        deviations = []
         for part, beyond in zip((gradient.real, gradient.imag), self.excess.at(frequency), strict=True):
             scaled = part * sizes
             variance = np.einsum("ij,jk,ik->i", scaled, relative, scaled)
-            made.append(np.sqrt(np.maximum(variance, 0.0) + beyond**2))
-        return made[0], made[1]
+            deviations.append(np.sqrt(np.maximum(variance, 0.0) + beyond**2))
+        return deviations[0], deviations[1]
 
     def holding(self, other: PlantModel) -> PlantModel:
         """Return the model with a band that holds another one, its band included, at the frequencies of the excess."""
@@ -116,9 +116,9 @@ class PlantModel:
         """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
         errors = _Z95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         m, n = self.num.size - 1, self.den.size - 1
-        made = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
-        made |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
-        return {"gain": self._gain_confidence(), **made, "delay_s": float(errors[-1])}
+        widths = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
+        widths |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
+        return {"gain": self._gain_confidence(), **widths, "delay_s": float(errors[-1])}
 
     def family(self, count: int, rng: np.random.Generator) -> tuple[ContinuousSystem, ...]:
         """Return `count` plants drawn from the covariance, for a design that must hold for all; stable as the model is.
@@ -127,21 +127,21 @@ class PlantModel:
         """
         values, vectors = np.linalg.eigh(self._relative_covariance())
         spread = vectors * np.sqrt(np.maximum(values, 0.0))
-        made: list[ContinuousSystem] = []
+        systems: list[ContinuousSystem] = []
         for sign in (2.0, -2.0):
-            self._append(made, sign * spread[:, -1], count)
+            self._append(systems, sign * spread[:, -1], count)
         for _ in range(50 * count):
-            if len(made) >= count:
+            if len(systems) >= count:
                 break
-            self._append(made, spread @ rng.standard_normal(values.size), count)
-        return tuple(made)
+            self._append(systems, spread @ rng.standard_normal(values.size), count)
+        return tuple(systems)
 
-    def _append(self, made: list[ContinuousSystem], change: FloatArray, count: int) -> None:
+    def _append(self, systems: list[ContinuousSystem], change: FloatArray, count: int) -> None:
         theta = self._theta() + change * self._sizes()
         m = self.num.size
         system = ContinuousSystem.from_polynomials(theta[:m], np.append(1.0, theta[m:-1]), max(float(theta[-1]), 0.0))
-        if len(made) < count and system.is_stable == self.system.is_stable:
-            made.append(system)
+        if len(systems) < count and system.is_stable == self.system.is_stable:
+            systems.append(system)
 
     def _theta(self) -> FloatArray:
         return np.concatenate([self.num, self.den[1:], [self.delay_s]])

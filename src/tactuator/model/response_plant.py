@@ -91,14 +91,14 @@ def _with_less(points: _Points, order: int, close_db: float) -> Iterator[Continu
         kept = np.ones(points.frequency_hz.size, dtype=bool)
         kept[first:-1:_TURNS] = False
         fits = (points.followed(kept, order, times * close_db) for times in _WITHIN)
-        yield next((one for one in fits if one is not None), None)
+        yield next((system for system in fits if system is not None), None)
 
 
 def _with_more(points: _Points, order: int, orders: Sequence[int], within_db: float) -> ContinuousSystem | None:
     """Return a system through all points with the next number of poles that gives one, or None."""
     kept = np.ones(points.frequency_hz.size, dtype=bool)
     fits = (points.followed(kept, more, within_db) for more in orders if more > order)
-    return next((one for one in fits if one is not None), None)
+    return next((system for system in fits if system is not None), None)
 
 
 def _farthest(
@@ -110,12 +110,14 @@ def _farthest(
     """
     edges = points.frequency_hz
     ends = (float(edges[0]), float(edges[-1]))
-    if any(one is None for one in others[:_TURNS]):
+    if any(system is None for system in others[:_TURNS]):
         return float(np.ptp(points.level_db)), ends
     share = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)
     dense = np.append((edges[:-1, None] * (edges[1:] / edges[:-1])[:, None] ** share).ravel(), edges[-1])
-    own = db(np.abs(system.response(dense)))
-    apart = np.max([np.abs(db(np.abs(one.response(dense))) - own) for one in others if one is not None], axis=0)
+    level_db = db(np.abs(system.response(dense)))
+    apart = np.max(
+        [np.abs(db(np.abs(other.response(dense))) - level_db) for other in others if other is not None], axis=0
+    )
     worst = int(np.argmax(apart))
     gap = min(worst // _BETWEEN, edges.size - 2)
     return float(apart[worst]), (float(edges[gap]), float(edges[gap + 1]))
@@ -143,10 +145,10 @@ def _followed(
         ceiling_db=float(np.max(level)),
     )
     rate_hz = _RATE_OVER_TOP * top
-    found = fit_within(goal, rate_hz, order, within_db)
-    if found is None:
+    fit = fit_within(goal, rate_hz, order, within_db)
+    if fit is None:
         return None
-    zeros, poles = (2.0 * rate_hz * (roots - 1.0) / (roots + 1.0) for roots in (found.zeros, found.poles))
+    zeros, poles = (2.0 * rate_hz * (roots - 1.0) / (roots + 1.0) for roots in (fit.zeros, fit.poles))
     shape = ContinuousSystem(zeros, np.append(poles, fall.poles), 1.0)
     off_db = db(np.abs(shape.response(frequency_hz))) - level_db
     gain = 10.0 ** (-0.5 * float(np.max(off_db) + np.min(off_db)) / 20.0)

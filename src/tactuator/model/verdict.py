@@ -101,33 +101,33 @@ class Objective:
     @property
     def outcome(self) -> Outcome:
         """Return not met if any finding is not; met if some are and none that counts stayed open; else not judged."""
-        outcomes = [one.outcome for one in self.findings]
-        open_ones = [one for one in self.findings if one.outcome is Outcome.NOT_JUDGED and one.counts]
+        outcomes = [finding.outcome for finding in self.findings]
+        open_ones = [finding for finding in self.findings if finding.outcome is Outcome.NOT_JUDGED and finding.counts]
         if Outcome.NOT_MET in outcomes:
             return Outcome.NOT_MET
         return Outcome.MET if Outcome.MET in outcomes and not open_ones else Outcome.NOT_JUDGED
 
     def of(self, channel: str, load: str) -> tuple[Finding, ...]:
         """Return the findings on one channel under one load."""
-        return tuple(one for one in self.findings if (one.channel, one.load) == (channel, load))
+        return tuple(finding for finding in self.findings if (finding.channel, finding.load) == (channel, load))
 
     def worst(self) -> tuple[Finding, ...]:
         """Return one finding for each channel and quantity: what is not met before what is open before what is met, and
         of those the one with the greatest excess. This is what fits a screen at any number of loads and models."""
-        found: dict[tuple[str, str], Finding] = {}
-        for one in self.findings:
-            known = found.get((one.channel, one.quantity))
-            if known is None or _rank(one) > _rank(known):
-                found[one.channel, one.quantity] = one
-        return tuple(found.values())
+        worst: dict[tuple[str, str], Finding] = {}
+        for finding in self.findings:
+            known = worst.get((finding.channel, finding.quantity))
+            if known is None or _rank(finding) > _rank(known):
+                worst[finding.channel, finding.quantity] = finding
+        return tuple(worst.values())
 
 
 _GRAVITY = {Outcome.NOT_MET: 2, Outcome.NOT_JUDGED: 0, Outcome.MET: 1}
 
 
-def _rank(one: Finding) -> tuple[int, float]:
-    gravity = 1 if one.outcome is Outcome.NOT_JUDGED and one.counts else _GRAVITY[one.outcome]
-    return gravity, one.excess
+def _rank(finding: Finding) -> tuple[int, float]:
+    gravity = 1 if finding.outcome is Outcome.NOT_JUDGED and finding.counts else _GRAVITY[finding.outcome]
+    return gravity, finding.excess
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Verdict:
     @property
     def outcome(self) -> Outcome:
         """Return not met if any objective is not; met if all are; else not judged."""
-        outcomes = {one.outcome for one in self.objectives}
+        outcomes = {objective.outcome for objective in self.objectives}
         if Outcome.NOT_MET in outcomes:
             return Outcome.NOT_MET
         return Outcome.MET if outcomes == {Outcome.MET} else Outcome.NOT_JUDGED
@@ -153,7 +153,10 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """Return the verdict in one sentence."""
-        by_outcome = {outcome: [one.number for one in self.objectives if one.outcome is outcome] for outcome in Outcome}
+        by_outcome = {
+            outcome: [objective.number for objective in self.objectives if objective.outcome is outcome]
+            for outcome in Outcome
+        }
         parts = [f"{', '.join(numbers)}: {outcome}" for outcome, numbers in by_outcome.items() if numbers]
         return f"{self.outcome} ({'; '.join(parts)})"
 
@@ -162,12 +165,12 @@ class Verdict:
         return {
             "outcome": self.outcome.value,
             "objectives": {
-                one.number: {
-                    "outcome": one.outcome.value,
-                    "asks": one.words,
-                    "findings": [finding.document() for finding in one.findings],
+                objective.number: {
+                    "outcome": objective.outcome.value,
+                    "asks": objective.words,
+                    "findings": [finding.document() for finding in objective.findings],
                 }
-                for one in self.objectives
+                for objective in self.objectives
             },
             "assumptions": list(self.assumptions),
         }
@@ -175,10 +178,10 @@ class Verdict:
 
 def verdict_of(findings: Sequence[Finding], assumptions: Sequence[str] = ()) -> Verdict:
     """Return the verdict of findings on any of the objectives, in the order of `OBJECTIVES`."""
-    numbers = [number for number in OBJECTIVES if any(one.objective == number for one in findings)]
+    numbers = [number for number in OBJECTIVES if any(finding.objective == number for finding in findings)]
     return Verdict(
         tuple(
-            Objective(number, OBJECTIVES[number], tuple(one for one in findings if one.objective == number))
+            Objective(number, OBJECTIVES[number], tuple(finding for finding in findings if finding.objective == number))
             for number in numbers
         ),
         tuple(dict.fromkeys(assumptions)),
