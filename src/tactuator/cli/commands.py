@@ -130,7 +130,8 @@ def command_of(verb: Verb) -> Callable[..., None]:
         if result is None:
             return
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
-        answer(result, as_json, [place for place in places if Path(place).exists()])
+        written = [place for place in places if Path(place).exists()] if result.ending is None else []
+        answer(result, as_json, written)
         if result.ending is not None:
             raise result.ending
         if not result.holds:

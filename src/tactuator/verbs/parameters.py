@@ -52,12 +52,9 @@ RIG_HELP = "simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE."
 
 Seed = Annotated[int, Option("Seed of all randomness; the same seed, the same result.", ge=0)]
 DisplayOption = Annotated["Display | Place | None", Option(DISPLAY_HELP, file=True)]
-ControllerOption = Annotated["Controller | Place | None", Option(CONTROLLER_HELP, file=True)]
-ControllerGiven = Annotated["Controller | Place | None", Option(CONTROLLER_HELP, file=True, shell=None)]
-"""A controller that comes before parameters without a default."""
+ControllerOption = Annotated["Controller | Place | None", Option(CONTROLLER_HELP, file=True, shell=None)]
 Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes=True)]
-RigOption = Annotated["Rig | str", Option(RIG_HELP, type=str)]
-RigGiven = Annotated["Rig | str", Option(RIG_HELP, type=str, shell="simulated")]
+RigOption = Annotated["Rig | str", Option(RIG_HELP, type=str, shell="simulated")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]
 Load = Annotated[str, Option("Load of the display file, or none.")]
 MainsHz = Annotated[float | None, Option("Mains frequency; 0 for none.")]

@@ -22,14 +22,14 @@ from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_controller, numbers, opened, put_on, require_stable
 from tactuator.verbs.parameters import (
     Channels,
-    ControllerGiven,
+    ControllerOption,
     DisplayOption,
     Figures,
     Load,
     MainsHz,
     Option,
     Place,
-    RigGiven,
+    RigOption,
     Seed,
 )
 from tactuator.verbs.progress import working
@@ -129,8 +129,8 @@ def _felt_row(felt: "FeltNoise") -> tuple[str, ...]:
 
 
 def noise(
-    rig: RigGiven,
-    controller: ControllerGiven = None,
+    rig: RigOption,
+    controller: ControllerOption = None,
     duration_s: Annotated[float, Option("Seconds listened to each.")] = LISTENED_S,
     load: Load = "none",
     *,
@@ -321,8 +321,8 @@ def _learnt_line(learnt: "Learnt") -> str:
 
 
 def measure_response(
-    rig: RigGiven,
-    controller: ControllerGiven = None,
+    rig: RigOption,
+    controller: ControllerOption = None,
     frequency_hz: Annotated[
         "ArrayLike | str | None", Option("Frequencies, comma between (default: 30 over the band).", type=str | None)
     ] = None,
@@ -453,8 +453,8 @@ class DisturbanceResult(Result):
 
 
 def disturb(
-    rig: RigGiven,
-    controller: ControllerGiven = None,
+    rig: RigOption,
+    controller: ControllerOption = None,
     *,
     display: DisplayOption = None,
     channel: Channels = None,
@@ -560,8 +560,8 @@ def _said(estimate: "FingerEstimate") -> str:
 
 
 def finger(
-    rig: RigGiven,
-    controller: ControllerGiven = None,
+    rig: RigOption,
+    controller: ControllerOption = None,
     *,
     display: DisplayOption = None,
     load: Annotated[

@@ -4,6 +4,7 @@ import select
 import signal
 import string
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,13 +19,12 @@ from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_controller, opened
 from tactuator.verbs.parameters import (
     Argument,
-    ControllerGiven,
     ControllerOption,
     DisplayOption,
     Figures,
     Option,
     Place,
-    RigGiven,
+    RigOption,
     Seed,
 )
 from tactuator.verbs.progress import working
@@ -155,7 +155,7 @@ def _limited(entry: Any) -> str:
 
 def render(
     speech: Annotated[Place, Argument("Speech file: WAV, FLAC, Ogg, AIFF, ...", file=True)],
-    controller: ControllerGiven,
+    controller: ControllerOption,
     out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5.", writes=True)],
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
     level_db_sl: Annotated[float, Option("Level of the utterance, dB SL.", ("--level",))] = LEVEL_DB_SL,
@@ -234,8 +234,8 @@ class PlayedResult(Result):
 
 
 def play(
-    rig: RigGiven,
-    controller: ControllerGiven,
+    rig: RigOption,
+    controller: ControllerOption,
     reference: Annotated[Place, Argument("Reference that `render` wrote: .wav or .h5.", file=True)],
     *,
     display: DisplayOption = None,
@@ -277,6 +277,9 @@ def _pace() -> Callable[[float], None]:
 @contextmanager
 def _wishes() -> "Iterator[Callable[[], Wish]]":
     """Yield a function that tells what the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
+    if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
+        yield lambda: "run"
+        return
     state: dict[str, Wish] = {"wish": "run"}
 
     def stop(number: int, frame: FrameType | None) -> None:
