@@ -137,5 +137,5 @@ def test_wave__that_cannot_be_played__is_refused_and_the_one_before_goes_on(gene
 
 def test_file__of_another_rate__is_refused(generator, controller, tmp_path):
     path = reference(tmp_path / "r.h5", controller, np.zeros((10, 3)), 2000.0)
-    with pytest.raises(BadInput, match="2000 Hz for index, thumb, middle; allowed on this rig: 4000 Hz"):
+    with pytest.raises(BadInput, match="2000 Hz for index, thumb, middle; allowed: 4000 Hz"):
         generator.ask(Wave("file", 20.0, ("index",), file=path))

@@ -20,7 +20,7 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         page.set_input_files("#protocol-file", good)
         page.wait_for_selector("#about-protocol:has-text('“short”, detection, language en, subjects S1, S2')")
         page.set_input_files("#protocol-file", bad)
-        page.wait_for_selector(".drop .told:has-text('study.seed')")
+        page.wait_for_selector(".drop .told:has-text('seed')")
         page.wait_for_selector("#about-protocol:has-text('“short”')")
         page.evaluate(AXE)
         assert faults(page, {}) == []

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
 from tactuator.console.loop_chart import MARKS_HZ, frame, ground, settled_figures, verdict_rows
-from tactuator.console.loop_shape import LoopShape, shape_of, with_point_at
+from tactuator.console.loop_shape import LoopShape, drag_ranges, shape_of, with_point_at
 from tactuator.console.requests import (
     CHANNELS_MAX,
     DEFECT,
@@ -88,6 +88,7 @@ class Bring(_OfChannel):
             "loads": [plants.family[place].load for place in plants.shown],
             "plants": len(plants.family),
             "ground": ground(plants),
+            "ranges": drag_ranges(plants.display.rate_hz),
             "shape": state.first_shape(self.display, self.channel).document(),
         }
 

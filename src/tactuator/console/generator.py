@@ -96,9 +96,8 @@ class Generator:
     def _check(self, wave: GeneratorWave) -> None:
         most = MOST_DB_SL[wave.kind]
         if not LOWEST_DB_SL <= wave.level_db_sl <= most:
-            raise BadInput(
-                f"level {wave.level_db_sl:g} dB SL; allowed for {wave.kind}: {LOWEST_DB_SL:g} to {most:g} dB SL"
-            )
+            bounds = f"{LOWEST_DB_SL:g} to {most:g} dB SL for {wave.kind}"
+            raise BadInput(f"{wave.level_db_sl:g}", bounds, key="level_db_sl")
         unknown = [name for name in wave.channels if name not in self._names]
         if unknown or not wave.channels:
             raise BadInput(f"channels {', '.join(unknown) or 'none'}", f"{', '.join(self._names)}")
@@ -193,8 +192,8 @@ class Generator:
         head, rate = reference.head, self._display.rate_hz
         if head.rate_hz != rate or set(head.channels) != set(self._names):
             raise BadInput(
-                f"reference of {head.rate_hz:g} Hz for {', '.join(head.channels)}; "
-                f"allowed on this rig: {rate:g} Hz for {', '.join(self._names)}"
+                f"reference of {head.rate_hz:g} Hz for {', '.join(head.channels)}",
+                f"{rate:g} Hz for {', '.join(self._names)} on this rig",
             )
         return reference
 

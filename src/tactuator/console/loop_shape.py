@@ -113,6 +113,11 @@ class LoopShape:
                 _within(f"{factor.kind}: {name}", value, low, high)
 
 
+def drag_ranges(rate_hz: float) -> dict[str, tuple[float, float]]:
+    """Return the least and greatest value to which each parameter of a factor can be dragged."""
+    return {"hz": (_LOWEST_MOVED_HZ, HIGHEST_SHARE * rate_hz)} | _ALLOWED
+
+
 def shape_of(document: Mapping[str, object]) -> LoopShape:
     """Return the shape of plain values. Raises BadInput for a kind that is not known or a value that is no number."""
     listed = document.get("factors")
@@ -215,9 +220,8 @@ def _by_frequency(side: str, root: complex, rate_hz: float) -> Factor:
     if abs(root.imag) < _REAL:
         return Factor(side, (hz,))
     damping = -s.real / abs(s)
-    return (
-        Factor(f"{side}s", (hz, damping)) if _ALLOWED["damping"][0] <= damping <= _ALLOWED["damping"][1] else as_it_is
-    )
+    low, high = _ALLOWED["damping"]
+    return Factor(f"{side}s", (hz, damping)) if low <= damping <= high else as_it_is
 
 
 def _logarithms(root: complex, rate_hz: float) -> list[complex]:

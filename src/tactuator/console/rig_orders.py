@@ -11,6 +11,7 @@ from pydantic import Field
 from tactuator.arrays import FloatArray
 from tactuator.console.generator import GeneratorWave, Hertz
 from tactuator.console.requests import Finite, Name, PageRequest
+from tactuator.errors import BadInput
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Trace
@@ -191,7 +192,7 @@ class WaitingOrders:
         warning = ""
         if self._queue.qsize() >= WAITING_MAX and not isinstance(order, _AWAITED):
             if not (isinstance(order, RestOrder) or (isinstance(order, GenerateOrder) and order.wave is None)):
-                return f"{WAITING_MAX} orders wait for the rig; allowed: another once they are done"
+                return str(BadInput(f"{WAITING_MAX} orders wait for the rig", "another once they are done"))
             warning = f"{self._forget()} orders that waited for the rig are dropped, because something is to end"
         self._queue.put(order)
         return warning

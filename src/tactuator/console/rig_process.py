@@ -21,7 +21,7 @@ from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.description import Channel, Display
 from tactuator.signals.decibels import db
 
-_ENDED = "the process that holds the rig has ended; allowed: open the rig again"
+_ENDED = ("the process that holds the rig has ended", "open the rig again")
 _END_S = 8.0
 SECONDS = 1.0
 """Length of the window: the lines of its spectrum are 1 Hz apart, and a Hann window's are 1.5 Hz wide."""
@@ -160,7 +160,7 @@ class RigProcess:
             raise
         except (EOFError, OSError):
             self._end()
-            raise DeviceFault(_ENDED) from None
+            raise DeviceFault(*_ENDED) from None
         except BaseException:  # interrupted or told to end while the rig was being opened
             self._end()
             raise
@@ -211,7 +211,7 @@ class RigProcess:
                 self._take(pipe.recv())
         except (EOFError, OSError):
             if self.status.mode != "gone":  # else it has said why
-                self._take(orders.RigStatus(mode="gone", fault=_ENDED))
+                self._take(orders.RigStatus(mode="gone", fault=str(DeviceFault(*_ENDED))))
             self.presented(None)
 
     def _take(self, news: orders.News) -> None:

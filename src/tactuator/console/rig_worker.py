@@ -22,7 +22,7 @@ from tactuator.arrays import FloatArray
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import Generator
 from tactuator.console.rig_orders import WaitingOrders
-from tactuator.errors import BadInput, TactuatorError, TimingMissed
+from tactuator.errors import BadInput, DeviceFault, TactuatorError, TimingMissed
 from tactuator.io.response import write_responses
 from tactuator.measure.error import ResponseLevels
 from tactuator.measure.response import stepped_sine
@@ -264,7 +264,9 @@ class RigWorker:
     def _present(self, order: orders.PresentOrder) -> None:
         """Play what an experiment asks for; a halt that was ordered before it began counts."""
         if self._rig is None:
-            self._tell(orders.Presented(order.number, over=True, fault="the rig has gone; allowed: open it again"))
+            self._tell(
+                orders.Presented(order.number, over=True, fault=str(DeviceFault("the rig has gone", "open it again")))
+            )
             return
         if self._status.mode == "fault" and self._controller is not None:
             self._load(orders.LoadOrder(self._controller))

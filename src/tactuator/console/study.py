@@ -138,7 +138,8 @@ class ConsoleRig(Rig):
 
     def _order(self, order: orders.Order) -> None:
         if self._process.status.mode == "gone":
-            raise DeviceFault(self._process.status.fault or "the rig has gone; allowed: open it again")
+            fault = self._process.status.fault
+            raise DeviceFault(fault) if fault else DeviceFault("the rig has gone", "open it again")
         self._process.order(order)
 
     def _answers(self, number: int, patience_s: float) -> Iterator[orders.Presented]:

@@ -109,7 +109,7 @@ def _operator_token(path: Path | None) -> str:
     try:
         given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()
     except BadInput as error:
-        raise BadInput(f"token file {path}: {error}", "a text file") from None
+        raise error.within(f"token file {path}") from None
     if given is None:
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:

@@ -4,8 +4,8 @@ import { KINDS, PARAMETERS, excessZeros, limited, namesOf, titleOf } from "./sha
 
 export class Editor {
   // changed: called with a change of the shape.
-  constructor(into, rateHz, changed) {
-    Object.assign(this, { rateHz, changed });
+  constructor(into, changed) {
+    Object.assign(this, { changed });
     this.list = make("div");
     this.gain = make("input", { type: "number", step: "0.1", id: "gain", onchange: () => this.set((shape) => { shape.gain_db = Number(this.gain.value); }) });
     const kind = make("select", { "aria-label": "kind of factor" }, ...Object.entries(KINDS).map(([name, { title }]) => make("option", { value: name }, title)));
@@ -44,7 +44,7 @@ export class Editor {
     const fields = namesOf(factor).map((name) => {
       const { title: words, unit } = PARAMETERS[name];
       const input = make("input", { type: "number", step: "any", "data-name": name, "aria-label": `${title} ${index + 1}: ${words}${unit ? `, ${unit}` : ""}`,
-        onchange: (event) => this.set((shape) => { shape.factors[index][name] = limited(name, Number(event.target.value) || 0, this.rateHz); }) });
+        onchange: (event) => this.set((shape) => { shape.factors[index][name] = limited(name, Number(event.target.value) || 0); }) });
       return make("div", {}, make("label", { "aria-hidden": "true" }, unit ? `${words}, ${unit}` : words), input);
     });
     const fixed = fields.length || factor.kind === "integrator" ? "" : `z = ${factor.re.toPrecision(4)}${factor.im ? ` ± ${factor.im.toPrecision(4)}j` : ""}`;

@@ -1,6 +1,6 @@
 // Handles on |L|: one for each factor at its frequency, and one for the gain. Sideways: frequency; up and down: what else it has.
 import { COARSE, digits, draggable, draw } from "./dom.js";
-import { PARAMETERS, limited, second, stepped, titleOf } from "./shape.js";
+import { PARAMETERS, highest, limited, second, stepped, titleOf } from "./shape.js";
 
 const SIZE = COARSE ? " scale(1.7)" : "";
 const KEYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -14,8 +14,8 @@ export class Handles {
     this.layer.onpointerup = this.layer.onpointercancel = () => { if (this.dragged !== null) { this.dragged = null; this.done(); } };
   }
 
-  show(shape, frequencies, curve, rateHz) {
-    Object.assign(this, { shape, frequencies, curve, rateHz });
+  show(shape, frequencies, curve) {
+    Object.assign(this, { shape, frequencies, curve });
     this.plot.drawn = () => this.settle(); // its scales hold what is drawn only then
   }
 
@@ -51,7 +51,7 @@ export class Handles {
     node.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})${SIZE}`);
     node.setAttribute("aria-label", index < 0 ? "gain, up and down" : `${label}: left and right its frequency`);
     node.setAttribute("aria-valuemin", index < 0 ? -200 : 0.01);
-    node.setAttribute("aria-valuemax", index < 0 ? 200 : 0.49 * this.rateHz);
+    node.setAttribute("aria-valuemax", index < 0 ? 200 : highest("hz"));
     node.setAttribute("aria-valuenow", value);
     node.setAttribute("aria-valuetext", text);
     node.firstChild.textContent = `${label}: ${text}`;
@@ -70,22 +70,22 @@ export class Handles {
     this.changed((shape) => {
       if (index < 0) { shape.gain_db = Math.max(-200, Math.min(200, shape.gain_db + 0.5 * up)); return; }
       const factor = shape.factors[index], more = second(factor);
-      factor.hz = stepped("hz", factor.hz, along, this.rateHz);
-      if (more && up !== 0) factor[more] = stepped(more, factor[more], 2 * up, this.rateHz);
+      factor.hz = stepped("hz", factor.hz, along);
+      if (more && up !== 0) factor[more] = stepped(more, factor[more], 2 * up);
     }, begun);
   }
 
   drag(event) {
     if (this.dragged === null) return;
     const chart = this.plot.plot, { index, begun } = this.dragged, box = chart.over.getBoundingClientRect();
-    const hz = limited("hz", chart.posToVal(event.clientX - box.left, "x"), this.rateHz);
+    const hz = limited("hz", chart.posToVal(event.clientX - box.left, "x"));
     const rise = chart.posToVal(event.clientY - box.top, "y") - chart.posToVal(this.dragged.y - box.top, "y");
     Object.assign(this.dragged, { x: event.clientX, y: event.clientY, begun: false });
     this.changed((shape) => {
       if (index < 0) { shape.gain_db = Math.max(-200, Math.min(200, shape.gain_db + rise)); return; }
       const factor = shape.factors[index], more = second(factor);
       factor.hz = hz;
-      if (more) factor[more] = limited(more, more === "depth_db" ? factor[more] + rise : factor[more] * 1.03 ** rise, this.rateHz);
+      if (more) factor[more] = limited(more, more === "depth_db" ? factor[more] + rise : factor[more] * 1.03 ** rise);
     }, begun);
   }
 }

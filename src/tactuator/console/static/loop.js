@@ -6,7 +6,7 @@ import { designTable, tiles, verdict } from "./figures.js";
 import { Handles } from "./handles.js";
 import { Nichols } from "./nichols.js";
 import { Plots } from "./plots.js";
-import { copied } from "./shape.js";
+import { copied, setRanges } from "./shape.js";
 import { term } from "./words.js";
 
 const STYLES = ["none", "7 4", "7 4"], HUES = ["nominal", "load", "load2"];
@@ -60,15 +60,16 @@ export default class Loop {
     this.kept = JSON.parse(localStorage.getItem(this.keeping()) ?? "[]");
     this.past = []; this.future = []; this.good = null;
     const { display } = this.state;
-    this.bench = await this.link.ask("bring", { display, channel });
-    this.state.shapes[channel] ??= this.bench.shape;
+    this.basis = await this.link.ask("bring", { display, channel });
+    setRanges(this.basis.ranges);
+    this.state.shapes[channel] ??= this.basis.shape;
     this.nichols?.svg.remove();
-    this.nichols = new Nichols(this.bench, (hz, turn, gain, begun) => this.point(hz, turn, gain, begun), () => this.done(), (then) => this.settled(then));
+    this.nichols = new Nichols(this.basis, (hz, turn, gain, begun) => this.point(hz, turn, gain, begun), () => this.done(), (then) => this.settled(then));
     this.bits.chart.append(this.nichols.svg);
-    this.plots = new Plots(this.bench);
+    this.plots = new Plots(this.basis);
     this.bits.plots.replaceChildren(make("h2", {}, "Over frequency, and in time"), ...this.plots.all.map((one) => one.box));
     this.handles = new Handles(this.plots.open, (change, begun) => this.change(change, begun), () => this.done(), (index) => this.remove(index));
-    this.editor = new Editor(this.bits.editor, this.display.rate_hz, (change) => { this.change(change, true); this.done(); });
+    this.editor = new Editor(this.bits.editor, (change) => { this.change(change, true); this.done(); });
     this.legend();
     this.lists();
     this.request("draw", {}, performance.now());
@@ -78,8 +79,8 @@ export default class Loop {
     const line = (hue, dash) => `<svg viewBox="0 0 26 10" aria-hidden="true"><path d="M0 5H26" fill="none" stroke="var(--${hue})" stroke-width="2.4" stroke-dasharray="${dash}"/></svg>`;
     const entry = (picture, ...words) => { const li = make("li", {}); li.innerHTML = picture; li.append(...words); return li; };
     this.bits.legend.replaceChildren(
-      ...this.bench.loads.map((load, i) => entry(line(HUES[i] ?? "load", STYLES[i] ?? "7 4"), ...(load === "none" ? ["no load"] : [term("load"), ` ${load}`]))),
-      ...(this.bench.plants > 1 ? [entry(`<svg viewBox="0 0 26 10" aria-hidden="true"><rect width="26" height="10" fill="var(--shade)" stroke="var(--load)"/></svg>`, `all ${this.bench.plants} plants`)] : []),
+      ...this.basis.loads.map((load, i) => entry(line(HUES[i] ?? "load", STYLES[i] ?? "7 4"), ...(load === "none" ? ["no load"] : [term("load"), ` ${load}`]))),
+      ...(this.basis.plants > 1 ? [entry(`<svg viewBox="0 0 26 10" aria-hidden="true"><rect width="26" height="10" fill="var(--shade)" stroke="var(--load)"/></svg>`, `all ${this.basis.plants} plants`)] : []),
       entry(line("limit", "5 3"), "limits"));
   }
 
@@ -142,7 +143,7 @@ export default class Loop {
     this.nichols.kept = compared.map((one) => one.curve);
     this.nichols.show(this.frame);
     this.plots.show(this.frame, compared.map((one) => one.curve));
-    this.handles.show(this.shape(), this.bench.frequency_hz, this.frame.curves[0], this.display.rate_hz);
+    this.handles.show(this.shape(), this.basis.frequency_hz, this.frame.curves[0]);
     if (!this.view.querySelector(".factor:focus-within")) this.editor.show(this.shape());
     const { unstable, crossed } = this.frame;
     const told = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";

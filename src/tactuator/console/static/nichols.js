@@ -10,8 +10,8 @@ const STEP_DB = 0.5, STEP_DEG = 1;
 export class Nichols {
   // moved: called with (hz, turn_deg, gain_db, begun). done: called when a movement ends. settled: calls back when what is
   // drawn is what was asked for.
-  constructor(bench, moved, done, settled) {
-    Object.assign(this, { bench, moved, done, settled, frame: null, kept: [], dragged: null });
+  constructor(basis, moved, done, settled) {
+    Object.assign(this, { basis, moved, done, settled, frame: null, kept: [], dragged: null });
     this.svg = draw("svg", { class: "nichols", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "group", "aria-label": "Nichols chart: open-loop gain against phase" });
     this.window = { left: -360, right: 0, bottom: -50, top: 40 };
     this.layers = {};
@@ -26,7 +26,7 @@ export class Nichols {
     draggable(this.grab, (event) => this.begin(event, this.nearest(event)));
     this.svg.onpointermove = (event) => this.drag(event);
     this.svg.onpointerup = this.svg.onpointercancel = () => this.end();
-    this.marks = bench.marks_hz.map((hz) => this.mark(hz));
+    this.marks = basis.marks_hz.map((hz) => this.mark(hz));
     this.ground();
   }
 
@@ -43,7 +43,7 @@ export class Nichols {
   curve(one) { return this.line(one.phase_deg.map((phase, i) => [phase, one.gain_db[i]])); }
 
   ground() {
-    const { left, right, bottom, top } = this.window, { ground } = this.bench, labels = [];
+    const { left, right, bottom, top } = this.window, { ground } = this.basis, labels = [];
     const turns = left < -360 ? [-360, 0] : [0];
     const turned = (points, turn) => points.map(([p, g]) => [p + turn, g]);
     this.layers.ground.replaceChildren(...ground.contours.flatMap(({ points }) => turns.map((turn) => draw("path", { class: "contour", d: this.line(turned(points, turn)) }))));
@@ -113,7 +113,7 @@ export class Nichols {
   }
 
   point(hz) {
-    const f = this.bench.frequency_hz, { phase_deg: phases, gain_db: gains } = this.frame.curves[0];
+    const f = this.basis.frequency_hz, { phase_deg: phases, gain_db: gains } = this.frame.curves[0];
     const i = Math.max(1, f.findIndex((one) => one >= hz)), share = Math.log(hz / f[i - 1]) / Math.log(f[i] / f[i - 1]);
     return { hz, phase: phases[i - 1] + share * (phases[i] - phases[i - 1]), gain: gains[i - 1] + share * (gains[i] - gains[i - 1]) };
   }
@@ -157,7 +157,7 @@ export class Nichols {
   }
 
   nearest(event) {
-    const { px, py } = this.at(event), f = this.bench.frequency_hz, { phase_deg: phases, gain_db: gains } = this.frame.curves[0];
+    const { px, py } = this.at(event), f = this.basis.frequency_hz, { phase_deg: phases, gain_db: gains } = this.frame.curves[0];
     let best = 0, least = Infinity;
     f.forEach((_, i) => { const d = Math.hypot(this.x(phases[i]) - px, this.y(gains[i]) - py); if (d < least) { least = d; best = i; } });
     return least < NEAR_PX ? f[best] : null;

@@ -63,14 +63,14 @@ const each = (frame, loads, pick, dashes = true) => frame.curves.map((one, i) =>
 const band = (envelope, name) => (envelope ? [{ name: `${name} family`, hue: "shade", band: envelope[name] }] : []);
 
 export class Plots {
-  constructor(bench) {
-    const { limits } = bench.ground;
-    this.bench = bench;
-    this.open = new Plot("Open loop |L| (dB) over frequency (Hz)", 230, "hz", bench.frequency_hz);
-    this.sense = new Plot("Sensitivity |S| (dB) over frequency (Hz)", 190, "hz", bench.frequency_hz);
-    this.closed = new Plot("Complementary sensitivity |T| (dB) over frequency (Hz)", 190, "hz", bench.frequency_hz);
-    this.asked = new Plot("Step of 1 V at the loop’s input: position (V) over time (ms)", 150, "s", bench.time_s);
-    this.pushed = new Plot("Press, as 1 V added to the command: position (V) over time (ms)", 150, "s", bench.time_s);
+  constructor(basis) {
+    const { limits } = basis.ground;
+    this.basis = basis;
+    this.open = new Plot("Open loop |L| (dB) over frequency (Hz)", 230, "hz", basis.frequency_hz);
+    this.sense = new Plot("Sensitivity |S| (dB) over frequency (Hz)", 190, "hz", basis.frequency_hz);
+    this.closed = new Plot("Complementary sensitivity |T| (dB) over frequency (Hz)", 190, "hz", basis.frequency_hz);
+    this.asked = new Plot("Step of 1 V at the loop’s input: position (V) over time (ms)", 150, "s", basis.time_s);
+    this.pushed = new Plot("Press, as 1 V added to the command: position (V) over time (ms)", 150, "s", basis.time_s);
     const bars = (pairs) => pairs.map(([hz, db]) => ({ hz, db }));
     this.sense.marks = [...bars(limits.s_db), ...(limits.s_peak_db === null ? [] : [{ hz: null, db: limits.s_peak_db }])];
     this.closed.marks = [...bars(limits.t_db), { hz: null, db: limits.t_peak_db }];
@@ -78,7 +78,7 @@ export class Plots {
   }
 
   show(frame, kept) {
-    const { loads } = this.bench, old = (pick) => kept.map((one, i) => ({ name: `kept ${i} ${pick}`, hue: "kept", values: one[pick], dash: [2, 3], width: 1.2 }));
+    const { loads } = this.basis, old = (pick) => kept.map((one, i) => ({ name: `kept ${i} ${pick}`, hue: "kept", values: one[pick], dash: [2, 3], width: 1.2 }));
     this.open.show([...band(frame.envelope, "gain_db"), ...each(frame, loads, "gain_db"), ...old("gain_db")], [-60, 60]);
     this.sense.show([...band(frame.envelope, "s_db"), ...each(frame, loads, "s_db"), ...old("s_db")], [-50, 15]);
     this.closed.show([...band(frame.envelope, "t_db"), ...each(frame, loads, "t_db"), ...old("t_db")], [-60, 15]);

@@ -1,4 +1,4 @@
-// What a person may change of a controller: the factors, their parameters, and the range of each.
+// What a person may change of a controller: the factors, and their parameters, whose ranges the server tells.
 export const KINDS = {
   integrator: { title: "integrator", add: {}, sides: [0, 1] },
   zero: { title: "zero", add: { hz: 30 }, sides: [1, 0] },
@@ -10,10 +10,10 @@ export const KINDS = {
 };
 
 export const PARAMETERS = {
-  hz: { title: "frequency", unit: "Hz", low: 0.01, log: true },
-  damping: { title: "damping", unit: "", low: 0.01, high: 10, log: true },
-  ratio: { title: "pole over zero", unit: "", low: 0.02, high: 50, log: true },
-  depth_db: { title: "depth", unit: "dB", low: 0, high: 60, log: false },
+  hz: { title: "frequency", unit: "Hz", log: true },
+  damping: { title: "damping", unit: "", log: true },
+  ratio: { title: "pole over zero", unit: "", log: true },
+  depth_db: { title: "depth", unit: "dB", log: false },
 };
 
 export const titleOf = (factor) => KINDS[factor.kind]?.title ?? factor.kind;
@@ -21,14 +21,18 @@ export const namesOf = (factor) => Object.keys(factor).filter((name) => name in 
 export const second = (factor) => ["damping", "ratio", "depth_db"].filter((name) => name in factor).at(-1);
 export const copied = (shape) => structuredClone(shape);
 
-export function limited(name, value, rateHz) {
-  const { low, high = 0.49 * rateHz } = PARAMETERS[name];
+const ranges = {};
+export const setRanges = (told) => Object.assign(ranges, told);
+export const highest = (name) => ranges[name][1];
+
+export function limited(name, value) {
+  const [low, high] = ranges[name];
   return Math.min(high, Math.max(low, value));
 }
 
 // The value after so many steps: of 2 % each, or half a unit where the parameter is not logarithmic.
-export function stepped(name, value, steps, rateHz) {
-  return limited(name, PARAMETERS[name].log ? value * 1.02 ** steps : value + 0.5 * steps, rateHz);
+export function stepped(name, value, steps) {
+  return limited(name, PARAMETERS[name].log ? value * 1.02 ** steps : value + 0.5 * steps);
 }
 
 export function excessZeros(shape) {
