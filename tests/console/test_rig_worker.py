@@ -184,7 +184,7 @@ def test_wave__that_cannot_be_played__is_refused_and_live_goes_on(ordered, contr
     ordered.until(lambda: ordered.refusals())
     before = len(ordered.rows)
     ordered.until(lambda: len(ordered.rows) > before)
-    assert "allowed for tone: -60 to 55 dB SL" in ordered.refusals()[0]
+    assert "allowed: -60 to 55 dB SL for tone" in ordered.refusals()[0]
 
 
 @pytest.mark.parametrize(("rig", "error"), [("board:socket://127.0.0.1:1", DeviceFault), ("mirror", BadInput)])
