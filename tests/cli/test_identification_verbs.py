@@ -99,6 +99,15 @@ def test_identify__table__is_for_people(folder: Path, capsys) -> None:
     assert "denominator, s^0" in capsys.readouterr().out
 
 
+def test_measure__table__begins_with_the_largest_felt_error(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    main(["measure", "--controller", str(folder / "controller.json"), "--frequency-hz", "5,30,250", "--level", "40"])
+    shown = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[:1] == ["index"]]
+    errors = [abs(float(row[3])) for row in shown[:3]]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 3.0  # the paper's own prefilter is far below the curve at 250 Hz
+
+
 def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -> None:
     capsys.readouterr()
     common = ["measure", "--controller", str(folder / "controller.json"), "--json"]
@@ -111,6 +120,10 @@ def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -
     off = np.array(one["sensation_level_db"]) - np.array(one["expected_level_db_sl"])
     assert np.all(np.abs(off) < 0.25)  # the expected is that under the load, which takes a third of a decibel at 122 Hz
     assert one["expected_level_db_sl"][1] < 39.8
+    felt_less_asked = np.array(one["sensation_level_db"]) - 40.0
+    np.testing.assert_allclose(one["error_db"], felt_less_asked)
+    np.testing.assert_allclose(one["error_jnd"], np.abs(felt_less_asked) / 1.65)  # Israr, Tan and Reed 2006: the least
+    np.testing.assert_allclose(one["model_error_db"], felt_less_asked - off)
     with (folder / "measured" / "response.csv").open() as table:
         rows = list(csv.DictReader(table))
     assert [float(row["measured_v"]) for row in rows][:2] == pytest.approx(one["magnitude_v"])

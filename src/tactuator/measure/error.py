@@ -13,6 +13,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
@@ -135,6 +136,16 @@ class ResponseLevels:
     def error_db(self) -> FloatArray:
         """Return the level felt less the level asked, dB."""
         return self.felt_db_sl - self.asked_db_sl
+
+    @property
+    def error_jnd(self) -> FloatArray:
+        """Return the error's size in just-noticeable differences of amplitude."""
+        return np.abs(self.error_db) / AMPLITUDE_JND_DB
+
+    @property
+    def model_db(self) -> FloatArray:
+        """Return the part of the error that the model expects, dB: predicted less asked."""
+        return self.predicted_db_sl - self.asked_db_sl
 
     @property
     def unpredicted_db(self) -> FloatArray:

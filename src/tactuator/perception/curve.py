@@ -97,6 +97,9 @@ class ThresholdCurve:
         return hash((self.name, self.content_hash))
 
 
+AMPLITUDE_JND_DB = 1.65
+"""Smallest just-noticeable difference of amplitude at an index fingerpad on this kind of display, dB: the least of the
+1.65 to 2.98 dB of Israr, Tan and Reed (2006), JASA 120:2789."""
 COMFORT_DB_SL = 55.0
 """The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
 LOWEST_DB_SL = -60.0

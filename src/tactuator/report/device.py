@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -18,6 +19,7 @@ from tactuator.identification.result import Identification
 from tactuator.measure.error import expected_v
 from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
+from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.plate import Plate, labelled, save_plates, table_of
 from tactuator.report.style import (
     BLUE,
@@ -210,11 +212,14 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) ->
 
 @dataclass(frozen=True, eq=False)
 class LevelResponse:
-    """One channel at one level: peak volts expected and measured at frequency_hz (n,), half-width ci_db, saturation."""
+    """One channel at one level: peak volts asked for, expected by the model and measured at frequency_hz (n,), the
+    half-width ci_db, saturation.
+    """
 
     channel: str
     level_db_sl: float
     frequency_hz: FloatArray
+    asked_v: FloatArray
     expected_v: FloatArray
     measured_v: FloatArray
     ci_db: FloatArray
@@ -222,8 +227,13 @@ class LevelResponse:
 
     @property
     def error_db(self) -> FloatArray:
-        """Return the measured less the expected level, dB."""
-        return db(self.measured_v) - db(self.expected_v)
+        """Return the level felt less the level asked, dB."""
+        return db(self.measured_v / self.asked_v)
+
+    @property
+    def model_db(self) -> FloatArray:
+        """Return the error that the model expects, dB."""
+        return db(self.expected_v / self.asked_v)
 
 
 def save_measured(responses: Sequence[Response], controller: Controller, folder: Path) -> None:
@@ -231,75 +241,80 @@ def save_measured(responses: Sequence[Response], controller: Controller, folder:
 
     Raises BadInput for a folder that holds anything else.
     """
+    display = controller.display
     runs = [
         LevelResponse(
-            response.channel, response.level_db_sl, response.frequency_hz, expected_v(response, controller),
-            response.magnitude_v, response.confidence_db, response.saturated,
+            response.channel, response.level_db_sl, response.frequency_hz,
+            response.reference * display.channel(response.channel).threshold_voltage(response.frequency_hz),
+            expected_v(response, controller), response.magnitude_v, response.confidence_db, response.saturated,
         )
         for response in responses
     ]  # fmt: skip
     load = responses[0].load
     words = "without load" if load == "none" else f"under the load {load!r}"
-    save_plates([response_plate(runs, words, "response", f"the nominal plant {words}")], folder)
+    save_plates([response_plate(runs, words, "response", display.objectives.flatness_db)], folder)
 
 
-def response_plate(
-    runs: Sequence[LevelResponse], condition: str, name: str, plant: str = "the nominal plant without load"
-) -> Plate:
-    """Draw a panel for each channel: sensor output (dB re 1 V) against frequency, below it the error with its
-    confidence; `plant`: what the expected output was computed from, in words.
+def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, flatness_db: float) -> Plate:
+    """Draw a panel for each channel: felt level (dB SL) against frequency over the levels asked for, below it felt less
+    asked with its confidence, the tolerance flatness_db and the just-noticeable difference.
     """
     channels = list(dict.fromkeys(run.channel for run in runs))
-    drawing, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(2.4, 1.0))
+    drawing, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(1.6, 1.0))
     for (upper, lower), channel in zip(grid.T, channels, strict=True):
         levels = [run for run in runs if run.channel == channel]
-        _draw_response(upper, lower, levels)
+        _draw_response(upper, lower, levels, flatness_db)
         upper.set_title(channel, fontsize=9)
         low, high = float(levels[0].frequency_hz.min()), float(levels[0].frequency_hz.max())
         frequency_axis(upper, low / 1.2, high * 1.2, label=False)
         frequency_axis(lower, low / 1.2, high * 1.2)
         if len(channels) > 1:  # narrow panels are marked at decades only
             lower.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
-    grid[0, 0].set_ylabel("sensor output (dB re 1 V peak)", fontsize=9)
-    grid[1, 0].set_ylabel("error (dB)", fontsize=9)
+    grid[0, 0].set_ylabel("felt level (dB SL)", fontsize=9)
+    grid[1, 0].set_ylabel("felt less asked (dB)", fontsize=9)
     marks = [
-        Line2D([], [], color=BLUE, linewidth=1.0, label="expected"),
+        Line2D([], [], color=BLUE, linewidth=1.0, label="asked"),
         Line2D([], [], color=INK, marker="o", markersize=3, fillstyle="none", linestyle="", label="measured"),
         Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="saturated"),
+        Line2D([], [], color=ORANGE, linewidth=0.8, label="of this, the model's"),
+        Line2D([], [], color=GREEN, linewidth=0.8, linestyle="--", label=f"tolerance {flatness_db:g} dB"),
+        Patch(color=FAINT, alpha=0.35, linewidth=0.0, label="below a JND"),
     ]
-    legend(grid[0, -1], handles=marks, fontsize=7, loc="lower left")
+    drawing.legend(handles=marks, fontsize=7, loc="outside lower center", ncols=6, frameon=False)
     clean = max(
         (float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0),
         default=float("nan"),
     )
-    quiet = ", 0 dB SL in orange, higher levels in deeper blue" if any(run.level_db_sl == 0.0 for run in runs) else ""
     caption = (
-        f"Sensor output at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
-        f"{condition}: measured (circles) and expected from the shipped sections and {plant} "
-        f"(lines). Below, the difference with its confidence{quiet}. Largest difference above 0 dB SL, "
-        f"saturated points left out: {clean:.2f} dB."
+        f"Felt level at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
+        f"{condition}: asked (lines) and measured by the sensor (circles). Below, felt less asked with its "
+        f"confidence, what of it the controller's own model expects, the tolerance, and the smallest "
+        f"just-noticeable difference of amplitude ({AMPLITUDE_JND_DB:g} dB). Largest error above 0 dB SL, saturated "
+        f"points left out: {clean:.2f} dB, {clean / AMPLITUDE_JND_DB:.1f} JND."
     )
-    names = ("frequency_hz", "expected_v", "measured_v", "ci_db", "saturated")
+    names = ("frequency_hz", "asked_v", "expected_v", "measured_v", "ci_db", "saturated")
     rows = [
         row for run in runs for row in labelled((run.channel, run.level_db_sl), *(getattr(run, name) for name in names))
     ]
     table = table_of(("channel", "level_db_sl", *names), rows)
-    return Plate(name, f"Measured and expected output, {condition}", caption, drawing, table)
+    return Plate(name, f"Felt level against frequency, {condition}", caption, drawing, table)
 
 
-def _draw_response(upper: Axes, lower: Axes, runs: Sequence[LevelResponse]) -> None:
-    for run in runs:
-        upper.plot(run.frequency_hz, db(run.expected_v), color=BLUE, linewidth=1.0)
-        good = ~run.saturated
-        upper.plot(run.frequency_hz[good], db(run.measured_v[good]), "o", color=INK, markersize=3, fillstyle="none")
-        upper.plot(run.frequency_hz[~good], db(run.measured_v[~good]), "x", color=RED, markersize=5)
-        at = (float(run.frequency_hz[0]), float(db(run.expected_v[0])))
-        upper.annotate(f"{run.level_db_sl:g} dB SL", at, (2, 4), textcoords="offset points", fontsize=7)
-    shades = np.linspace(1.0, 0.25, len(runs))[::-1]
+def _draw_response(upper: Axes, lower: Axes, runs: Sequence[LevelResponse], flatness_db: float) -> None:
+    levels = sorted(run.level_db_sl for run in runs)
+    upper.set_ylim(levels[0] - 8.0, levels[-1] + 8.0)
+    shades = np.linspace(0.4, 1.0, len(runs)) if len(runs) > 1 else np.ones(1)
     for shade, run in zip(shades, sorted(runs, key=lambda run: run.level_db_sl), strict=True):
-        good = ~run.saturated
+        good, felt = ~run.saturated, run.level_db_sl + run.error_db
+        upper.axhline(run.level_db_sl, color=BLUE, linewidth=1.0)
+        upper.plot(run.frequency_hz[good], felt[good], "o", color=INK, markersize=3, fillstyle="none")
+        upper.plot(run.frequency_hz[~good], felt[~good], "x", color=RED, markersize=5)
         lower.errorbar(
             run.frequency_hz[good], run.error_db[good], run.ci_db[good], fmt="o", markersize=2, elinewidth=0.7,
-            color=ORANGE if run.level_db_sl == 0.0 else BLUE, alpha=float(shade) if run.level_db_sl else 1.0,
+            color=BLUE, alpha=float(shade),
         )  # fmt: skip
+        lower.plot(run.frequency_hz, run.model_db, color=ORANGE, linewidth=0.8)
     lower.axhline(0.0, color=INK, linewidth=0.6)
+    lower.axhspan(-AMPLITUDE_JND_DB, AMPLITUDE_JND_DB, color=FAINT, alpha=0.35, linewidth=0.0)
+    for edge in (-flatness_db, flatness_db):
+        lower.axhline(edge, color=GREEN, linewidth=0.8, linestyle="--")

@@ -231,8 +231,8 @@ class MeasuredResponses(Result):
 
     def headline(self) -> Mapping[str, str]:
         return {
-            response.channel: f"within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
-            f"at {response.frequency_hz.size} frequencies (load {response.load})"
+            response.channel: f"felt within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
+            f"({levels.error_jnd.max():.1f} JND) at {response.frequency_hz.size} frequencies (load {response.load})"
             for response, levels in self._levels()
         }
 
@@ -270,6 +270,8 @@ class MeasuredResponses(Result):
             | {
                 "sensation_level_db": levels.felt_db_sl,
                 "error_db": levels.error_db,
+                "error_jnd": levels.error_jnd,
+                "model_error_db": levels.model_db,
                 "expected_level_db_sl": levels.predicted_db_sl,
             }
             for response, levels in self._levels()
@@ -277,12 +279,27 @@ class MeasuredResponses(Result):
         return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
+        from tactuator.perception.curve import AMPLITUDE_JND_DB
         from tactuator.verbs.designed import verdict_tables
 
-        columns = ("channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut")
+        columns = (
+            "channel",
+            "Hz",
+            "felt",
+            "error dB",
+            "± dB",
+            "JND",
+            "model",
+            "rest",
+            "phase °",
+            "delay ms",
+            "dist.",
+            "cut",
+        )
         note = (
-            "error: against the level that the controller's model expects, the worst first; delay: of the phase; "
-            "dist.: distortion against the fundamental; cut: a converter or the command reached its limit"
+            "felt: dB SL; error: felt less asked, the largest first; JND: the error in just-noticeable differences of "
+            f"{AMPLITUDE_JND_DB:g} dB; model: what of the error the controller's own model expects, rest: what it does "
+            "not; delay: of the phase; dist.: distortion against the fundamental, dB; cut: a limit was reached"
         )
         rows = tuple(row for response, levels in self._levels() for row in self._rows(response, levels))
         learnt = map(_learnt_line, self.learnt)
@@ -292,16 +309,18 @@ class MeasuredResponses(Result):
         import numpy as np
 
         rows: list[tuple[str, ...]] = []
-        for k in np.argsort(-np.abs(levels.unpredicted_db), kind="stable"):
+        for k in np.argsort(-np.abs(levels.error_db), kind="stable"):
             magnitude_v = response.magnitude_v[k]
             ratio = response.distortion_v[k] / magnitude_v if magnitude_v > 0.0 else np.inf
             cells = (
                 response.channel,
                 f"{response.frequency_hz[k]:.4g}",
                 f"{levels.felt_db_sl[k]:.2f}",
-                f"{levels.predicted_db_sl[k]:.2f}",
-                f"{levels.unpredicted_db[k]:+.2f}",
+                f"{levels.error_db[k]:+.2f}",
                 f"{response.confidence_db[k]:.2g}",
+                f"{levels.error_jnd[k]:.1f}",
+                f"{levels.model_db[k]:+.2f}",
+                f"{levels.unpredicted_db[k]:+.2f}",
                 f"{np.degrees(response.phase_rad[k]):.1f}",
                 f"{1e3 * response.latency_s[k]:.2f}",
                 f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",
