@@ -10,7 +10,7 @@ from tactuator.paper.run import run_study
 from tactuator.paper.summary import comparison, markdown
 
 README = Path(__file__).resolve().parent.parent / "README.md"
-PICTURE = README.parent / "docs" / "figures" / "equality.svg"
+PICTURES = {"fig02": "equality.svg", "default": "felt-free.svg", "default-finger": "felt-touched.svg"}
 MARK = "<!-- paper-here -->"
 SENTENCE = "<!-- measured -->"
 
@@ -19,23 +19,25 @@ def main():
     """Replace the picture, and what stands between the marks."""
     plan = Plan(paper_display())
     study = run_study(plan, check_speech(plan), lambda step, done: None)
-    picture = next(plate for plate in plates(study) if plate.name == "fig02")
-    PICTURE.parent.mkdir(exist_ok=True)
-    PICTURE.write_text(picture.svg(), encoding="utf-8")
+    for plate in plates(study):
+        if plate.name in PICTURES:
+            (README.parent / "docs" / "figures" / PICTURES[plate.name]).write_text(plate.svg(), encoding="utf-8")
     table = f"{MARK}\n{markdown(comparison(study))}{MARK}"
     text = README.read_text(encoding="utf-8")
     text = re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL)
-    text = re.sub(f"{SENTENCE}.*{SENTENCE}", lambda _: sentence(study.responses), text, flags=re.DOTALL)
+    text = re.sub(f"{SENTENCE}.*{SENTENCE}", lambda _: sentence(study.default), text, flags=re.DOTALL)
     README.write_text(text, encoding="utf-8")
 
 
 def sentence(responses):
-    """Return the largest errors of the responses above threshold, for README's first sentence."""
-    free, touched = (
-        max(worst_error_db(responses, load, level) for level in LEVELS_DB_SL if level > 0.0)
-        for load in (UNLOADED, LOADED)
+    """Return the largest errors, felt less asked, of the product's default, for README's first sentence."""
+    all_levels, from_30 = (
+        max(worst_error_db(responses, load, level) for load in (UNLOADED, LOADED) for level in LEVELS_DB_SL[first:])
+        for first in (1, 2)
     )
-    return f"{SENTENCE}within {free:.2f} dB unloaded, and within {touched:.2f} dB under a resting finger{SENTENCE}"
+    return (
+        f"{SENTENCE}within {all_levels:.1f} dB from 10 dB SL up, and within {from_30:.1f} dB from 30 dB SL up{SENTENCE}"
+    )
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def _design_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Secti
 
 
 def _measured_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
-    rubbed = min(one.error_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
+    rubbed = min(one.unpredicted_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
     return (
         Section(
             "What a resting finger would feel",
@@ -128,6 +128,14 @@ def _measured_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Sec
                 "feedback reaches.",
             ),
             plates=_some(plates, "fig09", "fig10"),
+        ),
+        Section(
+            "The product's own default",
+            (
+                "The same display, designed as `init` proposes: a prefilter of eight poles, and what a finger takes "
+                "fed forward. It costs 3 dB of the greatest reference and instructions on the board (docs/touch.md).",
+            ),
+            plates=_some(plates, "default", "default-finger"),
         ),
     )
 
@@ -189,7 +197,7 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
     """Return the plates: fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the
     reshaped response.
     """
-    display = study.plan.display
+    display, flatness_db = study.plan.display, study.plan.display.objectives.flatness_db
     first = display.channels[0]
     curve = first.threshold.curve
     band = np.geomspace(*first.threshold.band_hz, 400)
@@ -210,14 +218,18 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
         loop_plate(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),
         _nichols(study),
         processor_plate(study.controller),
-        response_plate(_runs(study.responses, UNLOADED), "unloaded", "fig09"),
-        response_plate(_runs(study.responses, LOADED), "with a finger", "fig10"),
+        response_plate(_runs(study.responses, UNLOADED), "unloaded", "fig09", flatness_db),
+        response_plate(_runs(study.responses, LOADED), "with a finger", "fig10", flatness_db),
+        response_plate(_runs(study.default, UNLOADED), "the default, unloaded", "default", flatness_db),
+        response_plate(_runs(study.default, LOADED), "the default, with a finger", "default-finger", flatness_db),
         _thresholds(study),
         felt_plate(study.spoken.report, study.spoken.file.path.name),
         noise_plate({gain: heard[0] for gain, heard in study.noise.proportional.items()}, study.noise.designed[0]),
         _prefilters(study),
         resolution_plate(study.resolution),
-        response_plate(_runs(study.reshaped.responses, UNLOADED), "prefilter reshaped to the new curve", "reshaped"),
+        response_plate(
+            _runs(study.reshaped.responses, UNLOADED), "prefilter reshaped to the new curve", "reshaped", flatness_db
+        ),
     )
 
 
@@ -245,7 +257,7 @@ def _runs(points: tuple[ResponsePoint, ...], load: str) -> list[LevelResponse]:
 
 
 def _run(points: list[ResponsePoint]) -> LevelResponse:
-    names = ("frequency_hz", "expected_v", "measured_v", "ci_db", "saturated")
+    names = ("frequency_hz", "target_v", "expected_v", "measured_v", "ci_db", "saturated")
     columns = (np.array([getattr(one, name) for one in points]) for name in names)
     return LevelResponse(points[0].channel, points[0].level_db_sl, *columns)
 

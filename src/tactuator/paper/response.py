@@ -71,7 +71,12 @@ class ResponsePoint:
 
     @property
     def error_db(self) -> float:
-        """Return the measured response against the expected one, dB."""
+        """Return the level felt less the level asked, dB."""
+        return float(db(self.measured_v / self.target_v))
+
+    @property
+    def unpredicted_db(self) -> float:
+        """Return the part of the error that the unloaded model does not expect, dB: friction, noise, a load."""
         return float(db(self.measured_v / self.expected_v))
 
 
@@ -115,9 +120,7 @@ def measure_responses(
 
 
 def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:
-    """Return the greatest |measured against expected|, dB, of a load and level over all channels, saturated points left
-    out.
-    """
+    """Return the greatest |felt less asked|, dB, of a load and level over all channels, saturated points left out."""
     errors = [
         abs(one.error_db) for one in points if (one.load, one.level_db_sl, one.saturated) == (load, level_db_sl, False)
     ]

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+import tactuator as tt
 from tactuator.identification.calibration import Calibration
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.model.verdict import Finding, Verdict, compared, verdict_of
 from tactuator.paper.device import (
     IdentifiedMotor,
@@ -29,7 +31,7 @@ from tactuator.paper.loops import (
     paper_loop,
     reshaped_controller,
 )
-from tactuator.paper.plan import Plan, Progress
+from tactuator.paper.plan import LEVELS_DB_SL, Plan, Progress
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, Spoken, measure_responses, nominal_response, speak
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
@@ -89,9 +91,10 @@ def _bears_load(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]
         yield replace(found, remark=f"over the band {change:+.2f} dB at {worst_hz:.3g} Hz")
 
 
+DEFAULT_POLES = 8
 STEPS = (
     *("calibration", "identification", "motor response", "loop", "prefilter", "noise", "response"),
-    *("friction", "thresholds", "reshaped", "speech"),
+    *("default", "friction", "thresholds", "reshaped", "speech"),
 )
 """The steps that progress is told of, in their order."""
 
@@ -120,6 +123,7 @@ class PaperStudy:
     controller: Controller
     noise: NoiseProbe
     responses: tuple[ResponsePoint, ...]
+    default: tuple[ResponsePoint, ...]
     without_friction: tuple[ResponsePoint, ...]
     thresholds: tuple[KnownThreshold, ...]
     curve: ThresholdCurve
@@ -145,6 +149,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
         progress("prefilter", 1.0)
         noise = probe_noise(plan, controller, progress)
         responses = measure_responses(plan, controller, progress)
+        default = _default(plan, progress)
         without_friction = _without_friction(plan, controller, progress)
         spoken = speak(plan, controller, file, progress)
         detected = detected_by(progress)
@@ -161,12 +166,28 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
         controller,
         noise,
         responses,
+        default,
         without_friction,
         detected.thresholds,
         detected.curve,
         reshaped,
         spoken,
         verdict,
+    )
+
+
+def default_display(display: Display) -> Display:
+    """Return the display with what `init` writes for it: a prefilter of eight poles, and a finger fed forward."""
+    channels = (replace(one, prefilter=replace(one.prefilter, poles=DEFAULT_POLES)) for one in display.channels)
+    return replace(display, channels=tuple(channels), touch=replace(display.touch, adaptive=True))
+
+
+def _default(plan: Plan, progress: Progress) -> tuple[ResponsePoint, ...]:
+    """Measure the controller that the product itself would make: the paper's display, designed as `init` proposes."""
+    controller = tt.design(default_display(plan.display))
+    levels = tuple(level for level in LEVELS_DB_SL if level > 0.0)
+    return measure_responses(
+        plan, controller, lambda _, done: progress("default", done), step="default response", levels_db_sl=levels
     )
 
 

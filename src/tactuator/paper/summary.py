@@ -55,6 +55,7 @@ def summary(study: PaperStudy) -> dict[str, Any]:
         },
         "noise": _noise(study),
         "response": [asdict(point) for point in study.responses],
+        "default": {"response": [asdict(point) for point in study.default]},
         "friction": {"response_without_friction": [asdict(point) for point in study.without_friction]},
         "objectives": study.verdict.document()["objectives"],
         "thresholds": _thresholds(study),
@@ -160,17 +161,18 @@ def _loop_rows(study: PaperStudy) -> list[Row]:
 
 def _response_rows(study: PaperStudy) -> list[Row]:
     levels = [level for level in LEVELS_DB_SL if level > 0.0]
+    named = " / ".join(f"{level:g}" for level in levels)
     rows = []
-    for load, words in ((UNLOADED, "unloaded"), (LOADED, "with a finger")):
-        errors = " / ".join(f"{worst_error_db(study.responses, load, level):.2f}" for level in levels)
-        paper = "“closely”" if load == UNLOADED else "“essentially the same”"
-        named = " / ".join(f"{level:g}" for level in levels)
-        rows.append((f"response against expected, {words}, {named} dB SL", paper, f"within {errors} dB"))
+    for points, design in ((study.responses, "the paper's design"), (study.default, "the default")):
+        for load, words in ((UNLOADED, "free"), (LOADED, "under a finger")):
+            errors = " / ".join(f"{worst_error_db(points, load, level):.2f}" for level in levels)
+            paper = {UNLOADED: "“closely”", LOADED: "“essentially the same”"}[load]
+            rows.append((f"felt less asked, {words}, {named} dB SL: {design}", paper, f"within {errors} dB"))
     zero = [one for one in study.responses if (one.load, one.level_db_sl) == (UNLOADED, 0.0)]
-    low = min(one.error_db for one in zero if one.frequency_hz <= 50.0)
-    smooth = max(abs(one.error_db) for one in study.without_friction if one.frequency_hz <= 50.0)
-    here = f"down to {low:.2f} dB below 50 Hz: friction (without it within {smooth:.2f} dB)"
-    rows.append(("response at 0 dB SL, unloaded", "deviations at a few frequencies", here))
+    low = min(one.unpredicted_db for one in zero if one.frequency_hz <= 50.0)
+    smooth = max(abs(one.unpredicted_db) for one in study.without_friction if one.frequency_hz <= 50.0)
+    here = f"friction takes up to {-low:.2f} dB below 50 Hz (without it {smooth:.2f} dB)"
+    rows.append(("felt less predicted at 0 dB SL, free", "deviations at a few frequencies", here))
     for objective in study.verdict.objectives:
         rows.append((f"objective {objective.number}", "asked", objective.outcome.value))
     return rows
