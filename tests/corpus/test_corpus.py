@@ -26,26 +26,14 @@ from tactuator.io.reference import content_sha256
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.render import RenderJob
 from tactuator.synthesis.design import design_controller
-
-INDEX = {
-    "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
-    "threshold": {"curve": "bolanowski-1988"},
-    "feedback": {"structure": "paper"},
-    "channel": [
-        {
-            "name": "index",
-            "finger": "index",
-            "sensor_gain_v_per_mm": 0.19898,
-            "travel_mm": 12.5,
-            "plant": {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
-        }
-    ],
-}
+from tests.three_fingers import three_finger_display
 
 
 @pytest.fixture(scope="module")
 def job():
-    return RenderJob(design_controller(parse_display(INDEX)), DirectCoding(), simulate=True, seed=4)
+    three = three_finger_display()
+    index = parse_display(three | {"channel": three["channel"][:1]})
+    return RenderJob(design_controller(index), DirectCoding(), simulate=True, seed=4)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from tactuator.model.controller import AntiWindup, ChannelController, Controller
 from tactuator.model.description import Channel, Display, Environment, Threshold
 from tactuator.model.plant import Load
 from tactuator.perception.curve import curve
+from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 
@@ -69,3 +70,9 @@ def quiet() -> tuple[Display, Controller]:
 def full() -> tuple[Display, Controller]:
     described = display()
     return described, controller(replace(described))
+
+
+def loaded(made: Controller, seed: int) -> SimulatedRig:
+    rig = SimulatedRig(made.display, seed)
+    rig.load(made)
+    return rig

@@ -11,8 +11,7 @@ from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import multisine_response, stepped_sine
 from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
-from tactuator.rig.simulated import SimulatedRig
-from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
+from tests.measure.loops import RATE_HZ, controller, display, full, loaded, loop_response, quiet
 
 
 def error_db(response, made):
@@ -21,9 +20,8 @@ def error_db(response, made):
 
 
 def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> None:
-    described, made = full()
-    rig = SimulatedRig(described, 1)
-    rig.load(made)
+    made = full()[1]
+    rig = loaded(made, 1)
     found = stepped_sine(rig, [1.0, 10.0, 50.0, 120.0, 250.0], MeasurementOptions(50.0))[0]
     expected, _ = loop_response(made, found.frequency_hz)
     assert found.frequency_hz.tolist() == [1.0, 10.0, 50.0, 122.0, 250.0]
@@ -39,9 +37,8 @@ def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> N
 def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_confidence() -> None:
     inside = 0
     for seed in range(6):
-        described, made = quiet()
-        rig = SimulatedRig(described, seed)
-        rig.load(made)
+        made = quiet()[1]
+        rig = loaded(made, seed)
         found = stepped_sine(rig, [298.0], MeasurementOptions(0.0, confidence_db=1.5, longest_s=40.0))[0]
         assert found.magnitude_v[0] < 20.0 / 65536.0
         assert found.confidence_db[0] <= 1.5
@@ -51,22 +48,16 @@ def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_
 
 def test_stepped_sine__60_db_below_the_threshold__is_noise_and_not_judged() -> None:
     """The noise was told as a response 42 dB too great, plus or minus 11 dB: not met, of a controller that is flat."""
-    described, made = quiet()
-    rig = SimulatedRig(described, 6)
-    rig.load(made)
+    made = quiet()[1]
+    rig = loaded(made, 6)
     found = stepped_sine(rig, [50.0, 250.0], MeasurementOptions(-60.0, longest_s=2.0))[0]
     assert np.all(np.isinf(found.confidence_db))
-    assert response_verdict([found], described).outcome is Outcome.NOT_JUDGED
+    assert response_verdict([found], made.display).outcome is Outcome.NOT_JUDGED
 
 
 def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> None:
-    described, made = full()
-    rig = SimulatedRig(described, 2)
-    rig.load(made)
-    rubbing = stepped_sine(rig, [5.0], MeasurementOptions(10.0))[0]
-    smooth = SimulatedRig(quiet()[0], 2)
-    smooth.load(quiet()[1])
-    free = stepped_sine(smooth, [5.0], MeasurementOptions(10.0))[0]
+    rubbing = stepped_sine(loaded(full()[1], 2), [5.0], MeasurementOptions(10.0))[0]
+    free = stepped_sine(loaded(quiet()[1], 2), [5.0], MeasurementOptions(10.0))[0]
     assert rubbing.distortion_v[0] > 4.0 * free.distortion_v[0]
     assert rubbing.noise_v[0] < 0.05 * rubbing.magnitude_v[0]
 
@@ -74,16 +65,14 @@ def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> 
 def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
     paper = quiet()[0]
     described = replace(paper, channels=(replace(paper.channels[0], converter=Converter(range_v=2.5)),))
-    rig = SimulatedRig(described, 3)
-    rig.load(controller(described))
+    rig = loaded(controller(described), 3)
     found = stepped_sine(rig, [5.0, 250.0], MeasurementOptions(50.0))[0]
     assert found.saturated.tolist() == [False, True]
 
 
 def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_the_stepped_sine() -> None:
-    described, made = full()
-    rig = SimulatedRig(described, 4)
-    rig.load(made)
+    made = full()[1]
+    rig = loaded(made, 4)
     asked = np.geomspace(0.4, 300.0, 30)
     found = multisine_response(
         rig, asked, MeasurementOptions(30.0, longest_s=20.0), np.random.default_rng(1), exactly=False
@@ -99,13 +88,11 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
 
 def test_multisine__friction__shows_on_silent_lines() -> None:
     levels = []
-    for described, made in (full(), quiet()):
-        rig = SimulatedRig(described, 5)
-        rig.load(made)
+    for _, made in (full(), quiet()):
+        rig = loaded(made, 5)
         options = MeasurementOptions(10.0, longest_s=20.0)
-        found = multisine_response(rig, np.geomspace(0.4, 50.0, 12), options, np.random.default_rng(2), exactly=False)[
-            0
-        ]
+        asked = np.geomspace(0.4, 50.0, 12)
+        found = multisine_response(rig, asked, options, np.random.default_rng(2), exactly=False)[0]
         levels.append(np.max(found.distortion_v / found.magnitude_v))
     assert levels[0] > 5.0 * levels[1]
 
@@ -128,8 +115,7 @@ def options_of(asked) -> MeasurementOptions:
 )
 def test_response__impossible__is_refused_before_anything_moves(asked, match: str) -> None:
     described = display()
-    rig = SimulatedRig(described, 0)
-    rig.load(controller(described))
+    rig = loaded(controller(described), 0)
     with pytest.raises(BadInput, match=match):
         stepped_sine(rig, asked["frequency_hz"], options_of(asked))
     with pytest.raises(BadInput, match=match):

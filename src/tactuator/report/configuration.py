@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyBboxPatch
 
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.report.plate import Plate
+from tactuator.report.plate import Plate, table_of
 from tactuator.report.style import BLUE, INK, WIDTH_IN
 from tactuator.report.tables import printed_polynomials
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -22,8 +22,8 @@ Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Box:
-    """A block: its centre, size, name (bold) and lines of small print."""
+class _Box:
+    """A block: its centre, size, name (bold) and lines of small print; the middles of its edges."""
 
     centre: Point
     name: str
@@ -33,26 +33,22 @@ class Box:
 
     @property
     def left(self) -> Point:
-        """Return the middle of the left edge."""
         return (self.centre[0] - self.width / 2.0, self.centre[1])
 
     @property
     def right(self) -> Point:
-        """Return the middle of the right edge."""
         return (self.centre[0] + self.width / 2.0, self.centre[1])
 
     @property
     def top(self) -> Point:
-        """Return the middle of the upper edge."""
         return (self.centre[0], self.centre[1] + self.height / 2.0)
 
     @property
     def bottom(self) -> Point:
-        """Return the middle of the lower edge."""
         return (self.centre[0], self.centre[1] - self.height / 2.0)
 
 
-def canvas(width: float, height: float) -> tuple[Figure, Axes]:
+def _canvas(width: float, height: float) -> tuple[Figure, Axes]:
     """Return an empty drawing of width by height grid units, without axes."""
     drawing = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width))
     axes = drawing.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -62,7 +58,7 @@ def canvas(width: float, height: float) -> tuple[Figure, Axes]:
     return drawing, axes
 
 
-def draw_box(axes: Axes, box: Box) -> None:
+def _draw_box(axes: Axes, box: _Box) -> None:
     """Draw a block with its name above its small print."""
     corner = (box.centre[0] - box.width / 2.0, box.centre[1] - box.height / 2.0)
     style = "round,pad=0,rounding_size=0.06"
@@ -74,13 +70,13 @@ def draw_box(axes: Axes, box: Box) -> None:
         axes.text(box.centre[0], start - pitch * index, line, ha="center", va="center", fontsize=7, color=INK)
 
 
-def draw_sum(axes: Axes, centre: Point, signs: str = "") -> None:
+def _draw_sum(axes: Axes, centre: Point, signs: str = "") -> None:
     """Draw a summing junction with its signs at its lower left."""
     axes.add_patch(Circle(centre, 0.13, facecolor="white", edgecolor=INK, zorder=3))
     axes.text(centre[0] - 0.17, centre[1] - 0.24, signs, ha="center", fontsize=9, color=INK)
 
 
-def draw_path(axes: Axes, points: Sequence[Point], label: str = "", above: float = 0.1) -> None:
+def _draw_path(axes: Axes, points: Sequence[Point], label: str = "", above: float = 0.1) -> None:
     """Draw a line through the points, an arrow at its end, and a label over the middle of its first stretch."""
     for start, end in pairwise(points[:-1]):
         axes.plot([start[0], end[0]], [start[1], end[1]], color=INK, linewidth=1.0, zorder=1)
@@ -112,22 +108,22 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
     return f"zeros {zeros} Hz", f"poles {poles} Hz", f"gain {system.gain:.5g}"
 
 
-def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
+def mechanism_plate(channel: Channel) -> Plate:
     """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
     num, den = printed_polynomials(channel.plant)
     loads = [f"{load.name}: {load.mass:g} s² + {load.damping:g} s + {load.stiffness:g}" for load in channel.loads]
-    drawing, axes = canvas(9.0, 3.4)
-    motor = Box((3.0, 1.9), "motor assembly", ("P(s) =", num, "────────────", den), 2.3, 1.5)
-    pin = Box((5.9, 1.9), "fingerpad interface", (f"travel ±{channel.travel_mm:g} mm",), 2.15)
-    sensor = Box((8.05, 1.9), "position sensor", (f"{channel.sensor_gain_v_per_mm:.5g} V/mm",), 1.7)
-    finger = Box((5.9, 0.55), "finger", tuple(loads) or ("no load described",), 2.9, 0.8)
+    drawing, axes = _canvas(9.0, 3.4)
+    motor = _Box((3.0, 1.9), "motor assembly", ("P(s) =", num, "────────────", den), 2.3, 1.5)
+    pin = _Box((5.9, 1.9), "fingerpad interface", (f"travel ±{channel.travel_mm:g} mm",), 2.15)
+    sensor = _Box((8.05, 1.9), "position sensor", (f"{channel.sensor_gain_v_per_mm:.5g} V/mm",), 1.7)
+    finger = _Box((5.9, 0.55), "finger", tuple(loads) or ("no load described",), 2.9, 0.8)
     for box in (motor, pin, sensor, finger):
-        draw_box(axes, box)
-    draw_path(axes, [(0.5, 1.9), motor.left], "command u (V)")
-    draw_path(axes, [motor.right, pin.left], "angle")
-    draw_path(axes, [pin.right, sensor.left])
-    draw_path(axes, [finger.top, pin.bottom])
-    draw_path(axes, [sensor.top, (8.05, 3.1)])
+        _draw_box(axes, box)
+    _draw_path(axes, [(0.5, 1.9), motor.left], "command u (V)")
+    _draw_path(axes, [motor.right, pin.left], "angle")
+    _draw_path(axes, [pin.right, sensor.left])
+    _draw_path(axes, [finger.top, pin.bottom])
+    _draw_path(axes, [sensor.top, (8.05, 3.1)])
     axes.text(7.95, 2.85, "position y (V)", fontsize=8, style="italic", ha="right", va="center")
     poles = channel.plant.poles / (2.0 * np.pi)
     caption = (
@@ -136,77 +132,75 @@ def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
         "fingerpad interface, in the plant's own units."
     )
     plant_num, plant_den = channel.plant.polynomials()
-    table: dict[str, list[object]] = {
-        "coefficient": [*(f"num[{i}]" for i in range(len(plant_num))), *(f"den[{i}]" for i in range(len(plant_den)))],
-        "value": [*map(float, plant_num), *map(float, plant_den)],
-    }
-    return Plate(name, "Motor assembly", caption, drawing, table)
+    parts = (("num", plant_num), ("den", plant_den))
+    rows = [(f"{part}[{index}]", float(value)) for part, values in parts for index, value in enumerate(values)]
+    return Plate("fig03", "Motor assembly", caption, drawing, table_of(("coefficient", "value"), rows))
 
 
-def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: str = "fig06") -> Plate:
+def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> Plate:
     """Draw the two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled,
     is shown by the corner frequencies of its roots (log z times the rate).
     """
-    drawing, axes = canvas(10.0, 3.6)
+    drawing, axes = _canvas(10.0, 3.6)
     boxes = {}
     for x, width, letter, system in (
         (1.9, 2.3, "F(z)", _as_corners(f)),
         (5.1, 2.1, "C(s)", c),
         (7.7, 1.7, "P(s)", channel.plant),
     ):
-        boxes[letter] = Box((x, 2.3), letter, _formula(system), width, 1.15)
-        draw_box(axes, boxes[letter])
+        boxes[letter] = _Box((x, 2.3), letter, _formula(system), width, 1.15)
+        _draw_box(axes, boxes[letter])
     before, after, noise = (3.6, 2.3), (9.1, 2.3), (6.5, 0.7)
     for centre, signs in ((before, "−"), (after, "+"), (noise, "+")):
-        draw_sum(axes, centre, signs)
-    draw_path(axes, [(0.2, 2.3), boxes["F(z)"].left], "r")
-    draw_path(axes, [boxes["F(z)"].right, (before[0] - 0.13, 2.3)])
-    draw_path(axes, [(before[0] + 0.13, 2.3), boxes["C(s)"].left], "e")
-    draw_path(axes, [boxes["C(s)"].right, boxes["P(s)"].left], "u")
-    draw_path(axes, [boxes["P(s)"].right, (after[0] - 0.13, 2.3)])
-    draw_path(axes, [(9.1, 3.3), (9.1, 2.43)])
+        _draw_sum(axes, centre, signs)
+    _draw_path(axes, [(0.2, 2.3), boxes["F(z)"].left], "r")
+    _draw_path(axes, [boxes["F(z)"].right, (before[0] - 0.13, 2.3)])
+    _draw_path(axes, [(before[0] + 0.13, 2.3), boxes["C(s)"].left], "e")
+    _draw_path(axes, [boxes["C(s)"].right, boxes["P(s)"].left], "u")
+    _draw_path(axes, [boxes["P(s)"].right, (after[0] - 0.13, 2.3)])
+    _draw_path(axes, [(9.1, 3.3), (9.1, 2.43)])
     axes.text(9.0, 3.2, "dₒ (finger)", fontsize=8, style="italic", ha="right", va="center")
-    draw_path(axes, [(after[0] + 0.13, 2.3), (9.95, 2.3)], "y")
-    draw_path(axes, [(9.55, 2.3), (9.55, 0.7), (noise[0] + 0.13, 0.7)])
-    draw_path(axes, [(6.5, 0.15), (6.5, 0.57)])
+    _draw_path(axes, [(after[0] + 0.13, 2.3), (9.95, 2.3)], "y")
+    _draw_path(axes, [(9.55, 2.3), (9.55, 0.7), (noise[0] + 0.13, 0.7)])
+    _draw_path(axes, [(6.5, 0.15), (6.5, 0.57)])
     axes.text(6.6, 0.2, "n (hum, noise)", fontsize=8, style="italic", ha="left", va="center")
-    draw_path(axes, [(noise[0] - 0.13, 0.7), (3.6, 0.7), (3.6, 2.17)])
+    _draw_path(axes, [(noise[0] - 0.13, 0.7), (3.6, 0.7), (3.6, 2.17)])
     caption = (
         f"The two-degree-of-freedom controller of the {channel.name} channel: the paper's C, the plant of the display "
         "file, and the prefilter fitted to H/T, shown by its corner frequencies; H = FT, T = CP/(1 + CP)."
     )
-    table: dict[str, list[object]] = {"block": [], "part": [], "power": [], "coefficient": []}
-    for letter, system in (("F", _as_corners(f)), ("C", c), ("P", channel.plant)):
-        for part, values in zip(("num", "den"), system.polynomials(), strict=True):
-            for index, value in enumerate(values):
-                row = (letter, part, len(values) - 1 - index, float(value))
-                for column, cell in zip(table.values(), row, strict=True):
-                    column.append(cell)
-    return Plate(name, "Closed-loop signal block diagram", caption, drawing, table)
+    rows = (
+        (letter, part, len(values) - 1 - index, float(value))
+        for letter, system in (("F", _as_corners(f)), ("C", c), ("P", channel.plant))
+        for part, values in zip(("num", "den"), system.polynomials(), strict=True)
+        for index, value in enumerate(values)
+    )
+    table = table_of(("block", "part", "power", "coefficient"), rows)
+    return Plate("fig06", "Closed-loop signal block diagram", caption, drawing, table)
 
 
-def processor_plate(controller: Controller, name: str = "fig08") -> Plate:
+def processor_plate(controller: Controller) -> Plate:
     """Draw what runs at every tick, with rate, converters and sections of the controller at hand."""
     channel = controller.display.channels[0]
     designed = controller.channels[0]
     bits, volts = channel.converter.bits, channel.converter.range_v
     feedback = 0 if designed.feedback_sos is None else len(designed.feedback_sos)
-    drawing, axes = canvas(10.0, 3.5)
+    drawing, axes = _canvas(10.0, 3.5)
     converter = (f"{bits} bits, ±{volts:g} V", f"step {channel.converter.step_v * 1e6:.0f} µV")
-    reference = Box((1.1, 2.5), "reference", ("threshold units", "stream or stimulus"), 1.8)
-    prefilter = Box((3.4, 2.5), "prefilter F", (f"{len(designed.prefilter_sos)} sections, float32",), 1.8)
-    feedback_box = Box((5.9, 2.5), "feedback C", (f"{feedback} sections, float32", "anti-windup"), 1.9)
-    output = Box((8.6, 2.5), "D/A", (*converter, f"{controller.delay_samples} sample later"), 1.8)
-    display = Box((8.6, 0.75), "display", (f"{len(controller.channels)} channels",), 1.8)
-    sensor = Box((5.9, 0.75), "A/D", converter, 1.9)
+    reference = _Box((1.1, 2.5), "reference", ("threshold units", "stream or stimulus"), 1.8)
+    prefilter = _Box((3.4, 2.5), "prefilter F", (f"{len(designed.prefilter_sos)} sections, float32",), 1.8)
+    feedback_box = _Box((5.9, 2.5), "feedback C", (f"{feedback} sections, float32", "anti-windup"), 1.9)
+    output = _Box((8.6, 2.5), "D/A", (*converter, f"{controller.delay_samples} sample later"), 1.8)
+    display = _Box((8.6, 0.75), "display", (f"{len(controller.channels)} channels",), 1.8)
+    sensor = _Box((5.9, 0.75), "A/D", converter, 1.9)
     for box in (reference, prefilter, feedback_box, output, display, sensor):
-        draw_box(axes, box)
-    draw_path(axes, [reference.right, prefilter.left], "r")
-    draw_path(axes, [prefilter.right, feedback_box.left], "v")
-    draw_path(axes, [feedback_box.right, output.left], "u")
-    draw_path(axes, [output.bottom, display.top])
-    draw_path(axes, [display.left, sensor.right], "y")
-    draw_path(axes, [sensor.top, feedback_box.bottom])
+        _draw_box(axes, box)
+    _draw_path(axes, [reference.right, prefilter.left], "r")
+    _draw_path(axes, [prefilter.right, feedback_box.left], "v")
+    _draw_path(axes, [feedback_box.right, output.left], "u")
+    _draw_path(axes, [output.bottom, display.top])
+    _draw_path(axes, [display.left, sensor.right], "y")
+    _draw_path(axes, [sensor.top, feedback_box.bottom])
     axes.text(3.4, 1.5, f"timer interrupt, {controller.rate_hz:g} Hz", fontsize=8, ha="center", style="italic")
     caption = (
         f"The digital environment: {len(controller.channels)} channels at {controller.rate_hz:g} Hz, "
@@ -221,5 +215,5 @@ def processor_plate(controller: Controller, name: str = "fig08") -> Plate:
         "prefilter_sections": len(designed.prefilter_sos),
         "feedback_sections": feedback,
     }
-    table: dict[str, list[object]] = {"quantity": list(figures), "value": list(figures.values())}
-    return Plate(name, "Digital environment", caption, drawing, table)
+    table = table_of(("quantity", "value"), figures.items())
+    return Plate("fig08", "Digital environment", caption, drawing, table)
