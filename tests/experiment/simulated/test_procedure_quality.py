@@ -71,15 +71,15 @@ def test_simulate__same_seed__gives_the_same() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"runs": 1}, "1 runs"),
-        ({"runs": 10, "slope": (0.0, 1.0)}, "slope 0 to 1"),
-        ({"runs": 10, "slope": (3.0, 2.0)}, "slope 3 to 2"),
+        ({"runs": 1}, "runs is 1; allowed: a whole number, 2 or more"),
+        ({"runs": 10, "slope": (0.0, 1.0)}, "slope.0 is 0; allowed: .*above 0"),
+        ({"runs": 10, "slope": (3.0, 2.0)}, "slope is 3 to 2"),
         ({"runs": 10, "lapse": 0.3}, "lapse 0.3"),
-        ({"runs": 10, "start_db": 500.0}, "start 500"),
-        ({"runs": 10, "guessed": 1.5}, "guess 1.5"),
-        ({"runs": 10, "guessed": -0.1}, "guess -0.1"),
-        ({"runs": 10, "drift_db": 100.0}, "drift 100 dB"),
-        ({"runs": 10, "loud_share": 0.7}, "loud share 0.7"),
+        ({"runs": 10, "start_db": 500.0}, "start_db is 500; allowed: .*-40 to 60"),
+        ({"runs": 10, "guessed": 1.5}, "guessed is 1.5; allowed: .*0 to 1"),
+        ({"runs": 10, "guessed": -0.1}, "guessed is -0.1"),
+        ({"runs": 10, "drift_db": 100.0}, "drift_db is 100; allowed: .*-60 to 60"),
+        ({"runs": 10, "loud_share": 0.7}, "loud_share is 0.7; allowed: .*0 to 0.5"),
     ],
 )
 def test_setting__nonsense__is_refused(settings: dict[str, object], message: str) -> None:

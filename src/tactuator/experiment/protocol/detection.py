@@ -65,11 +65,14 @@ class SessionRules:
             )
 
 
+LoudShare = Annotated[Number, Field(ge=0.0, le=0.5)]
+
+
 @table("[catch]")
 class CatchTrials:
     """Keys of [catch]: loud trials that test attention, blank ones that test for cues, besides the procedure's."""
 
-    loud_share: Annotated[Number, Field(ge=0.0, le=0.5, description="share of loud trials among all")] = 0.0
+    loud_share: Annotated[LoudShare, Field(description="share of loud trials among all")] = 0.0
     blank_share: Annotated[Number, Field(ge=0.0, le=0.3, description="share of blank trials among all")] = 0.0
     above_db: Annotated[Number, Field(ge=10.0, le=40.0, description="of a loud trial above the next level")] = 20.0
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.keys import Share
 from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.procedure.procedure import Playable, ProcedureKeys, procedure_kind
@@ -23,12 +25,13 @@ from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
 from tactuator.experiment.procedure.up_down import PaperKeys, Probability, Tracks, UpDownRule, run_tracks
 from tactuator.experiment.procedure.whole_curve import CurveKeys, Trials, WholeCurveRule, curve_flags
-from tactuator.experiment.protocol.detection import CatchTrials
+from tactuator.experiment.protocol.detection import CatchTrials, LoudShare
 from tactuator.experiment.result.played import inattentive
+from tactuator.parameters import Number, Positive, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL, RelativeCurve
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 
-_START_ABOVE_EXPECTED_DB = 20.0
+_START_ABOVE_EXPECTED_DB = UpDownRule.start_db_sl
 _SCATTER_DB = 5.0
 _GUESS = Psychometric(Weibull(1.0)).guess
 
@@ -87,38 +90,23 @@ def with_loud_trials(trials: NDArray[np.int64], share: float, rng: np.random.Gen
     return WithLoud(order_of, loud, np.arange(order_of.shape[1]) < total[:, None])
 
 
-@dataclass(frozen=True)
+@table("simulation")
 class Setting:
-    """Settings of a simulation of runs.
+    """Settings of a simulation of runs; slopes of the Weibull are drawn between the two for each run."""
 
-    runs: their number. slope: range of Weibull slopes, (lowest, highest), from which each run's is drawn. lapse: lapse
-    rate. start_db: level of the first trial above the truth. guessed: share of trials that are guessed outright (1:
-    all). drift_db: rise of thresholds from the first trial to the last (of a run of typical length), about their mean.
-    loud_share: of loud catch trials among all. Raises BadInput for values that cannot be.
-    """
-
-    runs: int
-    slope: tuple[float, float] = (2.5, 2.5)
-    lapse: float = 0.0
-    start_db: float = 20.0
-    seed: int = 0
-    guessed: float = 0.0
-    drift_db: float = 0.0
-    loud_share: float = 0.0
+    runs: Annotated[Whole, Field(ge=2, description="number of runs")]
+    slope: Annotated[tuple[Positive, Positive], Field(description="lowest and highest Weibull slope")] = (2.5, 2.5)
+    lapse: Annotated[Number, Field(description="lapse rate")] = 0.0
+    start_db: Annotated[Number, Field(ge=-40.0, le=60.0, description="first trial above the truth")] = 20.0
+    seed: Annotated[Whole, Field(ge=0, description="of all that is drawn")] = 0
+    guessed: Annotated[Share, Field(description="share of trials that are guessed outright")] = 0.0
+    drift_db: Annotated[Number, Field(ge=-60.0, le=60.0, description="rise of thresholds over a typical run")] = 0.0
+    loud_share: Annotated[LoudShare, Field(description="share of loud catch trials")] = 0.0
 
     def __post_init__(self) -> None:
-        if self.runs < 2:
-            raise BadInput(f"{self.runs} runs", "2 or more")
-        if not 0.0 < self.slope[0] <= self.slope[1]:
-            raise BadInput(f"slope {self.slope[0]:g} to {self.slope[1]:g}", "positive, ascending")
-        if not -40.0 <= self.start_db <= 60.0:
-            raise BadInput(f"start {self.start_db:g} dB above the threshold", "-40 to 60")
+        if not self.slope[0] <= self.slope[1]:
+            raise BadInput(f"{self.slope[0]:g} to {self.slope[1]:g}", "positive, ascending", key="slope")
         Psychometric(Weibull(self.slope[0]), lapse=self.lapse)
-        if not (0.0 <= self.guessed <= 1.0 and abs(self.drift_db) <= 60.0 and 0.0 <= self.loud_share <= 0.5):
-            raise BadInput(
-                f"guess {self.guessed:g}, drift {self.drift_db:g} dB, loud share {self.loud_share:g}",
-                "0 to 1, -60 to 60 dB, 0 to 0.5",
-            )
 
     def drifted_db(self, trial: NDArray[np.intp] | int, trials: float) -> FloatArray:
         """Return how far above their mean thresholds are at a trial of a run of so many."""
