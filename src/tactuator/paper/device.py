@@ -44,7 +44,7 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
 
     for name in rig.channels:
         rig.finger(name).attach(partial(note, name))
-    reaching_v = np.array([_travel_v(one) / abs(one.plant.response(0.0)) for one in plan.display.channels])
+    reaching_v = np.array([_travel_v(channel) / abs(channel.plant.response(0.0)) for channel in plan.display.channels])
     sensed = []
     for share in np.linspace(-_TRAVEL_SHARE, _TRAVEL_SHARE, _POSITION_COUNT):
         trace = rig.drive(np.tile(share * reaching_v, (round((_SETTLE_S + _READ_S) * rig.rate_hz), 1)))
@@ -110,8 +110,11 @@ def measure_motors(plan: Plan, progress: Progress) -> OpenLoopResponse:
     for done, hertz in enumerate(MOTOR_HZ, start=1):
         amplitude_v = np.array(
             [
-                min(0.5 * one.converter.range_v, 0.2 * _travel_v(one) / float(np.abs(one.plant.response(hertz))))
-                for one in plan.display.channels
+                min(
+                    0.5 * channel.converter.range_v,
+                    0.2 * _travel_v(channel) / float(np.abs(channel.plant.response(hertz))),
+                )
+                for channel in plan.display.channels
             ]
         )
         settle = round(max(2.0, 1.0 / hertz) * rig.rate_hz)

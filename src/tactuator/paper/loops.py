@@ -22,7 +22,9 @@ from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, lo
 
 def paper_controller(display: Display) -> Controller:
     """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
-    channels = tuple(replace(one, feedback=replace(one.feedback, structure="paper")) for one in display.channels)
+    channels = tuple(
+        replace(channel, feedback=replace(channel.feedback, structure="paper")) for channel in display.channels
+    )
     return tt.design(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
 
 
@@ -31,10 +33,10 @@ def reshaped_controller(display: Display, curve: ThresholdCurve) -> Controller:
     of the band.
     """
     channels = []
-    for one in display.channels:
-        low, high = one.threshold.band_hz
+    for channel in display.channels:
+        low, high = channel.threshold.band_hz
         band = (max(low, float(curve.frequency_hz[0])), min(high, float(curve.frequency_hz[-1])))
-        channels.append(replace(one, threshold=replace(one.threshold, curve=curve, band_hz=band)))
+        channels.append(replace(channel, threshold=replace(channel.threshold, curve=curve, band_hz=band)))
     return paper_controller(replace(display, channels=tuple(channels)))
 
 
@@ -86,9 +88,9 @@ def _judged(channel: Channel, loop: TwoDegreeLoop) -> Judged:
     """Return the error with 0 dB put at the curve's level at its lowest frequency."""
     curve = channel.threshold.curve
     low, high = channel.threshold.band_hz
-    own = curve.frequency_hz[(curve.frequency_hz >= low) & (curve.frequency_hz <= high)]
+    tabled = curve.frequency_hz[(curve.frequency_hz >= low) & (curve.frequency_hz <= high)]
     even = np.geomspace(low, high, 1200)
-    frequency = np.unique(np.append(even, own))
+    frequency = np.unique(np.append(even, tabled))
     wanted = curve.level_db_re_1um_at(frequency) - curve.level_db_re_1um_at(curve.frequency_hz[0])
     error = db(np.abs(loop.position_response(frequency))) - wanted
     rms = float(np.sqrt(np.mean(error[np.isin(frequency, even)] ** 2)))

@@ -84,9 +84,9 @@ def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLi
     """Return H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold
     unit.
     """
-    display, own = controller.display, controller.channel(channel)
+    display, designed = controller.display, controller.channel(channel)
     plant = zero_order_hold(display.channel(channel).plant, display.rate_hz, display.delay_samples)
-    loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
+    loop = TwoDegreeLoop(designed.prefilter(display.rate_hz), designed.feedback(display.rate_hz), plant)
     return loop.position_response(frequency_hz)
 
 
@@ -105,10 +105,10 @@ def measure_responses(
     runs = [(load, level) for load in loads for level in levels_db_sl]
     for index, (load, level) in enumerate(runs):
         rig = tt.SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
-        found = tt.measure_response(
+        result = tt.measure_response(
             rig, controller, RESPONSE_HZ, level, load, confidence_db=CONFIDENCE_DB[level], coverage=together
         )
-        for measured in found.responses:
+        for measured in result.responses:
             hertz = measured.frequency_hz
             expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)
             target = controller.display.channel(measured.channel).threshold_voltage(hertz) * from_db(level)
@@ -122,6 +122,8 @@ def measure_responses(
 def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:
     """Return the greatest |felt less asked|, dB, of a load and level over all channels, saturated points left out."""
     errors = [
-        abs(one.error_db) for one in points if (one.load, one.level_db_sl, one.saturated) == (load, level_db_sl, False)
+        abs(point.error_db)
+        for point in points
+        if (point.load, point.level_db_sl, point.saturated) == (load, level_db_sl, False)
     ]
     return max(errors)

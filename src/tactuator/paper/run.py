@@ -48,13 +48,18 @@ def judge_objectives(
     plan: Plan, controller: Controller, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
 ) -> Verdict:
     """Return the verdict by what was measured; max|T|, which nobody can measure at rest, by the controller's model."""
-    at_level = [one for one in responses if one.level_db_sl == JUDGED_AT_DB_SL]
+    at_level = [point for point in responses if point.level_db_sl == JUDGED_AT_DB_SL]
     heard = noise_verdict(noise.designed, plan.display)
     modelled = judge(controller, plan.display)
     findings = [
         *_follows(plan, at_level),
-        *(one for objective in heard.objectives for one in objective.findings),
-        *(one for objective in modelled.objectives for one in objective.findings if one.quantity == RESONANCE),
+        *(finding for objective in heard.objectives for finding in objective.findings),
+        *(
+            finding
+            for objective in modelled.objectives
+            for finding in objective.findings
+            if finding.quantity == RESONANCE
+        ),
         *_bears_load(plan, at_level),
     ]
     return verdict_of(findings)
@@ -64,31 +69,31 @@ def _follows(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
     """Judge objective i of every channel: the greatest error of a measured point against the curve."""
     for channel in plan.display.channels:
         errors = [
-            (abs(float(db(one.measured_v / one.target_v))), one)
-            for one in responses
-            if (one.channel, one.load) == (channel.name, UNLOADED)
+            (abs(float(db(point.measured_v / point.target_v))), point)
+            for point in responses
+            if (point.channel, point.load) == (channel.name, UNLOADED)
         ]
         value, worst = max(errors, key=lambda pair: pair[0])
         allowed = plan.display.objectives.flatness_db
-        found = compared("i", channel.name, UNLOADED, "error of |H|", value, allowed, "dB", worst.frequency_hz)
-        yield replace(found, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
+        finding = compared("i", channel.name, UNLOADED, "error of |H|", value, allowed, "dB", worst.frequency_hz)
+        yield replace(finding, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
 
 
 def _bears_load(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
     """Judge objective iv of every channel: the greatest change by the finger up to `load_band_hz`."""
     tolerance = plan.display.objectives
-    free = {(one.channel, one.frequency_hz): one.measured_v for one in responses if one.load == UNLOADED}
+    free = {(point.channel, point.frequency_hz): point.measured_v for point in responses if point.load == UNLOADED}
     for channel in plan.display.channels:
         changes = [
-            (float(db(one.measured_v / free[one.channel, one.frequency_hz])), one.frequency_hz)
-            for one in responses
-            if (one.channel, one.load) == (channel.name, LOADED)
+            (float(db(point.measured_v / free[point.channel, point.frequency_hz])), point.frequency_hz)
+            for point in responses
+            if (point.channel, point.load) == (channel.name, LOADED)
         ]
         low = max((abs(change), hertz) for change, hertz in changes if hertz <= tolerance.load_band_hz)
         value, at_hz = low
-        found = compared("iv", channel.name, LOADED, "change of |H|", value, tolerance.load_max_db, "dB", at_hz)
+        finding = compared("iv", channel.name, LOADED, "change of |H|", value, tolerance.load_max_db, "dB", at_hz)
         change, worst_hz = max(changes, key=lambda pair: abs(pair[0]))
-        yield replace(found, remark=f"over the band {change:+.2f} dB at {worst_hz:.3g} Hz")
+        yield replace(finding, remark=f"over the band {change:+.2f} dB at {worst_hz:.3g} Hz")
 
 
 DEFAULT_POLES = 8
@@ -196,7 +201,8 @@ def _without_friction(plan: Plan, controller: Controller, progress: Progress) ->
     friction.
     """
     channels = tuple(
-        replace(one, environment=replace(one.environment, friction_v=0.0)) for one in controller.display.channels
+        replace(channel, environment=replace(channel.environment, friction_v=0.0))
+        for channel in controller.display.channels
     )
     smooth = replace(controller, display=replace(controller.display, channels=channels))
     return measure_responses(
@@ -214,10 +220,10 @@ def _reshape(plan: Plan, curve: ThresholdCurve, progress: Progress) -> Reshaped:
     errors = [
         20.0
         * np.log10(
-            np.abs(nominal_response(controller, one.name, curve.frequency_hz))
-            / one.threshold_voltage(curve.frequency_hz)
+            np.abs(nominal_response(controller, channel.name, curve.frequency_hz))
+            / channel.threshold_voltage(curve.frequency_hz)
         )
-        for one in controller.display.channels
+        for channel in controller.display.channels
     ]
     responses = measure_responses(
         plan,

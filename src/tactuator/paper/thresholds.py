@@ -87,8 +87,11 @@ def observers_at_work(plan: Plan, controller: Controller) -> Iterator[Callable[[
         others = set(multiprocessing.active_children())
         pool = ProcessPoolExecutor(len(people), helper_context(__name__), initializer=begin_helper)
         try:
-            stores = {one.name: Path(folder) / f"{one.name}.db" for one in people}
-            jobs = {pool.submit(run_observer, plan, controller, one, stores[one.name]): one.name for one in people}
+            stores = {person.name: Path(folder) / f"{person.name}.db" for person in people}
+            jobs = {
+                pool.submit(run_observer, plan, controller, person, stores[person.name]): person.name
+                for person in people
+            }
 
             def detected(progress: Progress) -> Detected:
                 runs: dict[str, list[StoredRun]] = {}
@@ -108,11 +111,11 @@ def observers_at_work(plan: Plan, controller: Controller) -> Iterator[Callable[[
 
 
 def _detected(plan: Plan, people: Sequence[Observer], runs: Mapping[str, Sequence[StoredRun]]) -> Detected:
-    found = [threshold for one in people for threshold in thresholds(runs[one.name])]
-    curves = {one.name: one.curve for one in people}
+    measured = [threshold for person in people for threshold in thresholds(runs[person.name])]
+    curves = {person.name: person.curve for person in people}
     channel = plan.display.channels[0]
-    curve = group_curve(found, channel.threshold.curve, channel.threshold.band_hz).curve
-    return Detected(tuple(_known(one, curves[one.subject]) for one in found), curve)
+    curve = group_curve(measured, channel.threshold.curve, channel.threshold.band_hz).curve
+    return Detected(tuple(_known(each, curves[each.subject]) for each in measured), curve)
 
 
 def run_observer(plan: Plan, controller: Controller, observer: Observer, store: Path) -> None:
@@ -144,23 +147,23 @@ def _runs(path: Path) -> list[StoredRun]:
         store.close()
 
 
-def _known(found: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold:
-    assert found.own_db_sl is not None
-    assert found.own_level_db_re_1um is not None
+def _known(measured: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold:
+    assert measured.own_db_sl is not None
+    assert measured.own_level_db_re_1um is not None
     return KnownThreshold(
-        observer=found.subject,
-        channel=found.finger,
-        frequency_hz=found.frequency_hz,
-        commanded_db_sl=found.own_db_sl,
-        level_db_re_1um=found.own_level_db_re_1um,
-        refit_db_re_1um=found.level_db_re_1um,
-        se_db=found.refit_sd_db,
-        true_db=float(truth.level_db_re_1um_at(found.frequency_hz)),
-        trials=found.trials,
+        observer=measured.subject,
+        channel=measured.finger,
+        frequency_hz=measured.frequency_hz,
+        commanded_db_sl=measured.own_db_sl,
+        level_db_re_1um=measured.own_level_db_re_1um,
+        refit_db_re_1um=measured.level_db_re_1um,
+        se_db=measured.refit_sd_db,
+        true_db=float(truth.level_db_re_1um_at(measured.frequency_hz)),
+        trials=measured.trials,
     )
 
 
-def bias_and_spread_db(found: Sequence[KnownThreshold]) -> tuple[float, float]:
+def bias_and_spread_db(known: Sequence[KnownThreshold]) -> tuple[float, float]:
     """Return mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
-    errors: FloatArray = np.array([one.level_db_re_1um - one.true_db for one in found])
+    errors: FloatArray = np.array([threshold.level_db_re_1um - threshold.true_db for threshold in known])
     return float(errors.mean()), float(errors.std(ddof=1))
