@@ -18,7 +18,7 @@ import numpy as np
 from scipy import optimize, signal
 
 from tactuator.identification.identify import identify
-from tactuator.identification.loops import recursive_least_squares
+from tactuator.identification.recursive import recursive_least_squares
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig

@@ -5,9 +5,9 @@ import pytest
 from scipy import optimize, signal
 
 from tactuator.errors import BadInput
+from tactuator.identification.friction import dahl_state
 from tactuator.identification.identify import identify
-from tactuator.identification.loops import companion_states, dahl_state
-from tactuator.identification.recursive import identify_recursively
+from tactuator.identification.recursive import companion_states, identify_recursively
 from tactuator.signals.excitation import log_chirp, paper_mix, prbs, steps
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ, closed_loop, open_loop
@@ -258,13 +258,11 @@ def test_identify__unknown_option__is_refused(asked) -> None:
         identify(short(2000), **asked)
 
 
-def test_recursive__paper_plant__converges_and_history_ends_at_the_estimate() -> None:
+def test_recursive__paper_plant__is_recovered() -> None:
     record = open_loop(PAPER, np.random.default_rng(23), 20.0, noise=1e-3)
     found = identify_recursively(record.command, record.position, RATE_HZ)
     np.testing.assert_allclose(found.den, PAPER.den, rtol=2e-3)
     assert found.num[0] == pytest.approx(2875.0, rel=2e-3)
-    assert abs(found.num_history[-1, 0] - found.num[0]) < abs(found.num_history[0, 0] - found.num[0]) + 1e-9
-    assert np.all(found.variance_history[-1] < found.variance_history[5])
     with pytest.raises(BadInput, match="fewer zeros"):
         identify_recursively(record.command, record.position, RATE_HZ, poles=2, zeros=2)
     with pytest.raises(BadInput, match="one shape"):

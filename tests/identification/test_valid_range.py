@@ -75,7 +75,7 @@ def test_identify__record_too_long__says_which_part_was_used(record: Record, mon
 def test_distrusted__band_wide_everywhere__is_a_reason(record: Record) -> None:
     found: Identification = identify(record, method="rls", order=2)
     wide = replace(found.model, valid_hz=(1.0, 1.05))
-    common = type("Common", (), {"records": (record,), "excitation": ExcitationReport(9, 3, 1.0, 1.0, 50.0)})()
+    common = type("Common", (), {"records": (record,), "excitation": ExcitationReport(9, 3, 1.0, 50.0)})()
     reasons = distrusted(replace(found, model=wide), common).distrust
     assert any("nowhere narrower" in one for one in reasons)
 

@@ -178,7 +178,7 @@ def _points(
 
 def _candidate(fit: IdentificationResult, candidate: Any) -> Answer:
     taken = (fit.order, fit.model.num.size - 1, fit.between.hold, fit.model.delay_s > 0.0)
-    number = {name: getattr(candidate, name) for name in ("cost", "uncorrelated_p", "behind")}
+    number = {name: getattr(candidate, name) for name in ("cost", "behind")}
     return {
         "poles": candidate.poles,
         "zeros": candidate.zeros,

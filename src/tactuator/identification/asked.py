@@ -58,7 +58,7 @@ class Fixed:
         name, equals, rest = text.partition("=")
         values = rest.split(",")
         try:
-            numbers = [float(one) for one in values]
+            numbers = [float(number) for number in values]
         except ValueError:
             numbers = []
         if not equals or len(numbers) != (2 if name.strip() == "resonance" else 1):
@@ -113,11 +113,11 @@ def contradiction(
     fixed: Sequence[Fixed], order: int | None, zeros: int | None, integrators: int, origin_zeros: int
 ) -> str | None:
     """Return why values cannot be fixed together, or beside the form that is asked for; None where they can."""
-    names = [one.name for one in fixed if not one.section]
+    names = [value.name for value in fixed if not value.section]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         return f"{twice[0]} is fixed twice"
-    known = integrators + sum(len(one.section) for one in fixed)
+    known = integrators + sum(len(value.section) for value in fixed)
     if known > (order or MOST_POLES):
         return f"{known} poles are known of {order or MOST_POLES}"
     if "gain" in names and "stiffness" in names:
@@ -126,14 +126,14 @@ def contradiction(
         return "a gain at zero frequency beside poles or zeros at s = 0"
     if "mass" in names and None not in (order, zeros) and order - zeros != 2:  # type: ignore[operator]
         return f"a mass with {order} poles and {zeros} zeros: it has two poles more than zeros"
-    coefficients = [one for one in fixed if _COEFFICIENT.fullmatch(one.name)]
+    coefficients = [value for value in fixed if _COEFFICIENT.fullmatch(value.name)]
     if coefficients and order is None:
         return f"{coefficients[0].name} without --order: what it means depends on the number of poles"
-    for one in coefficients:
-        top = order if one.name.startswith("den") else zeros if zeros is not None else order
-        least, most = (integrators, order - 1) if one.name.startswith("den") else (origin_zeros, top)  # type: ignore[operator]
-        if not least <= one.power <= most:  # type: ignore[operator]
-            return f"{one.name} of {order} poles; allowed powers: {least} to {most}"
+    for value in coefficients:
+        top = order if value.name.startswith("den") else zeros if zeros is not None else order
+        least, most = (integrators, order - 1) if value.name.startswith("den") else (origin_zeros, top)  # type: ignore[operator]
+        if not least <= value.power <= most:  # type: ignore[operator]
+            return f"{value.name} of {order} poles; allowed powers: {least} to {most}"
     if {"num_s0", "den_s0"} <= set(names) and {"gain", "stiffness"} & set(names):
         return "num_s0, den_s0 and a gain: two of them give the third"
     if "mass" in names and order is not None and f"num_s{order - 2}" in names:

@@ -63,11 +63,11 @@ def _with_own_noise(given: FrequencyResponse, asked: Asked, note: Callable[[str]
     known = asked.known(1.0).without_values
     fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
     equations = 2.0 * given.magnitude.size
-    fits = [one for one in fits if one.form.count < 0.5 * equations]
+    fits = [fit for fit in fits if fit.form.count < 0.5 * equations]
     if not fits:
         return given
     price = float(np.log(equations))
-    best = min(fits, key=lambda one: equations * np.log(max(one.cost, 1e-300)) + price * one.form.count)
+    best = min(fits, key=lambda fit: equations * np.log(max(fit.cost, 1e-300)) + price * fit.form.count)
     off = np.log(best.response(given.frequency_hz) / given.value()) / given.deviation
     # an instrument's magnitudes may be far worse than its phases, or the other way round: the worse of them counts
     worse = max(float(np.sum(off.real**2)), float(np.sum(off.imag**2)))
@@ -108,27 +108,27 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
 
     free = best_of(known.without_values)
     if by_magnitude:
-        allowed = [fit_magnitude(one, given) for one in free.fits.values() if known.allows(one.form)]
+        allowed = [fit_magnitude(candidate, given) for candidate in free.fits.values() if known.allows(candidate.form)]
         fit = _settled(allowed, value.size)
         return _judged(given, fit, magnitude_covariance(fit, given), local, asked)
-    found = _judged(given, free.fit, information(free.problem, free.fit), local, asked)
+    free_fit = _judged(given, free.fit, information(free.problem, free.fit), local, asked)
     if not asked.fixed:
-        return found
+        return free_fit
     bound = best_of(known, tuple(free.fits.values()))
-    made = _judged(given, bound.fit, information(bound.problem, bound.fit), local, asked)
-    return _beside_free(made, found, asked, disagrees(bound, [free]))
+    bound_fit = _judged(given, bound.fit, information(bound.problem, bound.fit), local, asked)
+    return _beside_free(bound_fit, free_fit, asked, disagrees(bound, [free]))
 
 
-def _beside_free(made: ResponseFit, free: ResponseFit, asked: Asked, against: bool) -> ResponseFit:
+def _beside_free(fit: ResponseFit, free: ResponseFit, asked: Asked, against: bool) -> ResponseFit:
     """Return the fit with values that are fixed, beside what the response shows without them."""
-    made = replace(made, fixed=tuple(FixedAgainstOwn(one, one.of_model(free.model)) for one in asked.fixed))
-    if not against and not cancelled(made.fixed, made.model):
-        return made
-    said, is_wrong = said_of_disagreement(made.fixed, made.model, free.model)
-    made = replace(made, model=made.model.holding(free.model))
+    fit = replace(fit, fixed=tuple(FixedAgainstOwn(value, value.of_model(free.model)) for value in asked.fixed))
+    if not against and not cancelled(fit.fixed, fit.model):
+        return fit
+    said, is_wrong = said_of_disagreement(fit.fixed, fit.model, free.model)
+    fit = replace(fit, model=fit.model.holding(free.model))
     if is_wrong:
-        return replace(made, distrust=(*made.distrust, said))
-    return replace(made, remarks=(*made.remarks, said))
+        return replace(fit, distrust=(*fit.distrust, said))
+    return replace(fit, remarks=(*fit.remarks, said))
 
 
 def _unsure(given: FrequencyResponse) -> FloatArray:
@@ -143,8 +143,8 @@ def _unsure(given: FrequencyResponse) -> FloatArray:
 def _settled(fits: list[SpectralFit], equations: int) -> SpectralFit:
     """Return the form of best criterion (Bayes); of those within a tie the one of fewer poles."""
     price = float(np.log(equations))
-    scores = [2.0 * one.cost + price * one.form.count for one in fits]
-    rows = [(one.form.poles, score, k) for k, (one, score) in enumerate(zip(fits, scores, strict=True))]
+    scores = [2.0 * fit.cost + price * fit.form.count for fit in fits]
+    rows = [(fit.form.poles, score, k) for k, (fit, score) in enumerate(zip(fits, scores, strict=True))]
     return fits[min(row for row in rows if row[1] < min(scores) + TIE)[2]]
 
 
@@ -152,10 +152,10 @@ def fit_magnitude(fit: SpectralFit, given: FrequencyResponse) -> SpectralFit:
     """Return the fit after Gauss and Newton's descent on the logarithm of the magnitudes alone."""
     goal = np.log(given.magnitude)
 
-    def left(one: SpectralFit) -> FloatArray:
-        return np.asarray((goal - np.log(np.abs(one.response(given.frequency_hz)))) / given.deviation)
+    def misfit(trial: SpectralFit) -> FloatArray:
+        return np.asarray((goal - np.log(np.abs(trial.response(given.frequency_hz)))) / given.deviation)
 
-    now = left(fit)
+    now = misfit(fit)
     for _ in range(_STEPS):
         slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
@@ -163,11 +163,11 @@ def fit_magnitude(fit: SpectralFit, given: FrequencyResponse) -> SpectralFit:
             break
         step = np.linalg.lstsq(slopes / size, now, rcond=1e-9)[0] / size
         trials = [moved(fit, share * step) for share in (1.0, 0.3, 0.1, 0.03)]
-        sums = [float(np.sum(left(one) ** 2)) for one in trials]
+        sums = [float(np.sum(misfit(trial) ** 2)) for trial in trials]
         best = int(np.nanargmin([value if np.isfinite(value) else np.inf for value in sums]))
         if not sums[best] < float(now @ now) - 1e-6:
             break
-        fit, now = trials[best], left(trials[best])
+        fit, now = trials[best], misfit(trials[best])
     return replace(fit, cost=0.5 * float(now @ now))
 
 
@@ -182,11 +182,11 @@ def magnitude_covariance(fit: SpectralFit, given: FrequencyResponse) -> FloatArr
 def _judged(
     given: FrequencyResponse, fit: SpectralFit, covariance: FloatArray, local: LocalResponse, asked: Asked
 ) -> ResponseFit:
-    own = fit.response(given.frequency_hz)
-    off_db = 20.0 * np.log10(np.abs(own) / given.magnitude)
+    response = fit.response(given.frequency_hz)
+    off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
     departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))
     num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0)
-    missing = left_over(fit, local, own, given.frequency_hz)
+    missing = left_over(fit, local, response, given.frequency_hz)
     low, high = float(given.frequency_hz[0]), float(given.frequency_hz[-1])
     model = PlantModel(
         num=num,
@@ -210,7 +210,7 @@ def _judged(
             f"the model misses the response by up to {float(np.max(np.abs(off_db))):.3g} dB, {np.sqrt(departure):.3g} "
             "times its confidence"
         )
-    off = np.log(own / given.value())
+    off = np.log(response / given.value())
     alike = float(np.real(np.sum(off[1:] * np.conj(off[:-1]))) / max(float(np.sum(np.abs(off) ** 2)), 1e-300))
     if given.assumed and given.phase_rad is not None and departure > 0.5 and alike > _ALIKE:
         reasons.append("what the model leaves of the response is not noise: neighbouring points depart alike")

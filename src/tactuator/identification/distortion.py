@@ -75,18 +75,18 @@ def distortion_of(
     back.
     """
     plan = plans[0]
-    follow = [one[0] for one in signals] if references is None else list(references)
+    follow = [row[0] for row in signals] if references is None else list(references)
     blocks = [
-        np.concatenate([one.blocks(values) for one, values in zip(plans, rows, strict=True)])
-        for rows in ([one[0] for one in signals], [one[1] for one in signals], follow)
+        np.concatenate([row.blocks(values) for row, values in zip(plans, rows, strict=True)])
+        for rows in ([row[0] for row in signals], [row[1] for row in signals], follow)
     ]
     command, position, asked = (np.fft.rfft(block, axis=2) / plan.period for block in blocks)
     lines = plan.lines
-    u, y, r = (one.mean(axis=1) for one in (command, position, asked))
+    u, y, r = (row.mean(axis=1) for row in (command, position, asked))
     value = _ratio(y[:, lines], u[:, lines], r[:, lines])
     hertz = lines * rate_hz / plan.period
     power = np.mean(np.abs(u[:, lines]) ** 2, axis=0)
-    left = y[:, lines] - value * u[:, lines]
+    misfit = y[:, lines] - value * u[:, lines]
     between = position[:, :, lines] - value * command[:, :, lines]
     noise = _pooled(hertz, hertz, _between_periods(between))
     count = u.shape[0]
@@ -96,7 +96,7 @@ def distortion_of(
     # distortion has the plant's shape, noise has not: each is averaged over neighbours where it is smooth
     seen = np.abs(value) ** 2
     if count > 1:
-        each = np.sum(np.abs(left) ** 2, axis=0) / (count - 1.0)
+        each = np.sum(np.abs(misfit) ** 2, axis=0) / (count - 1.0)
         beyond = _pooled(hertz, hertz, (each - _between_periods(between)) / seen) * seen
     else:
         beyond = np.nan_to_num(odd) ** 2
@@ -116,7 +116,7 @@ def distortion_of(
 
 
 def _ratio(position: ComplexArray, command: ComplexArray, asked: ComplexArray) -> ComplexArray:
-    above, below = (np.sum(one * np.conj(asked), axis=0) for one in (position, command))
+    above, below = (np.sum(lines * np.conj(asked), axis=0) for lines in (position, command))
     return np.asarray(above / below)
 
 

@@ -13,15 +13,14 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.likelihood import SpectralFit, eliminated
-from tactuator.identification.lines import Spectrum, equations, join, local_response, spectrum
-from tactuator.identification.loops import dahl_state
+from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
 from tactuator.identification.motor import low_passed, motion_corner
+from tactuator.identification.prepared import Signals
 from tactuator.identification.residual import Residual, record_residual
 from tactuator.identification.spectral_estimate import SpectralEstimate, refitted
 from tactuator.identification.uncertainty import log_slopes
+from tactuator.runtime._core import ffi, lib
 
-Signals = Sequence[tuple[FloatArray, FloatArray]]
-"""Command and position, (n,) each, of every record."""
 _CERTAIN = 100.0
 """Drop of -2 log likelihood by one parameter from which on friction is looked for."""
 _DEVIATIONS = 5.0
@@ -42,13 +41,13 @@ _STILL = 0.05
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """An estimate of records with friction taken off their commands. commands: what is left of them. coulomb, its
+    """An estimate of records with friction taken off their commands. signals: with it. coulomb, its
     standard deviation, and the presliding distance, in the signals' units. shift: what one deviation of the level
     changes in (numerator, theta, dead time). other: the chosen form where friction acts otherwise between samples.
     """
 
     estimate: SpectralEstimate
-    commands: tuple[FloatArray, ...]
+    signals: Signals
     coulomb: float
     deviation: float
     presliding: float
@@ -56,17 +55,29 @@ class FrictionFit:
     other: SpectralFit
 
 
+def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
+    """Return Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit,
+    positive.
+    """
+    x = np.ascontiguousarray(position, dtype=np.float64)
+    friction = ffi.new("tact_friction *", (1.0 / presliding, 1.0 / presliding))
+    state, out = ffi.new("tact_friction_state *", (0.0, float(x[0]))), np.empty(x.size)
+    places = [ffi.cast("double *", ffi.from_buffer(values)) for values in (x, out)]
+    lib.tact_friction_run(friction, state, *places, x.size)
+    return out
+
+
 def friction_shows(residuals: Sequence[Residual]) -> bool:
     """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
-    motion = max(float(np.std(left.simulated)) for left in residuals)
+    motion = max(float(np.std(residual.simulated)) for residual in residuals)
     for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
         size = along = 0.0
-        for left in residuals:
-            state = dahl_state(np.ascontiguousarray(left.simulated), float(presliding))
+        for residual in residuals:
+            state = dahl_state(residual.simulated, float(presliding))
             lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = left.response * lines[1:] * left.weight[1:]
+            pull = residual.response * lines[1:] * residual.weight[1:]
             size += float(np.sum(np.abs(pull) ** 2))
-            along += float(np.sum((np.conj(pull) * left.lines[1:] * left.weight[1:]).real))
+            along += float(np.sum((np.conj(pull) * residual.lines[1:] * residual.weight[1:]).real))
         if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN:
             return True
     return False
@@ -119,19 +130,18 @@ def fit_friction(
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
-    commands = tuple(command for command, _ in level.off(signals))
     deviation = float(np.hypot(np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb))
     beside = replace(level, held=not level.held)
     other = _again(now, beside.off(signals)).chosen.fit
-    return FrictionFit(now, commands, level.coulomb, deviation, level.presliding, -weights * deviation, other)
+    return FrictionFit(now, level.off(signals), level.coulomb, deviation, level.presliding, -weights * deviation, other)
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
-    left, whole = (
+    rest, whole = (
         sum(float(np.sum(np.abs(lines[1:]) ** 2)) for lines in rows)
-        for rows in ([one.lines for one in residuals], [one.taken.position for one in residuals])
+        for rows in ([residual.lines for residual in residuals], [residual.taken.position for residual in residuals])
     )
-    return left / max(whole, 1e-300)
+    return rest / max(whole, 1e-300)
 
 
 def _settled(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
@@ -150,7 +160,7 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
     """Return the estimate with its chosen fit fitted to other signals."""
     before = now.spectra[0]
     spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
-    given = join([equations(taken, 0.0, 0.5 * taken.rate_hz) for taken in spectra])
+    given = equations_of(spectra)
     chosen = refitted(replace(now.chosen, fits={}), given)
     return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
 
@@ -158,9 +168,9 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
 def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
     """Return the motion of every record as the estimate has it, free of noise, (n,) each."""
     paths = []
-    for (_, position), left in zip(signals, now.residuals, strict=True):
-        path, piece = position.copy(), slice(left.taken.shift, left.taken.shift + left.taken.samples)
-        path[piece] = left.simulated + float(position[piece].mean())
+    for (_, position), residual in zip(signals, now.residuals, strict=True):
+        path, piece = position.copy(), slice(residual.taken.shift, residual.taken.shift + residual.taken.samples)
+        path[piece] = residual.simulated + float(position[piece].mean())
         path[piece.stop :] = path[piece.stop - 1]
         paths.append(path)
     return tuple(paths)
@@ -170,7 +180,7 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
     """Return the level that explains most along the estimate's own path; level: what is off its commands already."""
     lines = _FrictionLines(now, level)
     paths = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
-    ways = [_best_along(lines, one, held, level.presliding) for one in paths for held in (False, True)]
+    ways = [_best_along(lines, path, held, level.presliding) for path in paths for held in (False, True)]
     return max(ways, key=lambda way: way[0])[1]
 
 
@@ -211,15 +221,15 @@ class _FrictionLines:
     def __init__(self, now: SpectralEstimate, level: _Level) -> None:
         """Keep what every trial shares; level: what is off the commands of the estimate."""
         states = level.states() if level.coulomb > 0.0 else []
-        fit, own, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
+        fit, columns_of, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
         self._spectra, self._weighted = now.spectra, list[ComplexArray]()
-        for k, (taken, left) in enumerate(zip(now.spectra, now.residuals, strict=True)):
-            weighted = left.response * taken.ahead * left.weight[1:]
+        for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
+            weighted = residual.response * taken.ahead * residual.weight[1:]
             self._weighted.append(weighted)
-            own.append(log_slopes(fit, taken.frequency_hz[1:]) * (weighted * taken.command[1:])[:, None])
+            columns_of.append(log_slopes(fit, taken.frequency_hz[1:]) * (weighted * taken.command[1:])[:, None])
             taken_off = weighted * _lines(level.coulomb * states[k], taken) if states else 0.0
-            rest.append(left.lines[1:] * left.weight[1:] - taken_off)
-        columns = np.concatenate(own)
+            rest.append(residual.lines[1:] * residual.weight[1:] - taken_off)
+        columns = np.concatenate(columns_of)
         rows = np.zeros((columns.shape[1] + 2, columns.shape[0]), dtype=np.complex128)
         rows[:-2], rows[-1] = columns.T, np.concatenate(rest)
         self._rows = rows
@@ -232,8 +242,8 @@ class _FrictionLines:
         parts = zip(self._weighted, states, self._spectra, strict=True)
         self._rows[-2] = np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts])
         real = self._rows.view(np.float64)
-        weights, left = eliminated(real @ real.T, self._rows.shape[0] - 2)
-        power, along = float(left[0, 0]), float(left[0, 1])
+        weights, rest = eliminated(real @ real.T, self._rows.shape[0] - 2)
+        power, along = float(rest[0, 0]), float(rest[0, 1])
         if not along > 0.0 or not power > 0.0:
             return 0.0, 0.0, 0.0, weights[:, 0]
         return along**2 / power, along / power, power, weights[:, 0]
@@ -252,8 +262,8 @@ def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | N
     rate_hz = bare.spectra[0].rate_hz
 
     def misfit(at: Signals) -> float:
-        local = [local_response(spectrum(*one, rate_hz), 0.47 * rate_hz) for one in at]
-        return sum(2.0 * float(one.lines @ np.log(np.maximum(one.noise, 1e-300))) for one in local)
+        local = [local_response(spectrum(*pair, rate_hz), 0.47 * rate_hz) for pair in at]
+        return sum(2.0 * float(pair.lines @ np.log(np.maximum(pair.noise, 1e-300))) for pair in local)
 
     best, least = None, misfit(signals) - _CERTAIN
     paths = _measured_paths(signals, rate_hz)

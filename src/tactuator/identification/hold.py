@@ -68,9 +68,9 @@ class Grid:
         """Return the same lines in another scale of time, under a hold; what depends on neither is not worked out
         again.
         """
-        made = replace(self, scale_rad_s=scale_rad_s, hold=hold)
-        made.__dict__.update(back=self.back, step=self.step)
-        return made
+        grid = replace(self, scale_rad_s=scale_rad_s, hold=hold)
+        grid.__dict__.update(back=self.back, step=self.step)
+        return grid
 
     @cached_property
     def _powers(self) -> dict[float, ComplexArray]:
@@ -110,11 +110,11 @@ def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, ru
         return np.asarray(numerator_values(rungs, grid.s, form) * (grid.late(delay) / under)[:, None])
     poles = separated(all_poles(theta, form))
     slope = _slopes_at(poles)
-    made = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
+    columns = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
     if form.zeros == form.poles:
         whole, part = divmod(delay / grid.period - grid.shift, 1.0)
-        made[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
-    return np.asarray(made)
+        columns[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
+    return np.asarray(columns)
 
 
 def _slopes_at(poles: ComplexArray) -> ComplexArray:
@@ -168,14 +168,14 @@ def held_slopes(
     decays = grid.decays(poles)
     answer = (now + before * back) * decays
     slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) * decays
-    made = answer @ turned + slope @ shifted
+    slopes = answer @ turned + slope @ shifted
     if form.dead_time:
         later = np.exp(_bounded(poles * period)) - poles * before
-        made = np.hstack([made, ((later * back - np.exp(_bounded(poles * rest))) * decays) @ here[:, None]])
-    made = made * grid.back_by(whole + 1.0)[:, None]
+        slopes = np.hstack([slopes, ((later * back - np.exp(_bounded(poles * rest))) * decays) @ here[:, None]])
+    slopes = slopes * grid.back_by(whole + 1.0)[:, None]
     if form.dead_time and form.zeros == form.poles:
-        made[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
-    return np.asarray(made)
+        slopes[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
+    return np.asarray(slopes)
 
 
 def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> ComplexArray:
@@ -212,27 +212,27 @@ def edge_columns(grid: Grid) -> ComplexArray:
 
     The coefficients are real.
     """
-    made = [grid.back ** float(k) for k in range(-_EDGE, _EDGE + 1)]
-    return np.stack([*made, 1.0 / grid.step], axis=1)
+    columns = [grid.back ** float(k) for k in range(-_EDGE, _EDGE + 1)]
+    return np.stack([*columns, 1.0 / grid.step], axis=1)
 
 
 def edge_lines(weights: FloatArray, samples: int) -> ComplexArray:
     """Return the sum of `edge_columns` with weights (k,) on all lines of a record, (samples // 2 + 1,)."""
-    made = weights[-1] * (1.0 - np.arange(1.0, samples + 1.0) / samples)
+    edges = weights[-1] * (1.0 - np.arange(1.0, samples + 1.0) / samples)
     for k, weight in zip(range(-_EDGE, _EDGE + 1), weights[:-1], strict=True):
-        made[k % samples] += weight
-    return np.asarray(np.fft.rfft(made))
+        edges[k % samples] += weight
+    return np.asarray(np.fft.rfft(edges))
 
 
 def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))
     lines = grid.decays(poles)
-    made: list[ComplexArray] = []
+    columns: list[ComplexArray] = []
     for k in np.flatnonzero(poles.imag >= -1e-14):
         if poles[k].imag > 1e-14:
             other = lines[:, np.argmin(np.abs(poles - np.conj(poles[k])))]
-            made += [lines[:, k] + other, 1j * (lines[:, k] - other)]
+            columns += [lines[:, k] + other, 1j * (lines[:, k] - other)]
         else:
-            made.append(lines[:, k])
-    return np.stack(made, axis=1)
+            columns.append(lines[:, k])
+    return np.stack(columns, axis=1)

@@ -14,11 +14,11 @@ from tactuator.identification.asked import Asked
 from tactuator.identification.by_spectrum import identification
 from tactuator.identification.distortion import Distortion, distortion_of
 from tactuator.identification.form import Known
-from tactuator.identification.friction import Signals, fit_friction
+from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.motor import motor_identification
-from tactuator.identification.prepared import Prepared, prepared
+from tactuator.identification.prepared import Prepared, Signals, prepared
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import BetweenSamples, Identification
@@ -33,14 +33,14 @@ _NONE = 1e-6
 
 def plans_of(common: Prepared) -> tuple[Periods, ...] | None:
     """Return the plan of every record, or None where one has none, too few lines, or another than the first."""
-    made = [periods_of(one.about, one.command.size) for one in common.records]
-    plans = tuple(one for one in made if one is not None)
-    if len(plans) < len(made) or plans[0].lines.size < _FEWEST_LINES:
+    listed = [periods_of(plan.about, plan.command.size) for plan in common.records]
+    plans = tuple(plan for plan in listed if plan is not None)
+    if len(plans) < len(listed) or plans[0].lines.size < _FEWEST_LINES:
         return None
     first = plans[0]
     alike = all(
-        (one.period, one.repeats) == (first.period, first.repeats) and np.array_equal(one.lines, first.lines)
-        for one in plans
+        (plan.period, plan.repeats) == (first.period, first.repeats) and np.array_equal(plan.lines, first.lines)
+        for plan in plans
     )
     return plans if alike else None
 
@@ -63,10 +63,11 @@ def identify_periods(
     ones = np.ones(seen.frequency_hz.size)
     noise = seen.total**2 / np.maximum(len(plans) * plans[0].realisations, 1)
     local = LocalResponse(seen.frequency_hz, seen.value, seen.variance, noise, ones, ones)
-    found = estimate_lines(local, common.signals, common.rate_hz, holds, known, note)
-    residuals = tuple(residual_of_record(found.chosen.fit, taken) for taken in found.spectra)
+    estimated = estimate_lines(local, common.signals, common.rate_hz, holds, known, note)
+    fit = estimated.chosen.fit
+    residuals = tuple(residual_of_record(fit, taken, 0.5 * taken.rate_hz) for taken in estimated.spectra)
     common = replace(common, remarks=(*common.remarks, *_remarks(seen)))
-    return identification(common, found, source, residuals, seen.scaled(common.gain))
+    return identification(common, estimated, source, residuals, seen.scaled(common.gain))
 
 
 def _remarks(seen: Distortion) -> tuple[str, ...]:
@@ -98,19 +99,19 @@ _SHORT = 1.1
 """Ratio of its ends below which a range of frequency is none."""
 
 
-def distrusted(found: Identification, common: Prepared) -> Identification:
+def distrusted(result: Identification, common: Prepared) -> Identification:
     """Return the identification with the reasons, if any, for which its model must not be designed with."""
-    model, record = found.model, common.records[0]
-    reasons = list(found.distrust)
+    model, record = result.model, common.records[0]
+    reasons = list(result.distrust)
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
     unstable = bool(np.any(poles.real > 1e-6 * size))
-    if unstable and found.tests.feedback is not True:
+    if unstable and result.tests.feedback is not True:
         reasons.append("the model is not stable, though the record stays bounded and no feedback can be seen in it")
-    sections = [one.fixed.section for one in found.fixed if one.fixed.section]
-    known = np.concatenate([np.roots([1.0, *one]) for one in sections]) if sections else np.zeros(0)
-    own = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
-    fastest = float(np.max(np.abs(own), initial=0.0)) / (2.0 * np.pi)
+    sections = [value.fixed.section for value in result.fixed if value.fixed.section]
+    known = np.concatenate([np.roots([1.0, *value]) for value in sections]) if sections else np.zeros(0)
+    unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
+    fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
     if fastest > 0.5 * record.rate_hz:
         reasons.append(
             f"a pole at {fastest:.3g} Hz lies beyond half the rate ({0.5 * record.rate_hz:.6g} Hz), where the record "
@@ -123,26 +124,26 @@ def distrusted(found: Identification, common: Prepared) -> Identification:
             reasons.append(f"the band is {float(np.max(band)):.3g} dB wide inside the record's own excitation")
     if model.valid_hz is not None and model.valid_hz[1] < _SHORT * model.valid_hz[0]:
         reasons.append("the band is nowhere narrower than 3 dB and 20 degrees")
-    if found.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
+    if result.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
         reasons.append("the model explains next to nothing of the position")
-    missed = found.tests.unexplained * (1.0 - found.fit_percent / 100.0) ** 2
-    if model.method == "rls" and found.tests.uncorrelated_p < _CHANCE and missed > _MISSED:
+    missed = result.tests.unexplained * (1.0 - result.fit_percent / 100.0) ** 2
+    if model.method == "rls" and result.tests.uncorrelated_p < _CHANCE and missed > _MISSED:
         reasons.append(
             f"{100.0 * missed:.2g} % of the position's power follow the command and not the model: a dead time, more "
             "poles, or sensor noise, which least squares has no place for (--method refined has)"
         )
-    friction = found.friction
-    if friction is not None and friction.presliding is None and not found.tests.uncorrelated_with_input:
-        left = 1.0 - found.fit_percent / 100.0
-        if left * float(np.std(record.command)) > _RULED * friction.coulomb or friction.confidence > friction.coulomb:
+    friction = result.friction
+    if friction is not None and friction.presliding is None and not result.tests.uncorrelated_with_input:
+        rest = 1.0 - result.fit_percent / 100.0
+        if rest * float(np.std(record.command)) > _RULED * friction.coulomb or friction.confidence > friction.coulomb:
             reasons.append(
-                f"friction rules the record: it builds up between two samples, {100.0 * left:.2g} % of the position's "
+                f"friction rules the record: it builds up between two samples, {100.0 * rest:.2g} % of the position's "
                 "size is left over, and how large it is cannot be told; a stronger command or a higher rate shows more"
             )
-    remarks = list(found.remarks)
-    if unstable and found.tests.feedback is True:
+    remarks = list(result.remarks)
+    if unstable and result.tests.feedback is True:
         remarks.append("the model is not stable (the record was made in a closed loop)")
-    return replace(found, distrust=tuple(reasons), remarks=tuple(r for r in remarks if r != "the model is not stable"))
+    return replace(result, distrust=tuple(reasons), remarks=tuple(r for r in remarks if r != "the model is not stable"))
 
 
 def identify(

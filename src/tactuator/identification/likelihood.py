@@ -87,8 +87,8 @@ class SpectralProblem:
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
         rungs = ladder(theta, form)
-        own = response_columns(self.grid, theta, delay, form, rungs)
-        parts, goal = [self.given.response_of(own)], self.given.goal
+        response = response_columns(self.grid, theta, delay, form, rungs)
+        parts, goal = [self.given.response_of(response)], self.given.goal
         if form.pins:
             foot, basis = weights_left(theta, form, rungs)
             goal, parts = goal - parts[0] @ foot, [parts[0] @ basis]
@@ -100,12 +100,12 @@ class SpectralProblem:
         if not np.all(np.isfinite(products)):
             return None
         turning = turning_of(products[:-1, :-1])
-        solution, left = eliminated(products, rows.shape[0] - 1, turning)
+        solution, rest = eliminated(products, rows.shape[0] - 1, turning)
         weights = solution[: parts[0].shape[1], 0]
         if form.pins:
             weights = foot + basis @ weights
-        cost = float(max(left[0, 0], 0.0))
-        return _Point(form, theta, delay, weights, rungs, own @ weights, rows, along, products, turning, cost)
+        cost = float(max(rest[0, 0], 0.0))
+        return _Point(form, theta, delay, weights, rungs, response @ weights, rows, along, products, turning, cost)
 
     def products(self, rows: FloatArray) -> FloatArray:
         """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
@@ -113,18 +113,18 @@ class SpectralProblem:
 
     def _along(self, rows: FloatArray) -> FloatArray:
         """Return the parts of weighted real rows (k, 2 e) along what the records' ends may add, (k, j)."""
-        made = [rows[:, piece] @ basis.T for piece, basis in self._edges]
-        return np.hstack([np.zeros((rows.shape[0], 0)), *made]) if len(made) != 1 else made[0]
+        parts = [rows[:, piece] @ basis.T for piece, basis in self._edges]
+        return np.hstack([np.zeros((rows.shape[0], 0)), *parts]) if len(parts) != 1 else parts[0]
 
-    def _less_ends(self, made: FloatArray, along: FloatArray) -> FloatArray:
+    def _less_ends(self, products: FloatArray, along: FloatArray) -> FloatArray:
         """Take the parts `along` the ends off products (k, k); columns of which nothing is left become zero."""
-        size = made.diagonal().copy()
-        made -= along @ along.T
-        lost = made.diagonal() < _LOST * size
+        size = products.diagonal().copy()
+        products -= along @ along.T
+        lost = products.diagonal() < _LOST * size
         if lost.any():
-            made[lost, :] = 0.0
-            made[:, lost] = 0.0
-        return np.asarray(made)
+            products[lost, :] = 0.0
+            products[:, lost] = 0.0
+        return np.asarray(products)
 
     def weighted(self, columns: ComplexArray) -> FloatArray:
         """Return complex columns (e, k), weighted, as real rows (k, 2 e)."""
@@ -132,33 +132,33 @@ class SpectralProblem:
 
     def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
         """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
-        made = np.empty((sum(one.shape[1] for one in parts), self.weight.size), dtype=np.complex128)
+        rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
         begin = 0
-        for one in parts:
-            np.multiply(one.T, self.weight, out=made[begin : begin + one.shape[1]])
-            begin += one.shape[1]
-        return made.view(np.float64)
+        for part in parts:
+            np.multiply(part.T, self.weight, out=rows[begin : begin + part.shape[1]])
+            begin += part.shape[1]
+        return rows.view(np.float64)
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:
         """Return where each record's equations are, and an orthonormal basis (k, 2 e) of what its ends may add."""
-        made: list[tuple[slice, FloatArray]] = []
+        bases: list[tuple[slice, FloatArray]] = []
         if not self.with_transient:
-            return made
+            return bases
         for part, piece in zip(self.given.parts, equation_slices(self.given), strict=True):
             grid = replace(self.grid, frequency_hz=part.frequency_hz)
             columns = part.transient_of(edge_columns(grid)) * self.weight[piece, None]
             rows = np.ascontiguousarray(columns.T).view(np.float64)
-            made.append((slice(2 * piece.start, 2 * piece.stop), orthonormal(rows)))
-        return made
+            bases.append((slice(2 * piece.start, 2 * piece.stop), orthonormal(rows)))
+        return bases
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
-        made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
+        bent = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
         if at.form.pins:
-            own = response_columns(self.grid, at.theta, at.delay, at.form, at.rungs)
-            made = np.hstack([own, made]) @ self._nonlinear(at)
-        return self.weighted(self.given.response_of(made))
+            linear = response_columns(self.grid, at.theta, at.delay, at.form, at.rungs)
+            bent = np.hstack([linear, bent]) @ self._nonlinear(at)
+        return self.weighted(self.given.response_of(bent))
 
     def _nonlinear(self, at: _Point) -> FloatArray:
         """Return what of the freedom at a point bends the response: all of it but the numerator's own."""
@@ -214,10 +214,10 @@ class SpectralProblem:
         if not np.all(np.isfinite(slopes)):
             return None, damping
         linear = now.rows.shape[0] - 1
-        _, left = eliminated(self._products_with(now, slopes), linear, now.turning)
-        size = np.sqrt(np.maximum(np.diag(left)[1:], 0.0))
+        _, rest = eliminated(self._products_with(now, slopes), linear, now.turning)
+        size = np.sqrt(np.maximum(np.diag(rest)[1:], 0.0))
         size[size == 0.0] = 1.0
-        gram, downhill = left[1:, 1:] / np.outer(size, size), left[1:, 0] / size
+        gram, downhill = rest[1:, 1:] / np.outer(size, size), rest[1:, 0] / size
         for _ in range(8):
             scaled = np.linalg.solve(gram + damping * np.eye(size.size), downhill)
             if not float(scaled @ downhill) >= least:
@@ -242,23 +242,23 @@ class SpectralProblem:
     def _products_with(self, now: _Point, slopes: FloatArray) -> FloatArray:
         """Return the products of (linear columns, goal, slopes), those of the first two as they are known."""
         before, more = now.rows.shape[0], slopes.shape[0]
-        made = np.empty((before + more, before + more))
-        made[:before, :before] = now.products
+        products = np.empty((before + more, before + more))
+        products[:before, :before] = now.products
         along = self._along(slopes)
-        made[:before, before:] = now.rows @ slopes.T - now.along @ along.T
-        made[before:, :before] = made[:before, before:].T
-        made[before:, before:] = slopes @ slopes.T - along @ along.T
-        return made
+        products[:before, before:] = now.rows @ slopes.T - now.along @ along.T
+        products[before:, :before] = products[:before, before:].T
+        products[before:, before:] = slopes @ slopes.T - along @ along.T
+        return products
 
     def residual(self, fit: SpectralFit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
-        own = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator
-        left = self.given.goal - self.given.response_of(own[:, None])[:, 0]
+        response = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator
+        rest = self.given.goal - self.given.response_of(response[:, None])[:, 0]
         if not self.with_transient:
-            return np.asarray(left)
+            return np.asarray(rest)
         columns = self.given.transient_of(beside_columns(self.grid, fit.theta, fit.form))
-        solution = fitted_beside(columns, left, self.weight)
-        return np.asarray(left - columns @ solution)
+        solution = fitted_beside(columns, rest, self.weight)
+        return np.asarray(rest - columns @ solution)
 
     def with_weight(self, weight: FloatArray) -> SpectralProblem:
         """Return the same equations, weighted otherwise."""
@@ -305,24 +305,24 @@ def nonlinear_slopes(
     """
     here = response_columns(grid, theta, delay, form, rungs) @ numerator if response is None else response
     if grid.hold == "band-limited":
-        made = []
+        slopes = []
         for section in section_list(theta, form):
             pulled = -here / monic_values(section, grid.s)
-            made += [pulled * grid.s] * (section.size == 3) + [pulled]
-        made += [-grid.s * here] * form.dead_time
-        return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
+            slopes += [pulled * grid.s] * (section.size == 3) + [pulled]
+        slopes += [-grid.s * here] * form.dead_time
+        return np.stack(slopes, axis=1) if slopes else np.zeros((grid.s.size, 0), dtype=np.complex128)
     steps = np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
     smooth = held_slopes(grid, theta, delay, form, rungs, numerator, steps) if grid.hold == "zero-order" else None
     if smooth is not None:
         return smooth
-    made = []
+    slopes = []
     for step in np.diag(steps):
         moved = response_columns(grid, theta + step, delay, form, rungs) @ numerator
-        made.append((moved - here) / step.sum())
+        slopes.append((moved - here) / step.sum())
     if form.dead_time:
         late = 1e-6 * grid.period
-        made.append((response_columns(grid, theta, delay + late, form, rungs) @ numerator - here) / late)
-    return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
+        slopes.append((response_columns(grid, theta, delay + late, form, rungs) @ numerator - here) / late)
+    return np.stack(slopes, axis=1) if slopes else np.zeros((grid.s.size, 0), dtype=np.complex128)
 
 
 def _size(theta: FloatArray, form: Form, j: int) -> float:
@@ -384,10 +384,10 @@ def turning_of(products: FloatArray) -> FloatArray:
 def orthonormal(rows: FloatArray) -> FloatArray:
     """Return an orthonormal basis (j, n) of the rows (k, n), but for directions that are lost in rounding."""
     size = np.linalg.norm(rows, axis=1)
-    made = rows / np.where(size > 0.0, size, 1.0)[:, None]
+    basis = rows / np.where(size > 0.0, size, 1.0)[:, None]
     # the second round takes away what the first one's rounding left
     for _ in range(2):
-        values, vectors = np.linalg.eigh(made @ made.T)
+        values, vectors = np.linalg.eigh(basis @ basis.T)
         kept = values > 1e-11 * max(float(values[-1]), 1e-300)
-        made = (vectors[:, kept] / np.sqrt(values[kept])).T @ made
-    return np.asarray(made)
+        basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ basis
+    return np.asarray(basis)

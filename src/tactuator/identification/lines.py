@@ -13,7 +13,7 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -79,7 +79,7 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
         count = int(fft.prev_fast_len(count, real=True))
     late, early = position[shift : shift + count], command[:count]
     root = np.sqrt(late.size)
-    lines = [np.fft.rfft(one - one.mean()) / root for one in (early, late)]
+    lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]
     return Spectrum(lines[0], lines[1], rate_hz, late.size, shift)
 
 
@@ -160,24 +160,23 @@ def band_edges(
     taken: Spectrum, first: int, last: int, share: float, fewest: int, widest: float = _WIDEST
 ) -> list[tuple[int, int]]:
     """Return (begin, end) of bands over lines first .. last - 1, `share` of their frequency wide, `fewest` lines."""
-    made, k = [], first
+    bands, k = [], first
     while k < last:
         width = max(fewest, int(min(share * k, widest * taken.samples)))
         end = min(k + width, last)
-        made.append((k, last if last - end < fewest else end))
-        k = made[-1][1]
-    return made
+        bands.append((k, last if last - end < fewest else end))
+        k = bands[-1][1]
+    return bands
 
 
-def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.01) -> Equations:
-    """Return the equations of the lines between low_hz and high_hz, in bands `share` of their frequency wide."""
-    first = max(1, int(np.ceil(low_hz / taken.spacing_hz - 1e-9)))
-    last = min(int(np.floor(high_hz / taken.spacing_hz + 1e-9)) + 1, (taken.samples + 1) // 2)
+def equations(taken: Spectrum) -> Equations:
+    """Return the equations of the lines below half the rate, in bands a hundredth of their frequency wide."""
+    last = min(int(np.floor(0.5 * taken.rate_hz / taken.spacing_hz + 1e-9)) + 1, (taken.samples + 1) // 2)
     singles: list[tuple[int, int]] = []
     bands: list[tuple[int, int]] = []
-    for begin, end in band_edges(taken, first, last, share, _FEWEST, _WIDEST_TURNED_BACK):
+    for begin, end in band_edges(taken, 1, last, 0.01, _FEWEST, _WIDEST_TURNED_BACK):
         (bands if end - begin > _FEWEST + NODES else singles).append((begin, end))
-    kept = np.concatenate([np.arange(*one) for one in singles] or [np.zeros(0, dtype=np.int64)])
+    kept = np.concatenate([np.arange(*single) for single in singles] or [np.zeros(0, dtype=np.int64)])
     count = len(bands)
     by_response = np.zeros((count, 2 * NODES, NODES), dtype=np.complex128)
     by_transient, by_goal = np.zeros_like(by_response), np.zeros((count, 2 * NODES), dtype=np.complex128)
@@ -201,12 +200,12 @@ def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.0
 
 def _lagrange(place: FloatArray) -> FloatArray:
     """Return the polynomials that are one at one node and zero at the others, (n, NODES), over -1 .. 1."""
-    made = np.ones((place.size, NODES))
+    basis = np.ones((place.size, NODES))
     for a in range(NODES):
         for b in range(NODES):
             if a != b:
-                made[:, a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
-    return made
+                basis[:, a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
+    return basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,13 +228,13 @@ class LocalResponse:
         )  # fmt: skip
 
 
-def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest: int = 13) -> LocalResponse:
-    """Return the local polynomial estimate in bands `share` of their frequency wide, at least `fewest` lines; the
-    position's shift is put back into the response.
+def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
+    """Return the local polynomial estimate in bands 2 % of their frequency wide, at least 13 lines; the position's
+    shift is put back into the response.
     """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
     rows = []
-    for begin, end in band_edges(taken, 2, last, share, fewest):
+    for begin, end in band_edges(taken, 2, last, 0.02, 13):
         if end - begin < 2 * NODES + 2:
             continue
         middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
@@ -271,17 +270,17 @@ class JoinedEquations:
     @cached_property
     def frequency_hz(self) -> FloatArray:
         """Return where responses are wanted, (m,): each part's frequencies in turn."""
-        return np.concatenate([one.frequency_hz for one in self.parts])
+        return np.concatenate([part.frequency_hz for part in self.parts])
 
     @cached_property
     def goal(self) -> ComplexArray:
         """Return the left sides, (e,)."""
-        return np.concatenate([one.goal for one in self.parts])
+        return np.concatenate([part.goal for part in self.parts])
 
     @cached_property
     def of_hz(self) -> FloatArray:
         """Return the frequency of each equation, (e,)."""
-        return np.concatenate([one.of_hz for one in self.parts])
+        return np.concatenate([part.of_hz for part in self.parts])
 
     @property
     def rate_hz(self) -> float:
@@ -296,22 +295,22 @@ class JoinedEquations:
     @property
     def total(self) -> int:
         """Return the number of real equations that the records give."""
-        return sum(one.total for one in self.parts)
+        return sum(part.total for part in self.parts)
 
     def response_of(self, values: NDArray[Any]) -> ComplexArray:
         """Return the equations' right sides for responses (m, c): (e, c)."""
         return np.concatenate(
-            [one.response_of(values[piece]) for one, piece in zip(self.parts, self._pieces, strict=True)]
+            [part.response_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
         )
 
     def transient_of(self, values: NDArray[Any]) -> ComplexArray:
         """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
-        blocks = [one.transient_of(values[piece]) for one, piece in zip(self.parts, self._pieces, strict=True)]
+        blocks = [part.transient_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
         return np.asarray(linalg.block_diag(*blocks))
 
     @cached_property
     def _pieces(self) -> list[slice]:
-        return slices([one.frequency_hz.size for one in self.parts])
+        return slices([part.frequency_hz.size for part in self.parts])
 
 
 def slices(sizes: Sequence[int]) -> list[slice]:
@@ -322,21 +321,22 @@ def slices(sizes: Sequence[int]) -> list[slice]:
 
 def equation_slices(given: Equations | JoinedEquations) -> list[slice]:
     """Return the equations of each record among all of them."""
-    return slices([one.goal.size for one in given.parts])
+    return slices([part.goal.size for part in given.parts])
 
 
-def join(parts: Sequence[Equations]) -> Equations | JoinedEquations:
+def equations_of(spectra: Iterable[Spectrum]) -> Equations | JoinedEquations:
     """Return the equations of all records; of one alone its own."""
-    return parts[0] if len(parts) == 1 else JoinedEquations(tuple(parts))
+    parts = tuple(equations(taken) for taken in spectra)
+    return parts[0] if len(parts) == 1 else JoinedEquations(parts)
 
 
 def join_local(parts: Sequence[LocalResponse]) -> LocalResponse:
     """Return the points of all records by frequency."""
     if len(parts) == 1:
         return parts[0]
-    order = np.argsort(np.concatenate([one.frequency_hz for one in parts]), kind="stable")
+    order = np.argsort(np.concatenate([part.frequency_hz for part in parts]), kind="stable")
     names = ("frequency_hz", "value", "variance", "noise", "excitation", "lines")
-    columns = (np.concatenate([getattr(one, name) for one in parts])[order] for name in names)
+    columns = (np.concatenate([getattr(part, name) for part in parts])[order] for name in names)
     return LocalResponse(*columns)
 
 
@@ -377,5 +377,5 @@ def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_
     record is its own.
     """
     pieces = zip(given.parts, equation_slices(given), strict=True)
-    by_equation = np.concatenate([noise_power(one, residual[piece])[0] for one, piece in pieces])
+    by_equation = np.concatenate([noise_power(part, residual[piece])[0] for part, piece in pieces])
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.prepared import Prepared, usual_band
+from tactuator.identification.prepared import Prepared
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Friction, Identification
-from tactuator.model.plant_model import PlantModel
 
 _SLOW = 0.2
 """Share of the velocity's deviation below which a motor may stick."""
@@ -34,18 +33,13 @@ _HOPELESS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Motor:
-    """A motor without a spring. gain: acceleration for a unit command; damping: viscous over mass, 1/s; coulomb,
-    offset: in units of command.
-
-    covariance: of these four, (4, 4). unexplained: share of the low-passed command's power that is left; spring: share
-    of its deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
-    corner_hz: of the low-pass filter.
+    """A motor without a spring. theta: acceleration for a unit command; viscous damping over mass, 1/s; Coulomb level
+    and offset in units of command; (4,), with their covariance. unexplained: share of the low-passed command's power
+    that is left; spring: share of its deviation that a spring would explain, with its t value. predicted, commanded:
+    low-passed command, (k,). corner_hz: of the low-pass filter.
     """
 
-    gain: float
-    damping: float
-    coulomb: float
-    offset: float
+    theta: FloatArray
     covariance: FloatArray
     unexplained: float
     spring: float
@@ -61,18 +55,13 @@ def motor_estimate(command: FloatArray, position: FloatArray, rate_hz: float, *,
     The confidence holds what another corner of the low-pass filter changes.
     """
     corner = 0.7 * motion_corner(position, rate_hz)
-    found = _estimate(command, position, rate_hz, corner, is_held)
-    if found is None or found.unexplained > _HOPELESS:
-        return found
+    motor = _estimate(command, position, rate_hz, corner, is_held)
+    if motor is None or motor.unexplained > _HOPELESS:
+        return motor
     other = _estimate(command, position, rate_hz, 0.7 * corner, is_held)
     if other is None:
         return None
-    change = np.array([getattr(found, name) - getattr(other, name) for name in _NAMES])
-    found.covariance[...] += np.diag(change**2)
-    return found
-
-
-_NAMES = ("gain", "damping", "coulomb", "offset")
+    return replace(motor, covariance=motor.covariance + np.diag((motor.theta - other.theta) ** 2))
 
 
 def motion_corner(position: FloatArray, rate_hz: float) -> float:
@@ -93,7 +82,7 @@ def _estimate(command: FloatArray, position: FloatArray, rate_hz: float, corner:
     if chosen.size < _FEWEST:
         return None
     columns, place = everything[chosen], low_passed(position, rate_hz, corner, 0)[chosen]
-    theta, left, covariance = _regress(columns, goal[chosen])
+    theta, rest, covariance = _regress(columns, goal[chosen])
     spring, _, spread = _regress(np.column_stack([columns, place]), goal[chosen])
     total = float(np.var(goal[chosen]))
     if theta[0] == 0.0 or total == 0.0:
@@ -104,15 +93,12 @@ def _estimate(command: FloatArray, position: FloatArray, rate_hz: float, corner:
     slopes[1, 0] = -theta[1] * gain**2
     share = abs(float(spring[4])) * float(np.std(place)) / np.sqrt(total)
     return Motor(
-        gain=float(gain),
-        damping=float(theta[1] * gain),
-        coulomb=float(theta[2]),
-        offset=float(theta[3]),
+        theta=np.array([gain, theta[1] * gain, theta[2], theta[3]]),
         covariance=slopes @ covariance @ slopes.T,
-        unexplained=float(np.var(left)) / total,
+        unexplained=float(np.var(rest)) / total,
         spring=share,
         spring_t=abs(float(spring[4])) / float(np.sqrt(max(spread[4, 4], 1e-300))),
-        predicted=goal[chosen] - left,
+        predicted=goal[chosen] - rest,
         commanded=goal[chosen],
         corner_hz=corner,
     )
@@ -123,7 +109,7 @@ def motor_prediction(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the low-passed command of a record (n,) while it moves, and what theta predicts of it, each (k,).
 
-    theta: gain, damping, coulomb, offset as in `Motor`.
+    theta: as in `Motor`.
     """
     columns, goal, chosen = _equation(command, position, rate_hz, corner, is_held)
     gain, damping, coulomb, offset = theta
@@ -170,8 +156,8 @@ def _derivatives(values: FloatArray, rate_hz: float, corner: float) -> tuple[Flo
     """Return the second and the first derivative of the low-passed values, (n,) each."""
     lines, s, size = _passed_lines(values, rate_hz, corner, even=False)
     begin = (size - values.size) // 2
-    made = [np.fft.irfft(lines * s**order, size)[begin : begin + values.size] for order in (2, 1)]
-    return made[0], made[1]
+    derivatives = [np.fft.irfft(lines * s**order, size)[begin : begin + values.size] for order in (2, 1)]
+    return derivatives[0], derivatives[1]
 
 
 def _passed_lines(
@@ -198,14 +184,14 @@ def _regress(columns: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatAr
     size[size == 0.0] = 1.0
     scaled = columns / size
     theta = np.linalg.lstsq(scaled, goal, rcond=1e-12)[0]
-    left = goal - scaled @ theta
-    scores = scaled * left[:, None]
+    rest = goal - scaled @ theta
+    scores = scaled * rest[:, None]
     middle = scores.T @ scores
     for lag in range(1, _LAGS + 1):
         cross = scores[lag:].T @ scores[:-lag]
         middle += (1.0 - lag / (_LAGS + 1.0)) * (cross + cross.T)
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
-    return theta / size, left, inverse @ middle @ inverse / np.outer(size, size)
+    return theta / size, rest, inverse @ middle @ inverse / np.outer(size, size)
 
 
 _RULES = 0.1
@@ -222,36 +208,35 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
     """
     record = common.records[0]
     motor = motor_estimate(record.command, record.position, record.rate_hz, is_held=between.hold != "band-limited")
-    if motor is None or not _is_motor(motor):
+    if motor is None:
         return None
-    errors = 1.959964 * np.sqrt(np.diag(motor.covariance))
-    covariance = np.zeros((4, 4))
+    gain, damping, coulomb, offset = motor.theta.tolist()
+    errors = np.sqrt(np.diag(motor.covariance))
+    rules = coulomb > _RULES * float(np.std(motor.commanded)) and coulomb > _CERTAIN * errors[2]
+    known = abs(gain) > _CERTAIN * errors[0] and damping > -3.0 * errors[1]
+    free = motor.spring < _SPRING or motor.spring_t < 5.0
+    if not (rules and known and free and motor.unexplained < _UNEXPLAINED):
+        return None
+    errors, covariance = 1.959964 * errors, np.zeros((4, 4))
     covariance[:2, :2] = motor.covariance[:2, :2]
-    friction = Friction(
-        motor.coulomb, float(errors[2]), 1e-3 * float(np.std(record.position)), motor.offset, float(errors[3])
-    )
-    model = PlantModel(
-        num=np.array([motor.gain]),
-        den=np.array([1.0, motor.damping, 0.0]),
-        delay_s=0.0,
-        covariance=covariance,
-        band_hz=usual_band(record),
-        quantity=common.asked.quantity,
-        command_unit=record.command_unit,
-        position_unit=record.position_unit,
+    short = 1e-3 * float(np.std(record.position))
+    friction = Friction(coulomb, float(errors[2]), short, offset, float(errors[3]))
+    model = common.model(
+        np.array([gain]),
+        np.array([1.0, damping, 0.0]),
+        covariance,
         method="inverse dynamics",
-        record=common.source(),
-        friction=friction.stated | {"offset": friction.offset},
+        friction=friction.stated | {"offset": offset},
         valid_hz=(1.0 / record.duration_s, motor.corner_hz),
     )
-    left = motor.commanded - motor.predicted
+    rest = motor.commanded - motor.predicted
     spread = float(np.linalg.norm(motor.commanded - motor.commanded.mean()))
     return Identification(
         model=model,
         order=2,
         excitation=replace(common.excitation, needed=4),
         tests=ResidualTests(float("nan"), float("nan"), motor.unexplained, feedback=None),
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(left)) / spread),
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(rest)) / spread),
         friction=friction,
         tried=(),
         empirical=common.own_response,
@@ -264,11 +249,3 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
         ),
         between=between,
     )
-
-
-def _is_motor(motor: Motor) -> bool:
-    errors = np.sqrt(np.diag(motor.covariance))
-    rules = motor.coulomb > _RULES * float(np.std(motor.commanded)) and motor.coulomb > _CERTAIN * errors[2]
-    known = abs(motor.gain) > _CERTAIN * errors[0] and motor.damping > -3.0 * errors[1]
-    free = motor.spring < _SPRING or motor.spring_t < 5.0
-    return bool(rules and known and free and motor.unexplained < _UNEXPLAINED)

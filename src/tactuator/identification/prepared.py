@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.identification.lines import Spectrum, spectrum
+from tactuator.identification.lines import Spectrum
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 
@@ -148,11 +148,8 @@ def empirical_response(
     command: FloatArray,
     position: FloatArray,
     rate_hz: float,
-    *,
-    bands_per_decade: int = 20,
-    high_hz: float | None = None,
 ) -> EmpiricalResponse:
-    """Return the response in bands even in log frequency from 3 lines above zero up to high_hz (default 0.45 rate), 5
+    """Return the response in bands even in log frequency, 20 to a decade, from 3 lines above zero up to 0.45 rate, 5
     lines each at least.
 
     command, position: (n,). One Hann window over the whole record keeps its full resolution; the end-to-end slope is
@@ -162,8 +159,10 @@ def empirical_response(
     window = np.hanning(count)
     u, y = (np.fft.rfft(window * _levelled(values)) for values in (command, position))
     spacing = rate_hz / count
-    top = min(high_hz or 0.45 * rate_hz, 0.45 * rate_hz)
-    edges = _edges(3, min(max(int(top / spacing), 12), u.size - 1), bands_per_decade)
+    last, places = min(max(int(0.45 * rate_hz / spacing), 12), u.size - 1), [3]
+    while places[-1] < last:
+        places.append(max(places[-1] + 5, round(places[-1] * 10.0**0.05)))
+    edges = np.minimum(np.array(places, dtype=np.int64), last)
     index = edges[:-1]
     suu = np.add.reduceat(np.abs(u) ** 2, edges)[:-1]
     syy = np.add.reduceat(np.abs(y) ** 2, edges)[:-1]
@@ -185,14 +184,6 @@ def _levelled(values: FloatArray) -> FloatArray:
     return np.asarray(centred - time * float(time @ centred) / float(time @ time))
 
 
-def _edges(first: int, last: int, bands_per_decade: int) -> NDArray[np.int64]:
-    edges = [first]
-    growth = 10.0 ** (1.0 / bands_per_decade)
-    while edges[-1] < last:
-        edges.append(max(edges[-1] + 5, round(edges[-1] * growth)))
-    return np.minimum(np.array(edges, dtype=np.int64), last)
-
-
 _FLOOR = 1e-8
 """Power of a line, over the strongest, below which it does not count: 80 dB."""
 
@@ -200,33 +191,29 @@ _FLOOR = 1e-8
 @dataclass(frozen=True)
 class ExcitationReport:
     """A command's excitation. order: lines of the command's two-sided spectrum, and so the number of parameters it can
-    determine (Ljung, System Identification, 1999, section 13.2). needed: parameters of the model. condition: of the
-    information matrix, each parameter in its own unit size (nan before there is a model). low_hz, high_hz: 99.8 % of
-    the power.
+    determine (Ljung, System Identification, 1999, section 13.2). needed: parameters of the model. low_hz, high_hz: of
+    99.8 % of the power.
     """
 
     order: int
     needed: int
-    condition: float
     low_hz: float
     high_hz: float
 
     @property
     def sufficient(self) -> bool:
-        """Tell whether there are lines enough for the parameters, and an information matrix that can be inverted."""
-        return self.order >= self.needed and not self.condition > 1e12
+        """Tell whether there are lines enough for the parameters."""
+        return self.order >= self.needed
 
 
-def excitation_report(
-    command: FloatArray, rate_hz: float, needed: int, condition: float = float("nan")
-) -> ExcitationReport:
+def excitation_report(command: FloatArray, rate_hz: float, needed: int) -> ExcitationReport:
     """Return how many independent parameters `command` (n,) can determine."""
     centred = command - command.mean()
     power = np.abs(np.fft.rfft(_window(command.size) * centred)) ** 2
     power[:4] = 0.0
     strongest = float(power.max(initial=0.0))
     if not strongest > 1e-24 * command.size**2 * max(float(np.max(np.abs(command))), 1e-300) ** 2:
-        return ExcitationReport(0, needed, condition, 0.0, 0.0)
+        return ExcitationReport(0, needed, 0.0, 0.0)
     above = np.concatenate([[False], power > _FLOOR * strongest, [False]]).astype(np.int8)
     edges = np.flatnonzero(np.diff(above))
     lengths = edges[1::2] - edges[::2]
@@ -235,9 +222,7 @@ def excitation_report(
     share = np.cumsum(power) / power.sum()
     frequency = np.arange(power.size) * rate_hz / command.size
     low, high = np.searchsorted(share, [0.001, 0.999])
-    return ExcitationReport(
-        order, needed, condition, float(frequency[low]), float(frequency[min(high, power.size - 1)])
-    )
+    return ExcitationReport(order, needed, float(frequency[low]), float(frequency[min(high, power.size - 1)]))
 
 
 def _window(count: int) -> FloatArray:
@@ -249,15 +234,10 @@ def _window(count: int) -> FloatArray:
 
 def require_excitation(report: ExcitationReport) -> None:
     """Refuse to identify what was not excited."""
-    if report.order < report.needed:
+    if not report.sufficient:
         raise BadInput(
             f"the command excites order {report.order}, the model has {report.needed} parameters",
             f"a command of order {report.needed} or more (steps, noise, several sinusoids)",
-        )
-    if not report.sufficient:
-        raise BadInput(
-            f"the record cannot tell the model's {report.needed} parameters apart (condition {report.condition:.1g})",
-            "a livelier command, or a lower order",
         )
 
 
@@ -293,10 +273,10 @@ def moved_range(spectra: Sequence[Spectrum]) -> tuple[float, float]:
     The lines are those of a Hann window: those of the record as it is hold the jump between its ends too, which falls
     by only 20 dB a decade and moves nothing.
     """
-    longest = max(spectra, key=lambda one: one.samples)
+    longest = max(spectra, key=lambda taken: taken.samples)
     count = longest.samples // 2
     frequency = np.geomspace(longest.spacing_hz, _HIGHEST * longest.rate_hz, max(_POINTS, min(count, 2000)))
-    power = np.max([_windowed(one, frequency) for one in spectra], axis=0)
+    power = np.max([_windowed(taken, frequency) for taken in spectra], axis=0)
     moved = frequency[power > _MOVED * float(np.max(power))]
     return (float(moved[0]), float(moved[-1]))
 
@@ -315,33 +295,22 @@ def _windowed(taken: Spectrum, frequency_hz: FloatArray) -> FloatArray:
     return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
-def valid_range_of(model: PlantModel, samples: Samples) -> tuple[float, float]:
-    """Return the range of a model of these samples that was not fitted in the frequency domain."""
-    taken = spectrum(samples.command, samples.position, samples.rate_hz)
-    return valid_range(model, moved_range([taken]))
-
-
 LONGEST = 1_000_000
 """Samples identified at once, of all records together; of longer ones the parts with most command power are taken."""
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Samples of a record. command, position: (n,), at rate_hz."""
-
-    command: FloatArray
-    position: FloatArray
-    rate_hz: float
+Signals = Sequence[tuple[FloatArray, FloatArray]]
+"""Command and position, (n,) each, of every record."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Records of one mechanism, the liveliest first, and their samples in one unit size (scale: of command and
+    """Records of one mechanism, the liveliest first, and their signals in one unit size (scale: of command and
     position); the first one's own response and excitation; what is asked.
     """
 
     records: tuple[Record, ...]
-    samples: tuple[Samples, ...]
+    signals: Signals
     scale: tuple[float, float]
     response: EmpiricalResponse
     excitation: ExcitationReport
@@ -351,17 +320,12 @@ class Prepared:
     @property
     def rate_hz(self) -> float:
         """Return the sampling rate, the same for all."""
-        return self.samples[0].rate_hz
+        return self.records[0].rate_hz
 
     @property
     def gain(self) -> float:
         """Return the position's unit over the command's, as the samples were scaled."""
         return self.scale[1] / self.scale[0]
-
-    @property
-    def signals(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the scaled command and position, (n,) each, of every record."""
-        return [(samples.command, samples.position) for samples in self.samples]
 
     @property
     def references(self) -> list[FloatArray] | None:
@@ -379,15 +343,24 @@ class Prepared:
         """Return the duration of the longest record."""
         return max(record.duration_s for record in self.records)
 
-    def with_commands(self, commands: Sequence[FloatArray]) -> Prepared:
-        """Return the same with other commands of all records, (n,) each, in their scale."""
-        pairs = zip(self.samples, commands, strict=True)
-        return replace(self, samples=tuple(replace(samples, command=command) for samples, command in pairs))
-
-    def source(self, **more: object) -> dict[str, object]:
-        """Return what a model says of the record it comes from."""
-        record = self.records[0]
-        return record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | more
+    def model(self, num: FloatArray, den: FloatArray, covariance: FloatArray, **more: Any) -> PlantModel:
+        """Return a model that tells what it comes from, and what is asked of it; its band is 0.4 .. 300 Hz as far as
+        the record reaches, or all that it reaches where that is less than a decade.
+        """
+        record, about = self.records[0], more.pop("record", {})
+        lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
+        low, high = max(0.4, lowest), min(300.0, highest)
+        whole = {"delay_s": 0.0, "quantity": self.asked.quantity} | more
+        return PlantModel(
+            num=num,
+            den=den,
+            covariance=covariance,
+            band_hz=(low, high) if high >= 10.0 * low else (lowest, highest),
+            command_unit=record.command_unit,
+            position_unit=record.position_unit,
+            record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | about,
+            **whole,
+        )
 
 
 def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
@@ -407,23 +380,19 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
     command_unit, position_unit = (
         float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")
     )
-    samples = [
-        Samples(
-            (part.command - part.command.mean()) / command_unit,
-            (part.position - part.position.mean()) / position_unit,
-            part.rate_hz,
-        )
+    signals = [
+        ((part.command - part.command.mean()) / command_unit, (part.position - part.position.mean()) / position_unit)
         for part in parts
     ]
-    reports = [excitation_report(row.command, row.rate_hz, (asked.order or 2) + 1) for row in samples]
+    rate_hz = parts[0].rate_hz
+    reports = [excitation_report(command, rate_hz, (asked.order or 2) + 1) for command, _ in signals]
     liveliest = max(range(len(parts)), key=lambda k: (reports[k].order, parts[k].duration_s))
     require_excitation(reports[liveliest])
-    first = samples[liveliest]
-    response = empirical_response(first.command, first.position, first.rate_hz)
+    response = empirical_response(*signals[liveliest], rate_hz)
     order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
     return Prepared(
         records=tuple(parts[k] for k in order),
-        samples=tuple(samples[k] for k in order),
+        signals=[signals[k] for k in order],
         scale=(command_unit, position_unit),
         response=response,
         excitation=reports[liveliest],
@@ -455,10 +424,3 @@ def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
     best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
     said = f"of {record.duration_s:.4g} s the {most / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
     return slice(best, best + most), (said,)
-
-
-def usual_band(record: Record) -> tuple[float, float]:
-    """Return 0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
-    lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
-    low, high = max(0.4, lowest), min(300.0, highest)
-    return (low, high) if high >= 10.0 * low else (lowest, highest)

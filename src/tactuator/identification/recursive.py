@@ -9,80 +9,74 @@ the estimated A afterwards, which makes the bias small, not zero (Young, Recursi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import signal
+from scipy import linalg, signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.loops import Recursion, companion_states, recursive_least_squares, shift
+from tactuator.identification.lines import spectrum
 from tactuator.identification.prepared import (
     Prepared,
     check_length,
     empirical_response,
+    moved_range,
     require_excitation,
-    usual_band,
-    valid_range_of,
+    valid_range,
 )
+from tactuator.identification.residual import feedback_seen, residual_of_record
 from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.result import Identification
+from tactuator.identification.uncertainty import fit_of_model
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.model.plant_model import Excess
+from tactuator.runtime._core import ffi, lib
 from tactuator.signals.systems import ContinuousSystem
+
+_PASSES = 3
+"""How often E is replaced by the estimate before."""
 
 
 def recursive(common: Prepared) -> Identification:
     """Return the paper's estimate, judged by the same tests."""
-    samples, asked, record = common.samples[0], common.asked, common.records[0]
-    order = asked.order or 2
-    integrated = DERIVATIVES[asked.quantity]
+    (command, position), rate_hz, asked, record = common.signals[0], common.rate_hz, common.asked, common.records[0]
+    order, integrated = asked.order or 2, DERIVATIVES[asked.quantity]
     if integrated >= order:
         raise BadInput(f"order {order} for a {asked.quantity} by least squares", f"{integrated + 1} or more")
     estimate = identify_recursively(
-        samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting
+        command, position, rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting
     )
     excitation = replace(common.excitation, needed=order + 1)
     require_excitation(excitation)
-    gain = common.gain
-    hold: Literal["zero-order", "first-order"] = "first-order" if asked.hold == "first-order" else "zero-order"
-    states = companion_states(estimate.den, samples.command, samples.rate_hz, hold=hold)
-    simulated = np.asarray(states[:, : integrated + 1] @ estimate.num[::-1])
-    residual = samples.position - simulated - np.mean(samples.position - simulated)
-    tests = check_residual(residual, samples.command, samples.command[:, None], samples.rate_hz)
-    remarks = list(common.remarks) + list(check_length(np.roots(estimate.den), 0.0, record.duration_s))
-    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
-    sizes = np.append(np.full(integrated + 1, gain), np.ones(order))
+    sizes = np.append(np.full(integrated + 1, common.gain), np.ones(order))
     covariance = np.zeros((sizes.size + 1, sizes.size + 1))
     covariance[:-1, :-1] = estimate.covariance * np.outer(sizes, sizes)
+    model = common.model(estimate.num * common.gain, estimate.den, covariance, method="rls")
+    taken = spectrum(command, position, rate_hz)
+    fit = fit_of_model(model, rate_hz, "zero-order" if asked.hold == "auto" else asked.hold, common.gain)
+    rest = residual_of_record(fit, taken, 0.47 * rate_hz)
+    residual = rest.measured - rest.simulated
+    tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
+    tests = replace(tests, feedback=feedback_seen(rest, fit.grid.hold))
+    remarks = [*common.remarks, *check_length(np.roots(estimate.den), 0.0, record.duration_s)]
+    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
     if not tests.uncorrelated_with_input:
         remarks.append("the residual follows the command: the band holds the record's own response as well")
-    spread = float(np.linalg.norm(samples.position - samples.position.mean()))
-    model = PlantModel(
-        num=estimate.num * gain,
-        den=estimate.den,
-        delay_s=0.0,
-        covariance=covariance,
-        band_hz=usual_band(record),
-        quantity=asked.quantity,
-        command_unit=record.command_unit,
-        position_unit=record.position_unit,
-        method="rls",
-        record=common.source(),
-        excess=Excess.none() if tests.uncorrelated_with_input else _departure(common, estimate.num, estimate.den),
-    )
+        model = replace(model, excess=_departure(common, estimate.num, estimate.den))
+    offset = float(record.position.mean())
     return Identification(
-        model=replace(model, valid_hz=valid_range_of(model, samples)),
+        model=replace(model, valid_hz=valid_range(model, moved_range([taken]))),
         order=order,
         excitation=excitation,
         tests=tests,
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / spread),
+        fit_percent=rest.fit_percent,
         friction=None,
         tried=(),
         empirical=common.own_response,
-        simulated=(simulated - simulated.mean()) * common.scale[1] + float(record.position.mean()),
-        measured=record.position,
+        simulated=rest.simulated * common.scale[1] + offset,
+        measured=rest.measured * common.scale[1] + offset,
         remarks=tuple(remarks),
     )
 
@@ -91,37 +85,28 @@ def _departure(common: Prepared, num: FloatArray, den: FloatArray) -> Excess:
     """Return how far the record's own response, with its error, is from the model, as a standard deviation: friction
     bends that response as well, to the same side.
     """
-    own = common.response
-    s = 2j * np.pi * own.frequency_hz
-    apart = np.log(own.value * np.polyval(den, s) / np.polyval(num, s))
+    shown = common.response
+    s = 2j * np.pi * shown.frequency_hz
+    apart = np.log(shown.value * np.polyval(den, s) / np.polyval(num, s))
     size = np.abs(apart.real) + 1j * np.abs(apart.imag)
-    none = Excess(own.frequency_hz, np.zeros(s.size), np.zeros(s.size))
-    return none.joined(size).joined(own.relative_error * (1.0 + 1.0j))
+    none = Excess(shown.frequency_hz, np.zeros(s.size), np.zeros(s.size))
+    return none.joined(size).joined(shown.relative_error * (1.0 + 1.0j))
 
 
 @dataclass(frozen=True)
 class RecursiveEstimate:
-    """A continuous model and the way to it.
-
-    num, den: descending powers, den monic. covariance: of (num descending, den[1:]), by least squares, hence too small
-    where the residual is coloured. time_s (h,), num_history (h, m+1), den_history (h, n), variance_history in the same
-    order: how the last pass converged.
+    """A continuous model. num, den: descending powers, den monic. covariance: of (num descending, den[1:]), by least
+    squares, hence too small where the residual is coloured.
     """
 
     num: FloatArray
     den: FloatArray
-    delay_s: float
     covariance: FloatArray
-    time_s: FloatArray
-    num_history: FloatArray
-    den_history: FloatArray
-    variance_history: FloatArray
-    prediction_error: float
 
     @property
     def model(self) -> ContinuousSystem:
         """Return the estimate as a system."""
-        return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
+        return ContinuousSystem.from_polynomials(self.num, self.den)
 
 
 def identify_recursively(
@@ -131,16 +116,12 @@ def identify_recursively(
     *,
     poles: int = 2,
     zeros: int = 0,
-    delay_s: float = 0.0,
     forgetting: float = 1.0,
-    passes: int = 3,
-    history: int = 200,
 ) -> RecursiveEstimate:
     """Return the recursive least squares estimate of a model of `poles` and `zeros` on command (n,) and position (n,).
 
-    delay_s: a known dead time (whole samples). forgetting: as in `recursive_least_squares`. passes: how often E is
-    replaced by the estimate before. history: rows of convergence kept. Raises BadInput for an unknown structure or a
-    record of fewer than 50 samples.
+    forgetting: as in `recursive_least_squares`. Raises BadInput for an unknown structure or a record of fewer than 50
+    samples.
     """
     u, y = np.asarray(command, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if u.shape != y.shape or u.ndim != 1 or u.size < 50:
@@ -149,14 +130,13 @@ def identify_recursively(
         raise BadInput(f"{poles} poles and {zeros} zeros", "1 to 6 poles, fewer zeros")
     corner = _corner(u, y, rate_hz)
     filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
-    every = max(1, u.size // history)
-    late = shift(u, round(delay_s * rate_hz))
-    for _ in range(max(1, passes)):
-        regressors, goal, sizes = _regression(filter_polynomial, late, y, rate_hz, zeros)
-        recursion = recursive_least_squares(regressors, goal, forgetting=forgetting, every=every)
-        theta = recursion.theta / sizes
+    for _ in range(_PASSES):
+        regressors, goal, sizes = _regression(filter_polynomial, u, y, rate_hz, zeros)
+        theta, inverse, variance = recursive_least_squares(regressors, goal, forgetting=forgetting)
+        theta = theta / sizes
         filter_polynomial = _as_filter(np.append(1.0, theta[zeros + 1 :]), corner)
-    return _estimate(recursion, sizes, zeros, delay_s, every / rate_hz)
+    covariance = inverse * (np.outer(1.0 / sizes, 1.0 / sizes) * variance)
+    return RecursiveEstimate(theta[: zeros + 1], np.append(1.0, theta[zeros + 1 :]), covariance)
 
 
 def _corner(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
@@ -211,18 +191,80 @@ def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(signal.lfilter(b, a, columns, axis=0))
 
 
-def _estimate(recursion: Recursion, sizes: FloatArray, zeros: int, delay_s: float, step_s: float) -> RecursiveEstimate:
-    theta = recursion.theta / sizes
-    history = recursion.theta_history / sizes
-    scale = np.outer(1.0 / sizes, 1.0 / sizes) * recursion.prediction_variance
-    return RecursiveEstimate(
-        num=theta[: zeros + 1],
-        den=np.append(1.0, theta[zeros + 1 :]),
-        delay_s=delay_s,
-        covariance=recursion.inverse_information * scale,
-        time_s=step_s * np.arange(1, history.shape[0] + 1),
-        num_history=history[:, : zeros + 1],
-        den_history=history[:, zeros + 1 :],
-        variance_history=recursion.variance_history * np.diag(scale),
-        prediction_error=float(np.sqrt(recursion.prediction_variance)),
-    )
+def recursive_least_squares(
+    regressors: FloatArray, output: FloatArray, *, forgetting: float = 1.0, start_variance: float = 1e8
+) -> tuple[FloatArray, FloatArray, float]:
+    """Solve least squares row by row: regressors (count, n), output (count,), from theta = 0 with start_variance on
+    each; return theta (n,), the inverse information (n, n) and the mean squared prediction error.
+
+    forgetting: 1 keeps everything, 0.999 halves a sample's weight in 693 samples.
+    """
+    rows, values = _double(regressors), _double(output)
+    count, n = rows.shape
+    if not 0.0 < forgetting <= 1.0:
+        raise BadInput(f"{forgetting:g}", "above 0, at most 1", key="forgetting")
+    if not 1 <= n <= lib.TACT_RLS_MAX:
+        raise BadInput(f"{n} parameters", f"1 to {lib.TACT_RLS_MAX}")
+    theta, m, cost = np.zeros(n), np.eye(n) * start_variance, np.zeros(1)
+    lib.tact_rls_run(
+        n, count, _pointer(rows), _pointer(values), forgetting, _pointer(theta), _pointer(m), count + 1, ffi.NULL,
+        ffi.NULL, _pointer(cost),
+    )  # fmt: skip
+    return theta, m, float(cost[0]) / max(count, 1)
+
+
+def companion_states(
+    denominator: FloatArray,
+    driver: FloatArray,
+    rate_hz: float,
+    *,
+    hold: Literal["zero-order", "first-order"] = "zero-order",
+) -> FloatArray:
+    """Return s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (count, n), from rest, exact for the hold.
+
+    denominator: A, descending powers, monic, length n + 1, in rad/s. Source: Van Loan, Computing integrals involving
+    the matrix exponential, 1978.
+    """
+    n = denominator.size - 1
+    if driver.size == 0:
+        return np.zeros((0, n))
+    a = np.eye(n, k=1)
+    a[-1] = -denominator[:0:-1]
+    b = np.zeros(n)
+    b[-1] = 1.0
+    period = 1.0 / rate_hz
+    first, second = _integrals(a, period)
+    late = second @ b / period if hold == "first-order" else np.zeros(n)
+    return run_states(a @ first, first @ b - late, late, driver)
+
+
+def _integrals(a: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
+    """Return the integral of exp(A t) over 0 .. duration, and of that integral once more; both (n, n)."""
+    n = a.shape[0]
+    block = np.zeros((3 * n, 3 * n))
+    block[:n, :n] = a * duration
+    block[:n, n : 2 * n] = np.eye(n)
+    block[n : 2 * n, 2 * n :] = np.eye(n)
+    exponential = linalg.expm(block)
+    return duration * exponential[:n, n : 2 * n], duration**2 * exponential[:n, 2 * n :]
+
+
+def run_states(difference: FloatArray, now: FloatArray, following: FloatArray, driver: FloatArray) -> FloatArray:
+    """Return the states x[k+1] = x[k] + D x[k] + b0 u[k] + b1 u[k+1] from rest: D (n, n), b0 and b1 (n,), u (count,).
+
+    Returns x, shape (count, n).
+    """
+    d, b0, b1, u = _double(difference), _double(now), _double(following), _double(driver)
+    n = b0.size
+    out, x = np.empty((u.size, n)), np.zeros(n)
+    if lib.tact_states_run(n, _pointer(d), _pointer(b0), _pointer(b1), u.size, _pointer(u), _pointer(x), _pointer(out)):
+        raise BadInput(f"{n} states", f"1 to {lib.TACT_STATES_MAX}")
+    return out
+
+
+def _pointer(array: FloatArray) -> Any:
+    return ffi.cast("double *", ffi.from_buffer(array))
+
+
+def _double(array: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(array, dtype=np.float64)

@@ -14,14 +14,22 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.hold import edge_lines, transient_columns
+from tactuator.identification.form import freedom
+from tactuator.identification.hold import Hold, edge_lines, transient_columns
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem, beside_columns, fitted_beside
 from tactuator.identification.lines import Equations, Spectrum, equation_slices, equations, weights
-from tactuator.identification.search import Choice
-from tactuator.identification.uncertainty import response_on
+from tactuator.identification.residual_tests import (
+    ResidualTests,
+    apply_filter,
+    check_residual,
+    jump_of,
+    whitening_filter,
+)
+from tactuator.identification.search import COMPARED, Choice
+from tactuator.identification.uncertainty import log_slopes, response_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +53,19 @@ class Residual:
         """Return the samples of model and transient, (n,)."""
         return self.measured - self._samples(self.lines)
 
+    @property
+    def fit_percent(self) -> float:
+        """Return 100 (1 - |y - simulated| / |y|)."""
+        return fit_percent(self.measured, self.simulated)
+
     def _samples(self, lines: ComplexArray) -> FloatArray:
         return np.asarray(np.fft.irfft(lines, self.taken.samples) * np.sqrt(self.taken.samples))
+
+
+def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
+    """Return 100 (1 - |y - simulated| / |y|) of positions without mean, (n,)."""
+    spread = float(np.linalg.norm(measured))
+    return 100.0 * (1.0 - float(np.linalg.norm(simulated - measured)) / spread) if spread > 0.0 else 0.0
 
 
 def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residual, ...]:
@@ -56,12 +75,38 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
     return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
 
 
-def residual_of_record(fit: SpectralFit, taken: Spectrum) -> Residual:
-    """Return the residual of a fit that comes from elsewhere on all lines of a record, weighted by its own spectrum."""
-    part = equations(taken, 0.0, 0.5 * taken.rate_hz)
+def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> Residual:
+    """Return the residual of a fit that comes from elsewhere on all lines of a record, weighted by its own spectrum up
+    to highest_hz.
+    """
+    part = equations(taken)
     grid = replace(fit.grid, frequency_hz=part.frequency_hz, rate_hz=part.rate_hz, shift=part.shift)
-    flat = SpectralProblem(part, np.ones(part.of_hz.size), grid)
-    return line_residual(fit, part, weights(part, flat.residual(fit), 0.5 * taken.rate_hz), taken)
+    flat = SpectralProblem(part, np.where(part.of_hz <= highest_hz, 1.0, 0.0), grid)
+    return line_residual(fit, part, weights(part, flat.residual(fit), highest_hz), taken)
+
+
+def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True) -> ResidualTests:
+    """Return the tests of what the fit leaves of one record; command: (n,), all of it; fitted: the record took part in
+    the fit.
+    """
+    taken, residual = of_lines.taken, of_lines.measured - of_lines.simulated
+    whitener = whitening_filter(residual)
+    skip = whitener.size + 1
+    tested = slice(skip, skip + _TESTED)
+    innovation = apply_filter(whitener, residual)[skip:]
+    moved = apply_filter(whitener, command[: residual.size])[tested]
+    slopes = np.zeros((moved.size, 0))
+    if fitted:
+        # around the record's ends the filter turns in a circle, no farther than what is left out before the tests
+        white = np.fft.rfft(whitener, taken.samples)[1:] * of_lines.response * taken.command[1:]
+        free = freedom(fit.theta, fit.form, fit.rungs)
+        lines = np.zeros((free.shape[1], taken.command.size), dtype=np.complex128)
+        lines[:, 1:] = ((log_slopes(fit, taken.frequency_hz[1:]) @ free) * white[:, None]).T
+        slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
+    tests = check_residual(innovation[:_TESTED], moved, slopes, taken.rate_hz)
+    jump = jump_of(innovation)
+    jump = None if jump is None else jump + skip + taken.shift
+    return replace(tests, feedback=feedback_seen(of_lines, fit.grid.hold), jump=jump)
 
 
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
@@ -71,17 +116,21 @@ def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken:
     moved = response * taken.ahead * taken.command[1:]
     there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
     columns = given.transient_of(beside_columns(there, fit.theta, fit.form))
-    own = response_on(fit, there)
-    weights = fitted_beside(columns, given.goal - given.response_of(own[:, None])[:, 0], weight)
+    held = response_on(fit, there)
+    weights = fitted_beside(columns, given.goal - given.response_of(held[:, None])[:, 0], weight)
     decays = transient_columns(grid, fit.theta, fit.form)
     first = decays.shape[1]
     moved = moved + decays @ weights[:first] + edge_lines(weights[first:], taken.samples)[1:]
-    left = np.concatenate([[0.0], taken.position[1:] - moved])
+    rest = np.concatenate([[0.0], taken.position[1:] - moved])
     order = np.argsort(given.of_hz, kind="stable")
     spread = np.interp(taken.frequency_hz, given.of_hz[order], weight[order])
-    return Residual(left, spread, response, taken)
+    return Residual(rest, spread, response, taken)
 
 
+_TESTED = 1 << 17
+"""Samples by which a residual is tested: more would see what no band is narrow enough for."""
+_LOOP = 10.0
+"""Fall of -2 log likelihood of the command, all paid for, from which on a loop is taken to be there."""
 _LENGTHS = (2, 5, 10, 20, 40)
 """Lengths of the filter that are tried, samples."""
 _SMEARED = 3
@@ -91,20 +140,20 @@ _NEAR = 40
 _NUGGET = 1e-7
 
 
-def joint_misfit(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
+def joint_misfit(taken: Spectrum, residual: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
     """Return -2 log likelihood of position and command, constants aside, from the lines up to highest_hz of what a fit
     leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
     """
     inside = taken.frequency_hz[1:] <= highest_hz
-    power = _mean_power(np.where(inside, np.abs(left.lines[1:]) ** 2, 0.0)) / np.maximum(
+    power = _mean_power(np.where(inside, np.abs(residual.lines[1:]) ** 2, 0.0)) / np.maximum(
         _mean_power(inside.astype(np.float64)), 1e-3
     )
-    own = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
-    by_loop = explained_by_loop(taken, left, highest_hz, filtered=filtered)
-    return own - by_loop, by_loop
+    misfit = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
+    by_loop = explained_by_loop(taken, residual, highest_hz, filtered=filtered)
+    return misfit - by_loop, by_loop
 
 
-def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:
+def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *, filtered: bool) -> float:
     """Return by how much -2 log likelihood of the command's lines up to highest_hz falls if they follow the residual
     causally, Bayes' price of the filter paid; zero where no loop shows. filtered: behind filters, as it were a little
     before it.
@@ -112,20 +161,20 @@ def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, fil
     hertz = taken.frequency_hz[1:]
     inside = hertz <= highest_hz
     command = np.where(inside, taken.command[1:], 0.0)
-    residual = np.where(inside, left.lines[1:], 0.0)
+    residual = np.where(inside, of_lines.lines[1:], 0.0)
     counted = np.maximum(_mean_power(inside.astype(np.float64)), 1e-3)
     before = _mean_power(np.abs(command) ** 2) / counted
     usable = inside & (before > 0.0)
     weight = np.where(usable, 1.0 / np.where(usable, before, 1.0), 0.0)
-    own = np.fft.irfft(np.concatenate([[0.0], weight * np.abs(residual) ** 2]), taken.samples)
+    autocovariance = np.fft.irfft(np.concatenate([[0.0], weight * np.abs(residual) ** 2]), taken.samples)
     shared = np.fft.irfft(np.concatenate([[0.0], weight * np.conj(residual) * command]), taken.samples)
-    own[0] *= 1.0 + _NUGGET
+    autocovariance[0] *= 1.0 + _NUGGET
     price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
     best, chosen = 0.0, None
     for early in (0, _SMEARED) if filtered else (0,):
         for length in _LENGTHS:
             lags = (np.arange(-early, length) + taken.shift) % taken.samples
-            taps = linalg.solve_toeplitz(own[: lags.size], shared[lags])
+            taps = linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
             share = float(taps @ shared[lags]) * taken.samples / (2.0 * lines)
             # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
             won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * lags.size
@@ -148,40 +197,21 @@ def _mean_power(power: FloatArray) -> FloatArray:
         place = np.arange(count)
         low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, count)
         return np.asarray((sums[high] - sums[low]) / (high - low))
-    made, near = np.empty(count), np.arange(half + 1, 2 * half + 1)
-    made[half : count - half] = (sums[2 * half + 1 :] - sums[: count - 2 * half]) / (2 * half + 1)
-    made[:half] = sums[near] / near
-    made[count - half :] = ((sums[count] - sums[count - near]) / near)[::-1]
-    return made
+    mean, near = np.empty(count), np.arange(half + 1, 2 * half + 1)
+    mean[half : count - half] = (sums[2 * half + 1 :] - sums[: count - 2 * half]) / (2 * half + 1)
+    mean[:half] = sums[near] / near
+    mean[count - half :] = ((sums[count] - sums[count - near]) / near)[::-1]
+    return mean
 
 
-_LOOP_BY_CHANCE = 1e-4
-
-
-def feedback_seen(taken: Spectrum, left: Residual) -> bool | None:
-    """Return true where later commands follow the residual, None otherwise: the record cannot tell.
+def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
+    """Return true where the command follows the residual, None otherwise: the record cannot tell.
 
     A loop that is weak, or acts at the lowest frequencies alone, leaves no trace in a residual, so that no residual
     shows that there was none.
     """
-    residual, command = left.lines[1:], taken.command[1:]
-    good = (left.weight[1:] > 0.0) & (np.abs(residual) > 0.0)
-    power = _smoothed_power(np.abs(command) ** 2)
-    noise = 1.0 / np.where(good, left.weight[1:], 1.0) ** 2
-    cross = np.where(good, np.conj(residual) * command / np.sqrt(noise * power), 0.0)
-    ahead = np.fft.irfft(np.concatenate([[0.0], cross]), taken.samples) * taken.samples / np.sqrt(2.0 * good.sum())
-    lags = min(200, taken.samples // 20)
-    # the first lags carry a controller's answer; a chance maximum of that many normal deviates is what it must beat
-    later = ahead[taken.shift : lags + taken.shift]
-    highest = 1.15 * float(stats.norm.isf(0.5 * _LOOP_BY_CHANCE / lags))
-    follows = float(np.max(np.abs(later))) > highest
-    return follows or float(np.sum(later**2)) > 1.3 * float(stats.chi2.isf(_LOOP_BY_CHANCE, lags)) or None
-
-
-def _smoothed_power(power: FloatArray) -> FloatArray:
-    width = 201 if power.size > 2000 else 21
-    mean = np.convolve(power, np.ones(width) / width, mode="same")
-    return np.asarray(mean + 1e-12 * float(power.max()))
+    highest = COMPARED * residual.taken.rate_hz
+    return explained_by_loop(residual.taken, residual, highest, filtered=hold == "band-limited") > _LOOP or None
 
 
 _CUBE_CERTAIN = 100.0
@@ -199,7 +229,7 @@ def cubic_share(spectra: Sequence[Spectrum], residuals: Sequence[Residual]) -> f
     Of the cube the part along the command is taken off (Bussgang, 1952): the model has it already.
     """
     size = along = total = 0.0
-    for taken, left in zip(spectra, residuals, strict=True):
+    for taken, residual in zip(spectra, residuals, strict=True):
         command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
         square = command * command
         power = float(np.mean(square))
@@ -207,8 +237,8 @@ def cubic_share(spectra: Sequence[Spectrum], residuals: Sequence[Residual]) -> f
         if float(np.mean(cube**2)) < _CUBE_FLAT * power**3:
             continue
         lines = np.fft.rfft(cube - cube.mean())[1:] / np.sqrt(taken.samples)
-        pull = left.response * taken.ahead * lines * left.weight[1:]
-        rest = left.lines[1:] * left.weight[1:]
+        pull = residual.response * taken.ahead * lines * residual.weight[1:]
+        rest = residual.lines[1:] * residual.weight[1:]
         size += float(np.sum(np.abs(pull) ** 2))
         along += float(np.sum((np.conj(pull) * rest).real))
         total += float(np.sum(np.abs(rest) ** 2))

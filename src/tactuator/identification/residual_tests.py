@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, signal, stats
+from scipy import signal, stats
 
 from tactuator.arrays import FloatArray
 
@@ -27,7 +27,7 @@ class ResidualTests:
     white_p: float
     uncorrelated_p: float
     unexplained: float
-    feedback: bool | None
+    feedback: bool | None = None
     jump: int | None = None
 
     @property
@@ -54,15 +54,13 @@ def jump_of(innovation: FloatArray) -> int | None:
     return int(np.argmax(size)) if often < 1e-3 else None
 
 
-def check_residual(
-    innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float, *, loop: bool = True
-) -> ResidualTests:
+def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float) -> ResidualTests:
     """Test a residual. innovation (n,): whitened residual; command (n,), whitened alike; jacobian (n, p) of the
-    estimated parameters; loop: is a loop looked for as well?
+    estimated parameters.
     """
     p_white = _ljung_box(innovation)
     p_input, share = _input_test(innovation, command, jacobian, rate_hz)
-    return ResidualTests(p_white, p_input, share, (loop and feedback_present(innovation, command)) or None)
+    return ResidualTests(p_white, p_input, share)
 
 
 def _ljung_box(values: FloatArray) -> float:
@@ -95,11 +93,11 @@ def _input_test(
     goal = system @ innovation / size
     p = jacobian.shape[1]
     total, rank = _explained(gram, goal)
-    own, own_rank = _explained(gram[:p, :p], goal[:p])
+    known, own_rank = _explained(gram[:p, :p], goal[:p])
     variance = float(innovation @ innovation) / n
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
-    gained = max(total - own, 0.0)
+    gained = max(total - known, 0.0)
     return float(stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
 
 
@@ -109,11 +107,11 @@ def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     """
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
-    made = []
+    passed = []
     for corner in corners:
         decay = np.exp(-2.0 * np.pi * corner / rate_hz)
-        made.append(signal.lfilter([1.0 - decay], [1.0, -decay], late))
-    return np.stack(made)
+        passed.append(signal.lfilter([1.0 - decay], [1.0, -decay], late))
+    return np.stack(passed)
 
 
 def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:
@@ -123,22 +121,6 @@ def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:
     kept = values > 1e-9 * values[-1]
     turned = vectors.T @ goal
     return float(np.sum(turned[kept] ** 2 / values[kept])), int(kept.sum())
-
-
-def feedback_present(innovation: FloatArray, command: FloatArray) -> bool:
-    """Return true where later commands follow the residual: the sign of a record taken in closed loop."""
-    n = innovation.size
-    lags = min(200, n // 20)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    one, other = np.fft.rfft(innovation, size), np.fft.rfft(command - command.mean(), size)
-    power = np.abs(other) ** 2
-    # the command is flattened first: a slow one would correlate with anything slow
-    smooth = np.convolve(power, np.ones(201) / 201.0, mode="same") + 1e-12 * power.max()
-    cross = np.fft.irfft(np.conj(one) * other / np.sqrt(smooth), size)
-    norm = np.sqrt(np.mean(innovation**2) * n * np.mean(np.fft.irfft(other / np.sqrt(smooth), size)[:n] ** 2) * n)
-    ahead = cross[: lags + 1] / max(norm, 1e-300)
-    bound = stats.norm.isf(0.5e-4 / lags) / np.sqrt(n)
-    return bool(np.max(np.abs(ahead)) > bound)
 
 
 def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
@@ -173,14 +155,7 @@ def whitening_filter(residual: FloatArray, highest_order: int = 40) -> FloatArra
 
 
 def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
-    """Return `values` (n,) or (n, k) through the filter, along the first axis, from rest."""
+    """Return `values` (n,) through the filter from rest."""
     if coefficients.size == 1:
         return np.asarray(values * coefficients[0])
-    if values.ndim == 1:
-        return np.asarray(signal.oaconvolve(values, coefficients)[: values.size])
-    return np.asarray(signal.oaconvolve(values, coefficients[:, None], axes=0)[: values.shape[0]])
-
-
-def toeplitz_covariance(covariance: FloatArray) -> FloatArray:
-    """Return the matrix of a stationary signal's autocovariance (p,), shape (p, p)."""
-    return np.asarray(linalg.toeplitz(covariance))
+    return np.asarray(signal.oaconvolve(values, coefficients)[: values.size])

@@ -45,16 +45,16 @@ class Friction:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One structure that was tried: squared innovation, chance that nothing is left (score test; nan: not tested), the
-    hold it was tried under and how far its criterion is behind the best (Bayes; nan: not known)."""
+    """One form that was tried: half of -2 log likelihood, the hold it was tried under and how far its criterion (Bayes)
+    is behind the best.
+    """
 
     poles: int
     zeros: int
     dead_time: bool
     cost: float
-    uncorrelated_p: float
-    hold: str = "zero-order"
-    behind: float = float("nan")
+    hold: str
+    behind: float
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,11 @@ def resonances(den: FloatArray) -> tuple[Resonance, ...]:
     """Return the complex pairs among the roots of `den` (descending powers of s), by frequency."""
     poles = np.roots(den)
     upper = poles[poles.imag > 1e-9 * np.abs(poles)]
-    made = []
+    pairs = []
     for pole in sorted(upper, key=abs):
         ratio = float(-pole.real / abs(pole))
-        made.append(Resonance(float(abs(pole) / (2.0 * np.pi)), ratio, 0.5 / ratio if ratio else float("inf")))
-    return tuple(made)
+        pairs.append(Resonance(float(abs(pole) / (2.0 * np.pi)), ratio, 0.5 / ratio if ratio else float("inf")))
+    return tuple(pairs)
 
 
 @dataclass(frozen=True)

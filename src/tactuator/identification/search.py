@@ -84,13 +84,13 @@ def propose(
     """
     known = known.in_scale(scale_rad_s)
     starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
-    found: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
+    scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
     price = float(np.log(2.0 * local.frequency_hz.size))
     best, stale = np.inf, 0
     for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
         now, before = np.inf, dict[Form, SpectralFit]()
-        for hold in _worth(found, local):
-            late_alone = _late_alone(found[hold], local)
+        for hold in _worth(scored, local):
+            late_alone = _late_alone(scored[hold], local)
             for form in known.forms(poles):
                 if late_alone and not form.dead_time:
                     continue
@@ -98,32 +98,32 @@ def propose(
                 if fit is not None:
                     before.setdefault(form, fit)
                     score = 2.0 * fit.cost + price * form.count
-                    found[hold].append((score, fit))
+                    scored[hold].append((score, fit))
                     now = min(now, score)
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
         if stale >= 2:
             break
-    if _all_poor(found, local):
-        _add_full_forms(found, starters, known, scale_rad_s, price, note)
+    if _all_poor(scored, local):
+        _add_full_forms(scored, starters, known, scale_rad_s, price, note)
     for hold, fits in near.items():
         begun = (_from_free(starters[hold], fit, known, scale_rad_s) for fit in fits)
-        found[hold] += [(2.0 * fit.cost + price * fit.form.count, fit) for one in begun for fit in one]
-    return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+        scored[hold] += [(2.0 * fit.cost + price * fit.form.count, fit) for pair in begun for fit in pair]
+    return {hold: [fit for _, fit in sorted(scored[hold], key=lambda pair: pair[0])] for hold in holds}
 
 
 def _from_free(starter: Starter, fit: SpectralFit, known: Known, scale_rad_s: float) -> Iterator[SpectralFit]:
     """Yield the fit with the values that are known, where its form can have them."""
     for form, theta in known.like(fit.form, free_poles(fit.theta, fit.form)):
         delay = fit.delay if known.delay_s is None else known.delay_s * scale_rad_s
-        made = starter.problem.descend(form, theta, delay, most=10)
-        if made is not None:
-            yield made
+        begun = starter.problem.descend(form, theta, delay, most=10)
+        if begun is not None:
+            yield begun
 
 
 def _add_full_forms(
-    found: dict[Hold, list[tuple[float, SpectralFit]]],
+    scored: dict[Hold, list[tuple[float, SpectralFit]]],
     starters: dict[Hold, Starter],
     known: Known,
     scale_rad_s: float,
@@ -131,7 +131,7 @@ def _add_full_forms(
     note: Callable[[str], None],
 ) -> None:
     """Add the forms with many zeros, with a dead time if the best of the others has one, until nothing is left."""
-    leading = min((one for fits in found.values() for one in fits), key=lambda one: one[0])[1]
+    leading = min((pair for fits in scored.values() for pair in fits), key=lambda pair: pair[0])[1]
     for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
         note(f"{poles} poles and as many zeros")
         before = dict[Form, SpectralFit]()
@@ -140,35 +140,35 @@ def _add_full_forms(
                 fit = starter.fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
                 if fit is not None:
                     before.setdefault(form, fit)
-                    found[hold].append((2.0 * fit.cost + price * form.count, fit))
-        if before and _nothing_left(starters, found):
+                    scored[hold].append((2.0 * fit.cost + price * form.count, fit))
+        if before and _nothing_left(starters, scored):
             break
 
 
-def _nothing_left(starters: dict[Hold, Starter], found: dict[Hold, list[tuple[float, SpectralFit]]]) -> bool:
+def _nothing_left(starters: dict[Hold, Starter], scored: dict[Hold, list[tuple[float, SpectralFit]]]) -> bool:
     """Return true where the best fit leaves of the local response no more than chance would, in no stretch of it:
     further poles could bring nothing.
     """
-    best = {hold: min(fits, key=lambda one: one[0]) for hold, fits in found.items() if fits}
+    best = {hold: min(fits, key=lambda pair: pair[0]) for hold, fits in scored.items() if fits}
     leads = min(best, key=lambda hold: best[hold][0])
     problem = starters[leads].problem
-    left = problem.residual(best[leads][1]) * problem.weight
-    sums = np.concatenate([[0.0], np.cumsum(left)])
+    rest = problem.residual(best[leads][1]) * problem.weight
+    sums = np.concatenate([[0.0], np.cumsum(rest)])
     for width in _STRETCHES:
-        if left.size >= width and float(np.max(np.abs(sums[width:] - sums[:-width]) ** 2)) > _CHANCE * width:
+        if rest.size >= width and float(np.max(np.abs(sums[width:] - sums[:-width]) ** 2)) > _CHANCE * width:
             return False
     return True
 
 
-def _worth(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> list[Hold]:
+def _worth(scored: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> list[Hold]:
     """Return the holds but for those that are far behind one that leaves no more than the errors: further poles would
     only imitate it.
     """
-    best = {hold: min((score for score, _ in fits), default=np.inf) for hold, fits in found.items()}
+    best = {hold: min((score for score, _ in fits), default=np.inf) for hold, fits in scored.items()}
     leads = min(best, key=best.__getitem__)
-    least = min((fit.cost for _, fit in found[leads]), default=np.inf)
+    least = min((fit.cost for _, fit in scored[leads]), default=np.inf)
     if least > _FITS * local.frequency_hz.size:
-        return list(found)
+        return list(scored)
     return [hold for hold, score in best.items() if score < best[leads] + _HOPELESS]
 
 
@@ -180,8 +180,8 @@ def _late_alone(fits: list[tuple[float, SpectralFit]], local: LocalResponse) -> 
     return bool(best[1] <= _FITS * local.frequency_hz.size and best[0] > _FAR_OFF * best[1])
 
 
-def _all_poor(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
-    costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in found.values()]
+def _all_poor(scored: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
+    costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in scored.values()]
     return min(costs) > _POOR * local.frequency_hz.size
 
 
@@ -218,8 +218,8 @@ def choose(
             first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
-    others = [_glance(problem, one, 8) for one in kept if one.form != first.form]
-    fits = {first.form: first} | {one.form: one for one in others if one is not None}
+    others = [_glance(problem, rival, 8) for rival in kept if rival.form != first.form]
+    fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
     for _ in range(1 if quick else 2):
         problem = weighed(problem, best)
@@ -246,17 +246,17 @@ def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit],
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
     """Return the other fits that are not far behind, gone on with for the problem's weights."""
-    near = [one for one in fits.values() if _score(problem, one) < _score(problem, best) + 60.0]
-    return {one.form: _again(problem, one, 4) or one for one in near if one is not best}
+    near = [fit for fit in fits.values() if _score(problem, fit) < _score(problem, best) + 60.0]
+    return {fit.form: _again(problem, fit, 4) or fit for fit in near if fit is not best}
 
 
 def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:
     """Return the best few, three of each number of poles at most, without those that are far off."""
-    made: list[SpectralFit] = []
-    for one in proposals:
-        if one.cost <= _FAR_OFF * proposals[0].cost and sum(other.form.poles == one.form.poles for other in made) < 3:
-            made.append(one)
-    return made[:_KEPT]
+    kept: list[SpectralFit] = []
+    for fit in proposals:
+        if fit.cost <= _FAR_OFF * proposals[0].cost and sum(other.form.poles == fit.form.poles for other in kept) < 3:
+            kept.append(fit)
+    return kept[:_KEPT]
 
 
 def _glance(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
@@ -274,9 +274,9 @@ def _score(problem: SpectralProblem, fit: SpectralFit) -> float:
 
 
 def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFit:
-    lowest = min(_score(problem, one) for one in fits.values())
-    near = [one for one in fits.values() if _score(problem, one) <= lowest + TIE]
-    return min(near, key=lambda one: (one.form.poles, _score(problem, one)))
+    lowest = min(_score(problem, fit) for fit in fits.values())
+    near = [fit for fit in fits.values() if _score(problem, fit) <= lowest + TIE]
+    return min(near, key=lambda fit: (fit.form.poles, _score(problem, fit)))
 
 
 def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:

@@ -23,8 +23,7 @@ from tactuator.identification.lines import (
     LocalResponse,
     Spectrum,
     band_edges,
-    equations,
-    join,
+    equations_of,
     join_local,
     local_response,
     points,
@@ -90,7 +89,7 @@ def estimate(
     """
     whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
     arrival = _arrival(whole[0])
-    early = tuple(spectrum(*one, rate_hz, arrival) for one in signals) if arrival > _LATE else whole
+    early = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
     local = _local(early, rate_hz)
     # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
     first = holds[-1:] if arrival > _LATE else holds
@@ -98,21 +97,21 @@ def estimate(
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
-    taken = tuple(spectrum(*one, rate_hz, shift) for one in signals) if shift else whole
+    taken = tuple(spectrum(*pair, rate_hz, shift) for pair in signals) if shift else whole
     if abs(shift - early[0].shift) > _LATE:
         note("the dead time is long: starting once more without it")
         local = _local(taken, rate_hz)
         proposals = _proposals(local, rate_hz, holds, known.without_values, note, shift / rate_hz)
     elif len(first) < len(holds):
         proposals |= _proposals(local, rate_hz, holds[:-1], known.without_values, note, shift / rate_hz)
-    given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
+    given = equations_of(taken)
 
     def best_of(starts: dict[Hold, list[SpectralFit]], wanted: Known) -> SpectralEstimate:
-        found: list[_Judged] = []
-        for hold in sorted(holds, key=lambda one: starts[one][0].cost):
+        judged: list[_Judged] = []
+        for hold in sorted(holds, key=lambda choice: starts[choice][0].cost):
             note(f"fitting the record as {hold}")
-            found.append(_searched(given, taken, starts[hold], hold, wanted, found))
-        return _decided(found, holds, local, taken)
+            judged.append(_searched(given, taken, starts[hold], hold, wanted, judged))
+        return _decided(judged, holds, local, taken)
 
     free = best_of(proposals, known.without_values)
     if known == known.without_values:
@@ -128,21 +127,21 @@ def _searched(
     proposals: list[SpectralFit],
     hold: Hold,
     known: Known,
-    found: list[_Judged],
+    judged: list[_Judged],
 ) -> _Judged:
     """Return the best choice under one hold, after a glance alone if that is far behind what was `found` before."""
     glance = None
-    if found:
+    if judged:
         glance = choose(given, proposals, hold, known, quick=True)
         seen = _judged(glance, taken)
-        if seen.evidence > found[0].evidence + _FAR:
+        if seen.evidence > judged[0].evidence + _FAR:
             return seen
     best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
-    behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
+    behind = bool(judged) and best.evidence > judged[0].evidence + _enough(best, judged[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best
     # in a loop a model that is not causal takes the noise in the command for an answer
-    mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals)]
+    mirrored = [replace(fit, theta=np.abs(fit.theta)) for fit in (best.choice.fit, *proposals)]
     stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
     return stable if stable.evidence < best.evidence + CERTAIN else best
 
@@ -167,7 +166,7 @@ def _smooth(power: FloatArray) -> FloatArray:
 
 def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
     """Return the records' own response where their command has power. Raises BadInput where that is nearly nowhere."""
-    local = join_local([local_response(one, 0.47 * rate_hz) for one in taken])
+    local = join_local([local_response(spectrum_, 0.47 * rate_hz) for spectrum_ in taken])
     if local.frequency_hz.size < 4:
         raise BadInput(
             f"the record shows its response at {local.frequency_hz.size} frequencies",
@@ -198,7 +197,7 @@ def estimate_lines(
     def best_of(wanted: Known, free: SpectralEstimate | None = None) -> SpectralEstimate:
         proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
         choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
-        judged = [_Judged(one, (), 2.0 * one.fit.cost + one.price) for one in choices]
+        judged = [_Judged(choice, (), 2.0 * choice.fit.cost + choice.price) for choice in choices]
         return _decided(judged, holds, local, taken)
 
     free = best_of(known.without_values)
@@ -219,8 +218,8 @@ def _proposals(
     Raises BadInput where a hold has none.
     """
     scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    choices = [] if free is None else [one for one in (free.chosen, free.other) if one is not None]
-    near = {one.hold: tuple(one.fits.values()) for one in choices}
+    choices = [] if free is None else [choice for choice in (free.chosen, free.other) if choice is not None]
+    near = {choice.hold: tuple(choice.fits.values()) for choice in choices}
     proposals = propose(local, rate_hz, scale, holds, known, note, arrival_s, near)
     if not all(proposals[hold] for hold in holds):
         raise BadInput(_NO_FORM)
@@ -232,7 +231,7 @@ class _Judged:
     """A choice, what it leaves of every record, what holds are compared by, and how much of that a loop explains."""
 
     choice: Choice
-    left: tuple[Residual, ...]
+    residuals: tuple[Residual, ...]
     evidence: float
     by_loop: float = 0.0
 
@@ -240,38 +239,38 @@ class _Judged:
 def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
     """Return the choice with its criterion (Bayes) for position and command together."""
     highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
-    left = record_residual(choice, taken)
-    parts = [joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, left, strict=True)]
+    residuals = record_residual(choice, taken)
+    parts = [joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, residuals, strict=True)]
     misfit, by_loop = (sum(column) for column in zip(*parts, strict=True))
-    return _Judged(choice, left, misfit + choice.price, by_loop)
+    return _Judged(choice, residuals, misfit + choice.price, by_loop)
 
 
-def _enough(one: _Judged, other: _Judged) -> float:
+def _enough(judged: _Judged, other: _Judged) -> float:
     """Return the difference of evidence from which on one of two holds is told."""
-    return _CERTAIN_IN_LOOP if max(one.by_loop, other.by_loop) > 0.0 else CERTAIN
+    return _CERTAIN_IN_LOOP if max(judged.by_loop, other.by_loop) > 0.0 else CERTAIN
 
 
 def _decided(
-    found: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
+    judged: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
 ) -> SpectralEstimate:
     """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
-    best, *others = sorted(found, key=lambda one: one.evidence)
+    best, *others = sorted(judged, key=lambda row: row.evidence)
     if not others:
-        return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.left)
+        return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.residuals)
     other = others[0]
     advantage = float(other.evidence - best.evidence)
     certain, flanks = advantage > _enough(best, other), False
     if not certain:
-        flanks = bool(best.left) and _flanks(taken, best.left)
+        flanks = bool(best.residuals) and _flanks(taken, best.residuals)
         # most commands come from a converter: without evidence the command is taken to be held
         likely = "band-limited" if flanks else min(holds, key=holds.index)
         best, other = (best, other) if best.choice.hold == likely else (other, best)
     return SpectralEstimate(
-        best.choice, other.choice, certain, advantage, local, taken, best.left, other.left, flanks=flanks
+        best.choice, other.choice, certain, advantage, local, taken, best.residuals, other.residuals, flanks=flanks
     )
 
 
-def _flanks(taken: Sequence[Spectrum], left: Sequence[Residual]) -> bool:
+def _flanks(taken: Sequence[Spectrum], residuals: Sequence[Residual]) -> bool:
     """Return true where the command, and what no command explains of the position, both fall off below half the rate
     as behind the filters of converters: the command was then recorded, not played.
     """
@@ -284,9 +283,9 @@ def _flanks(taken: Sequence[Spectrum], left: Sequence[Residual]) -> bool:
         return below > _FLANK * beyond
 
     return all(
-        falls(lines, one.frequency_hz / one.rate_hz)
-        for one, rest in zip(taken, left, strict=True)
-        for lines in (one.command, rest.lines)
+        falls(lines, taken_.frequency_hz / taken_.rate_hz)
+        for taken_, rest in zip(taken, residuals, strict=True)
+        for lines in (taken_.command, rest.lines)
     )
 
 
@@ -306,7 +305,7 @@ def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> 
     choice, pairs = estimated.chosen, list(zip(estimated.spectra, references, strict=True))
     if not all(follows(*pair) for pair in pairs):
         return estimated
-    given = join([equations(by_reference(*pair), 0.0, 0.5 * choice.problem.given.rate_hz) for pair in pairs])
+    given = equations_of(by_reference(*pair) for pair in pairs)
     chosen = refitted(choice, given)
     residuals = record_residual(chosen, estimated.spectra)
     return replace(estimated, chosen=chosen, residuals=residuals, before=choice.fit)
@@ -319,16 +318,16 @@ def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
     for _ in range(2):
         problem = problem.with_weight(weights(given, problem.residual(fit), highest))
         fit = problem.descend(fit.form, fit.theta, fit.delay, most=10) or fit
-    others = {form: problem.descend(form, one.theta, one.delay, most=6) for form, one in choice.fits.items()}
-    kept = {form: one for form, one in others.items() if one is not None}
+    others = {form: problem.descend(form, other.theta, other.delay, most=6) for form, other in choice.fits.items()}
+    kept = {form: other for form, other in others.items() if other is not None}
     return replace(choice, fit=fit, problem=problem, fits=kept | {fit.form: fit})
 
 
 def follows(taken: Spectrum, reference: FloatArray) -> bool:
     """Return true where enough of the command follows the reference (n,)."""
-    made = by_reference(taken, reference)
+    following_ = by_reference(taken, reference)
     power = float(np.sum(np.abs(taken.command) ** 2))
-    return float(np.sum(np.abs(made.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
+    return float(np.sum(np.abs(following_.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
 
 
 def by_reference(taken: Spectrum, reference: FloatArray) -> Spectrum:

@@ -64,7 +64,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     """Return true where the record speaks against what is fixed: by Bayes' criterion, or, where nothing else of the
     form differs, by the likelihood's ratio. free: the choices without it, the one of the same hold is compared.
     """
-    beside = next((one for one in free if one.hold == chosen.hold), free[0])
+    beside = next((choice for choice in free if choice.hold == chosen.hold), free[0])
     problem, fit = beside.problem, chosen.fit
     again = problem.descend(fit.form, fit.theta, fit.delay, most=10)
     if again is None:
@@ -80,12 +80,13 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
     """Return true where a value is obeyed by what nothing else asks for: the record's own departs by more than a tenth
     and three times its confidence, or a known pole, that the record itself does not show, has a zero beside it.
     """
-    if any(one.is_far and abs((one.own or (0.0, 0.0))[0] - one.fixed.value) > 3.0 * one.half for one in known):
+    far = [value for value in known if value.is_far]
+    if any(abs((value.own or (0.0, 0.0))[0] - value.fixed.value) > 3.0 * value.half for value in far):
         return True
     zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
     return any(
-        one.fixed.section and one.is_far and bool(np.any(np.abs(zeros / one.fixed.value - 1.0) < _BESIDE))
-        for one in known
+        value.fixed.section and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < _BESIDE))
+        for value in known
     )
 
 
@@ -102,15 +103,16 @@ def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, fr
         f"the record does not agree with what is fixed, {', '.join(map(str, known))}: with it the response differs by "
         f"up to {apart:.2g} dB{_evaded(model, free, low)}; the band holds the model without it"
     )
-    return said, apart > _MATERIAL_DB or any(one.own is None or one.is_far for one in known)
+    return said, apart > _MATERIAL_DB or any(value.own is None or value.is_far for value in known)
 
 
 def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
     """Return how a model evades a value at 0 Hz: by a pole far below the lowest frequency of the record (low, hertz),
     under which it does as it is told; empty where it has no such pole, or the record by itself has one, too.
     """
-    slow, own = (float(np.min(np.abs(np.roots(one.den)), initial=np.inf)) / (2.0 * np.pi) for one in (model, free))
-    if slow > 0.1 * low or own < 0.1 * low:
+    slowest = (np.min(np.abs(np.roots(each.den)), initial=np.inf) for each in (model, free))
+    slow, free_pole = (float(size) / (2.0 * np.pi) for size in slowest)
+    if slow > 0.1 * low or free_pole < 0.1 * low:
         return ""
     return (
         f", since a pole at {slow:.2g} Hz evades it: the value holds below that pole alone, and not from {low:.3g} Hz "
@@ -122,24 +124,24 @@ def exact(model: PlantModel, fixed: Sequence[Fixed]) -> PlantModel:
     """Return the model with the fixed coefficients and gain to the last digit, and no variance of theirs."""
     num, den, covariance = model.num.copy(), model.den.copy(), model.covariance.copy()
     places = []
-    for one in fixed:
-        if one.name == "mass":
-            num[0], at = 1.0 / one.value, 0
-        elif one.name.startswith("num"):
-            at = num.size - 1 - one.power
-            num[at] = one.value
-        elif one.name.startswith("den"):
-            at = num.size - 1 + den.size - 1 - one.power
-            den[den.size - 1 - one.power] = one.value
+    for value in fixed:
+        if value.name == "mass":
+            num[0], at = 1.0 / value.value, 0
+        elif value.name.startswith("num"):
+            at = num.size - 1 - value.power
+            num[at] = value.value
+        elif value.name.startswith("den"):
+            at = num.size - 1 + den.size - 1 - value.power
+            den[den.size - 1 - value.power] = value.value
         else:
             continue
         places.append(at)
     covariance[places, :] = 0.0
     covariance[:, places] = 0.0
     last, under = num.size - 1, num.size + den.size - 2
-    for one in fixed:
-        if one.name in ("gain", "stiffness"):
-            gain = one.value if one.name == "gain" else 1.0 / one.value
+    for value in fixed:
+        if value.name in ("gain", "stiffness"):
+            gain = value.value if value.name == "gain" else 1.0 / value.value
             if last in places:
                 den[-1] = num[-1] / gain
                 covariance[under, :] = covariance[:, under] = 0.0

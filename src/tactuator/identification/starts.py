@@ -82,17 +82,17 @@ class Starter:
                 point = self.problem.evaluate(form, theta, lag)
             if point is not None and np.isfinite(point.cost):
                 candidates.append((point.cost, theta, lag))
-        candidates.sort(key=lambda one: one[0])
+        candidates.sort(key=lambda candidate: candidate[0])
         fits, begun_from = [], list[float]()
         for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]:
             # the search for dead times comes upon one and the same again
             if all(abs(lag - other) > _SAME * self.problem.grid.period for other in begun_from):
                 begun_from.append(lag)
                 fits.append(self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE))
-        found = [one for one in fits if one is not None]
-        if not found:
+        finished = [candidate for candidate in fits if candidate is not None]
+        if not finished:
             return None
-        best = min(found, key=lambda one: one.cost)
+        best = min(finished, key=lambda candidate: candidate.cost)
         if form.dead_time:
             self._last_delay = best.delay
         return best
@@ -175,10 +175,10 @@ class Starter:
         """
         scale = 2.0 * np.pi / self.problem.grid.scale_rad_s
         pairs = np.geomspace(self.low_hz, self.high_hz, form.free // 2 + 2)[1:-1] * scale
-        made = [size * turn for size in pairs for turn in (-0.15 + 1j, -0.15 - 1j)]
+        poles = [size * turn for size in pairs for turn in (-0.15 + 1j, -0.15 - 1j)]
         if form.free % 2:
-            made.append(complex(-0.8 * scale * np.sqrt(self.low_hz * self.high_hz)))
-        return np.array(made, dtype=np.complex128)
+            poles.append(complex(-0.8 * scale * np.sqrt(self.low_hz * self.high_hz)))
+        return np.array(poles, dtype=np.complex128)
 
 
 def _least_squares(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, float]:
@@ -201,21 +201,21 @@ def _least_squares_of_all(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[Fl
     turned = matrix.transpose(0, 2, 1)
     gram = turned @ matrix + 1e-12 * np.eye(matrix.shape[2])
     solution = np.linalg.solve(gram, turned @ values)
-    left = np.sum((values - matrix @ solution) ** 2, axis=(1, 2))
-    return solution[:, :, 0] / size, np.where(np.isfinite(left), left, np.inf)
+    rest = np.sum((values - matrix @ solution) ** 2, axis=(1, 2))
+    return solution[:, :, 0] / size, np.where(np.isfinite(rest), rest, np.inf)
 
 
 def _fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
     """Return 1/(s - p) with real coefficients: sum and difference of each conjugate pair, (m, n)."""
-    made = []
+    columns = []
     for pole in poles[poles.imag >= -1e-13]:
-        one = 1.0 / (s - pole)
+        fraction = 1.0 / (s - pole)
         if pole.imag > 1e-13:
             other = 1.0 / (s - np.conj(pole))
-            made += [one + other, 1j * (one - other)]
+            columns += [fraction + other, 1j * (fraction - other)]
         else:
-            made.append(one)
-    return np.stack(made, axis=1)
+            columns.append(fraction)
+    return np.stack(columns, axis=1)
 
 
 def _zeros_of_sigma(poles: ComplexArray, weights: FloatArray) -> ComplexArray:
@@ -236,6 +236,7 @@ def _zeros_of_sigma(poles: ComplexArray, weights: FloatArray) -> ComplexArray:
 
 def _mirrored(poles: ComplexArray) -> ComplexArray:
     """Move poles into the left half plane, and off the axis."""
-    made = np.where(poles.real > 0.0, -np.conj(poles), poles)
-    made = np.where(np.abs(made.real) < 1e-4 * np.abs(made), -1e-3 * np.abs(made) + 1j * made.imag, made)
-    return np.asarray(made[np.argsort(np.abs(made), kind="stable")])
+    mirrored = np.where(poles.real > 0.0, -np.conj(poles), poles)
+    on_axis = np.abs(mirrored.real) < 1e-4 * np.abs(mirrored)
+    mirrored = np.where(on_axis, -1e-3 * np.abs(mirrored) + 1j * mirrored.imag, mirrored)
+    return np.asarray(mirrored[np.argsort(np.abs(mirrored), kind="stable")])

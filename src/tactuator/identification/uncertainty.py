@@ -45,29 +45,29 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     """Return what the forms that the record does not exclude add: their mean squared departure, weighted by Bayes."""
     best = choice.fit
     value = best.response(frequency_hz)
-    own = log_slopes(best, frequency_hz)
+    slopes = log_slopes(best, frequency_hz)
     spread = information(choice.problem, best)
-    lowest = min(choice.criterion(one) for one in choice.fits.values())
+    lowest = min(choice.criterion(fit) for fit in choice.fits.values())
     total, magnitude, phase = 0.0, np.zeros(frequency_hz.size), np.zeros(frequency_hz.size)
-    own_variance = _variances(own, spread)
-    for one in choice.fits.values():
-        behind = choice.criterion(one) - lowest
+    own_variance = _variances(slopes, spread)
+    for fit in choice.fits.values():
+        behind = choice.criterion(fit) - lowest
         if behind > _LEAST_WEIGHT:
             continue
         weight = float(np.exp(-0.5 * behind))
         total += weight
-        if one is best:
+        if fit is best:
             continue
-        away = np.log(one.response(frequency_hz) / value)
-        variance = _variances(log_slopes(one, frequency_hz), information(choice.problem, one))
+        away = np.log(fit.response(frequency_hz) / value)
+        variance = _variances(log_slopes(fit, frequency_hz), information(choice.problem, fit))
         magnitude += weight * np.maximum(away.real**2 + variance[0] - own_variance[0], 0.0)
         phase += weight * np.maximum(away.imag**2 + variance[1] - own_variance[1], 0.0)
     return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
 
 
 def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    made = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
-    return np.maximum(made[0], 0.0), np.maximum(made[1], 0.0)
+    variances = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
+    return np.maximum(variances[0], 0.0), np.maximum(variances[1], 0.0)
 
 
 def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, frequency_hz: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, freque
     fed_back = (local.noise / np.maximum(local.excitation * np.abs(seen), 1e-300)) ** 2
     allowed = local.variance + np.minimum(fed_back, np.abs(seen) ** 2)
     place = local.frequency_hz
-    made = np.zeros(place.size)
+    relative_error = np.zeros(place.size)
     for k, hertz in enumerate(place):
         near = np.abs(place - hertz) <= 0.5 * _POOLED * hertz
         if near.sum() < 5:
@@ -89,8 +89,8 @@ def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, freque
         beyond = float(np.mean(off[near] / allowed[near]))
         if beyond > 1.0 + 4.0 / np.sqrt(count):
             relative = np.mean((off[near] - allowed[near]) / np.abs(seen[near]) ** 2)
-            made[k] = np.sqrt(max(float(relative), 0.0))
-    return np.interp(np.log(frequency_hz), np.log(place), made)
+            relative_error[k] = np.sqrt(max(float(relative), 0.0))
+    return np.interp(np.log(frequency_hz), np.log(place), relative_error)
 
 
 def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
@@ -110,10 +110,10 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
         hertz = taken.frequency_hz
         upper = np.flatnonzero((hertz > 0.6 * top) & (hertz < 0.95 * top))
         seen = fit.response(hertz[upper]) * np.exp(2j * np.pi * hertz[upper] * taken.shift / taken.rate_hz)
-        left = taken.position[upper] - seen * taken.command[upper]
-        power += float(np.sum(np.abs(left) ** 2))
-        shared += complex(np.sum(taken.command[upper] * np.conj(left)))
-        by_chance += float(np.sum(np.abs(taken.command[upper] * left) ** 2))
+        rest = taken.position[upper] - seen * taken.command[upper]
+        power += float(np.sum(np.abs(rest) ** 2))
+        shared += complex(np.sum(taken.command[upper] * np.conj(rest)))
+        by_chance += float(np.sum(np.abs(taken.command[upper] * rest) ** 2))
     share, chance = shared / max(power, 1e-300), float(np.sqrt(by_chance)) / max(power, 1e-300)
     share = share * max(1.0, chance / max(abs(share), 1e-300))
     beyond = np.geomspace(top, 50.0 * top, 400)

@@ -8,16 +8,15 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.by_spectrum import residual_tests
+from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
-from tactuator.identification.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.lines import LocalResponse, Spectrum, equations, local_response, spectrum, weights
-from tactuator.identification.loops import dahl_state
+from tactuator.identification.likelihood import SpectralFit
+from tactuator.identification.lines import LocalResponse, local_response, spectrum
 from tactuator.identification.motor import motor_estimate, motor_prediction
-from tactuator.identification.prepared import Samples, check_record
-from tactuator.identification.residual import Residual, line_residual
+from tactuator.identification.prepared import check_record
+from tactuator.identification.residual import Residual, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
@@ -37,84 +36,73 @@ _SHORT = 1e-3
 """Presliding distance, of the size of the motion, where the model cannot tell its own."""
 
 
-def validated(found: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
+def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
     with threadpool_limits(limits=1):
-        made = tuple(validate(found, record, name) for name, record in records)
-    reasons = (*found.distrust, *(reason for one in made for reason in one.failures))
-    remarks = (*found.remarks, *(remark for one in made for remark in one.remarks))
-    return replace(found, validations=made, distrust=reasons, remarks=remarks)
+        validations = tuple(validate(result, record, name) for name, record in records)
+    reasons = (*result.distrust, *(reason for validation in validations for reason in validation.failures))
+    remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))
+    return replace(result, validations=validations, distrust=reasons, remarks=remarks)
 
 
 @np.errstate(all="ignore")
-def validate(found: Identification, record: Record, name: str = "") -> Validation:
+def validate(result: Identification, record: Record, name: str = "") -> Validation:
     """Return how the model that was found stands on a record of the same mechanism. Raises BadInput where the record
     cannot be used, or is in other units.
     """
-    model, called = found.model, name or record.about.get("file", "the other record")
+    model, called = result.model, name or record.about.get("file", "the other record")
     units = (record.command_unit, record.position_unit)
     if units != (model.command_unit, model.position_unit):
-        own = _units(model.command_unit, model.position_unit)
-        raise BadInput(f"{called} is in {_units(*units)}, the model in {own}", "the same units")
+        units_of_model = _units(model.command_unit, model.position_unit)
+        raise BadInput(f"{called} is in {_units(*units)}, the model in {units_of_model}", "the same units")
     remarks = (*record.remarks, *check_record(record))
     if model.method == "inverse dynamics":
-        return _validate_motor(found, record, called, remarks)
-    hold = _hold(found, record)
+        return _validate_motor(result, record, called, remarks)
     scale = (float(np.std(record.command)), float(np.std(record.position)))
-    fit = fit_of_model(model, record.rate_hz, hold, scale[1] / scale[0])
-    command = (record.command - record.command.mean()) / scale[0]
-    samples = Samples(command, (record.position - record.position.mean()) / scale[1], record.rate_hz)
-    taken, left = _left(fit, samples)
-    if model.friction:
-        for path in ("measured", "simulated"):
-            along = (samples.position if path == "measured" else left.simulated) * scale[1]
-            pull = dahl_state(np.ascontiguousarray(along), model.friction.get("presliding", _SHORT * scale[1]))
-            rest = samples.command.size - pull.size
-            pulled = np.concatenate([pull, np.full(rest, pull[-1])]) * model.friction["coulomb"] / scale[0]
-            moving = replace(samples, command=command - pulled)
-            taken, left = _left(fit, moving)
-        samples = moving
-    return _judged(found, called, fit, samples, taken, left, remarks)
+    fit = fit_of_model(model, record.rate_hz, _hold(result, record), scale[1] / scale[0])
+    command, position = (record.command - record.command.mean()) / scale[0], record.position / scale[1]
+    position = position - position.mean()
+
+    def left_of(moving: FloatArray) -> Residual:
+        """Return what the fit leaves of the record's lines, weighted by its own spectrum."""
+        shift = min(max(int(fit.delay_s * record.rate_hz + 1e-3) - 1, 0), command.size // 4)
+        return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), 0.47 * record.rate_hz)
+
+    moving, residual, path = command, left_of(command), position
+    for _ in range(2 if model.friction else 0):
+        pull = dahl_state(path * scale[1], model.friction.get("presliding", _SHORT * scale[1]))
+        pulled = np.concatenate([pull, np.full(command.size - pull.size, pull[-1])])
+        moving = command - pulled * model.friction["coulomb"] / scale[0]
+        residual = left_of(moving)
+        path = residual.simulated
+    local = local_response(spectrum(moving, position, record.rate_hz), 0.45 * record.rate_hz)
+    return _judged(result, called, fit, judged_residual(moving, residual, fit, fitted=False), residual, local, remarks)
 
 
 def _units(command: str, position: str) -> str:
     return f"{command or 'no unit'} and {position or 'no unit'}"
 
 
-def _hold(found: Identification, record: Record) -> Hold:
-    said = record.about.get("hold", found.between.hold)
+def _hold(result: Identification, record: Record) -> Hold:
+    said = record.about.get("hold", result.between.hold)
     return next((hold for hold in HOLDS if hold == said), "zero-order")
 
 
-def _left(fit: SpectralFit, samples: Samples) -> tuple[Spectrum, Residual]:
-    """Return the record's lines and what the fit leaves of them, weighted by its own spectrum."""
-    shift = min(max(int(fit.delay_s * samples.rate_hz + 1e-3) - 1, 0), samples.command.size // 4)
-    taken = spectrum(samples.command, samples.position, samples.rate_hz, shift)
-    given = equations(taken, 0.0, 0.5 * samples.rate_hz)
-    grid = replace(fit.grid, frequency_hz=given.frequency_hz, shift=shift)
-    highest = 0.47 * samples.rate_hz
-    problem = SpectralProblem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
-    problem = problem.with_weight(weights(given, problem.residual(fit), highest))
-    return taken, line_residual(fit, given, problem.weight, taken)
-
-
 def _judged(
-    found: Identification,
+    result: Identification,
     name: str,
     fit: SpectralFit,
-    samples: Samples,
-    taken: Spectrum,
-    left: Residual,
+    tests: ResidualTests,
+    line_residual: Residual,
+    local: LocalResponse,
     remarks: tuple[str, ...],
 ) -> Validation:
-    tests = residual_tests(samples, left, fit, taken, fitted=False)
-    residual = float(np.mean((left.measured - left.simulated) ** 2))
-    percent = 100.0 * (1.0 - float(np.sqrt(residual / np.mean(left.measured**2))))
-    whole = spectrum(samples.command, samples.position, samples.rate_hz)
-    share, points = _share_inside(found.model, fit, local_response(whole, 0.45 * samples.rate_hz))
+    taken, percent = line_residual.taken, line_residual.fit_percent
+    residual = float(np.mean((line_residual.measured - line_residual.simulated) ** 2))
+    share, points = _share_inside(result.model, fit, local)
     hertz = taken.frequency_hz[1:]
     moved = np.abs(response_of_rows(fit, hertz) * taken.command[1:]) ** 2
-    band = found.model.band_db(hertz) / 8.685890 / 1.959964
+    band = result.model.band_db(hertz) / 8.685890 / 1.959964
     allowed = 2.0 * float(np.sum(moved * band**2)) * 2.0 / taken.samples
     following = tests.unexplained * residual
     failures, remarks_ = [], list(remarks)
@@ -140,58 +128,46 @@ def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> 
     low, high = model.valid_hz or model.band_hz
     size, noise = np.abs(local.value), local.noise
     fed_back = np.minimum((noise / np.maximum(local.excitation * size, 1e-300)) ** 2, size**2)
-    own = np.sqrt(0.5 * (local.variance + fed_back)) / size
-    keep = (local.frequency_hz >= low) & (local.frequency_hz <= high) & (own < _SHARP)
+    error = np.sqrt(0.5 * (local.variance + fed_back)) / size
+    keep = (local.frequency_hz >= low) & (local.frequency_hz <= high) & (error < _SHARP)
     keep &= local.excitation > _SILENT * float(np.max(local.excitation, initial=0.0))
     if not np.any(keep):
         return float("nan"), 0
     hertz = local.frequency_hz[keep]
-    off = _logarithm(local.value[keep] / response_of_rows(fit, hertz))
+    off = np.log(local.value[keep] / response_of_rows(fit, hertz))
     band = (model.band_db(hertz) / 8.685890, model.band_rad(hertz))
-    reach = [np.hypot(one, 1.959964 * own[keep]) for one in band]
+    reach = [np.hypot(half_width, 1.959964 * error[keep]) for half_width in band]
     inside = np.concatenate([np.abs(off.real) <= reach[0], np.abs(off.imag) <= reach[1]])
     return float(np.mean(inside)), int(inside.size)
 
 
-def _logarithm(ratio: ComplexArray) -> ComplexArray:
-    return np.asarray(np.log(np.abs(ratio)) + 1j * np.angle(ratio))
-
-
-def _validate_motor(found: Identification, record: Record, name: str, remarks: tuple[str, ...]) -> Validation:
-    model, friction = found.model, found.friction
+def _validate_motor(result: Identification, record: Record, name: str, remarks: tuple[str, ...]) -> Validation:
+    model, friction = result.model, result.friction
     assert friction is not None
     assert model.valid_hz is not None
-    is_held = _hold(found, record) != "band-limited"
+    is_held = _hold(result, record) != "band-limited"
     theta = np.array([model.num[0], model.den[1], friction.coulomb, friction.offset])
     wanted, predicted = motor_prediction(
         record.command, record.position, record.rate_hz, theta, model.valid_hz[1], is_held=is_held
     )
     if wanted.size < _FEWEST:
         raise BadInput(f"in {name} the motor hardly moves", "a record with motion of its own")
-    left = wanted - predicted
+    rest = wanted - predicted
     spread = float(np.sum((wanted - wanted.mean()) ** 2))
-    unexplained = float(left @ left) / max(spread, 1e-300)
+    unexplained = float(rest @ rest) / max(spread, 1e-300)
     tests = ResidualTests(float("nan"), float("nan"), unexplained, feedback=None)
     failures, said, inside, points = [], list(remarks), float("nan"), 0
     again = motor_estimate(record.command, record.position, record.rate_hz, is_held=is_held)
     if again is None:
         said.append(f"{name} alone does not tell the motor's parameters: they are not compared")
     else:
-        agree = _agreement(model, theta, friction.confidence, friction.offset_confidence, again.covariance, again)
+        half_widths = np.append(
+            1.959964 * np.sqrt(np.diag(model.covariance)[:2]), [friction.confidence, friction.offset_confidence]
+        )
+        agree = np.abs(again.theta - theta) <= np.hypot(half_widths, 1.959964 * np.sqrt(np.diag(again.covariance)))
         inside, points = float(np.mean(agree)), agree.size
         if inside < 0.5:
             failures.append(f"on {name} {int(np.sum(~agree))} of the motor's four parameters lie outside their bands")
     if unexplained > 0.1:
         failures.append(f"on {name} {100.0 * unexplained:.2g} % of the command's power stay unexplained")
     return Validation(name, 100.0 * (1.0 - unexplained**0.5), tests, inside, points, tuple(failures), tuple(said))
-
-
-def _agreement(
-    model: PlantModel, theta: FloatArray, coulomb: float, offset: float, covariance: FloatArray, again: object
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return for each of the four parameters whether the two records' values agree within both confidences."""
-    names = ("gain", "damping", "coulomb", "offset")
-    other = np.array([getattr(again, name) for name in names])
-    own = np.append(1.959964 * np.sqrt(np.diag(model.covariance)[:2]), [coulomb, offset])
-    reach = np.hypot(own, 1.959964 * np.sqrt(np.diag(covariance)))
-    return np.asarray(np.abs(other - theta) <= reach)

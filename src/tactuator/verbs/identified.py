@@ -137,7 +137,6 @@ class IdentificationResult(_FittedResult, Identification):
             "excitation": {
                 "order": excitation.order,
                 "needed": excitation.needed,
-                "condition": excitation.condition,
                 "band_hz": [excitation.low_hz, excitation.high_hz],
                 "sufficient": excitation.sufficient,
             },

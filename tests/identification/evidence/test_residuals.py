@@ -13,5 +13,5 @@ def test_residual__slopes_that_overflow__speak_for_no_model(amiss):
     slopes = random.standard_normal((4000, 2))
     slopes[17, 1] = amiss
     with np.errstate(all="ignore"):
-        found = check_residual(random.standard_normal(4000), random.standard_normal(4000), slopes, 1000.0, loop=False)
+        found = check_residual(random.standard_normal(4000), random.standard_normal(4000), slopes, 1000.0)
     assert found.uncorrelated_p == 0.0
