@@ -15,7 +15,7 @@ from tactuator.identification.form import Known
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.search import TIE, Choice, choose, propose
-from tactuator.identification.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.standing import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
@@ -116,19 +116,8 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
         return free_fit
     bound = best_of(known, tuple(free.fits.values()))
     bound_fit = _judged(given, bound.fit, information(bound.problem, bound.fit), local, asked)
-    return _beside_free(bound_fit, free_fit, asked, disagrees(bound, [free]))
-
-
-def _beside_free(fit: ResponseFit, free: ResponseFit, asked: Asked, against: bool) -> ResponseFit:
-    """Return the fit with values that are fixed, beside what the response shows without them."""
-    fit = replace(fit, fixed=tuple(FixedAgainstOwn(value, value.of_model(free.model)) for value in asked.fixed))
-    if not against and not cancelled(fit.fixed, fit.model):
-        return fit
-    said, is_wrong = said_of_disagreement(fit.fixed, fit.model, free.model)
-    fit = replace(fit, model=fit.model.holding(free.model))
-    if is_wrong:
-        return replace(fit, distrust=(*fit.distrust, said))
-    return replace(fit, remarks=(*fit.remarks, said))
+    both: ResponseFit = beside_free(bound_fit, free_fit.model, asked.fixed, bound, [free])
+    return both
 
 
 def _unsure(given: FrequencyResponse) -> FloatArray:

@@ -26,7 +26,7 @@ from tactuator.identification.residual_tests import (
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
 from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
-from tactuator.identification.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.standing import beside_free, exact
 from tactuator.identification.uncertainty import (
     fed_back,
     left_over,
@@ -105,27 +105,15 @@ def identification(
         other=other,
         distortion=distortion,
     )
-    return result if estimate.free is None else _beside_free(result, common, estimate, estimate.free)
-
-
-def _beside_free(
-    result: Identification, common: Prepared, estimate: SpectralEstimate, free: SpectralEstimate
-) -> Identification:
-    """Return the identification with what the record shows without the values that are fixed; where it speaks against
-    them, the band holds both.
-    """
+    if estimate.free is None:
+        return result
+    free = estimate.free
     alone = _model(common, free, free.chosen)
     alone = replace(alone, valid_hz=_valid(alone, free))
-    result = replace(result, fixed=tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in common.asked.fixed))
-    beside = [value for value in (free.chosen, free.other) if value is not None]
-    if not disagrees(estimate.chosen, beside) and not cancelled(result.fixed, result.model):
-        return result
-    said, is_wrong = said_of_disagreement(result.fixed, result.model, alone)
-    model = result.model.holding(alone)
-    result = replace(result, model=replace(model, valid_hz=_valid(model, estimate)))
-    if is_wrong:
-        return replace(result, distrust=(*result.distrust, said))
-    return replace(result, remarks=(*result.remarks, said))
+    beside = [choice for choice in (free.chosen, free.other) if choice is not None]
+    beside_result: Identification = beside_free(result, alone, common.asked.fixed, chosen, beside)
+    model = beside_result.model
+    return replace(beside_result, model=replace(model, valid_hz=_valid(model, estimate)))
 
 
 def _remarks_on(tests: ResidualTests, estimate: SpectralEstimate, residuals: Sequence[Residual]) -> list[str]:

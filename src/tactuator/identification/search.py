@@ -82,107 +82,122 @@ def propose(
     arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
     values that are known, in the same scale, to start from as well.
     """
-    known = known.in_scale(scale_rad_s)
-    starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
-    scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
-    price = float(np.log(2.0 * local.frequency_hz.size))
+    proposals = _Proposals(local, rate_hz, scale_rad_s, holds, known, arrival_s)
     best, stale = np.inf, 0
     for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
-        now, before = np.inf, dict[Form, SpectralFit]()
-        for hold in _worth(scored, local):
-            late_alone = _late_alone(scored[hold], local)
-            for form in known.forms(poles):
-                if late_alone and not form.dead_time:
-                    continue
-                fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
-                if fit is not None:
-                    before.setdefault(form, fit)
-                    score = 2.0 * fit.cost + price * form.count
-                    scored[hold].append((score, fit))
-                    now = min(now, score)
+        now = proposals.add_forms(poles)
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
         if stale >= 2:
             break
-    if _all_poor(scored, local):
-        _add_full_forms(scored, starters, known, scale_rad_s, price, note)
+    if proposals.least_cost() > _POOR * local.frequency_hz.size:
+        late = proposals.leading()[1].form.dead_time
+        for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
+            note(f"{poles} poles and as many zeros")
+            if np.isfinite(proposals.add_full_forms(poles, late)) and proposals.nothing_left():
+                break
     for hold, fits in near.items():
-        begun = (_from_free(starters[hold], fit, known, scale_rad_s) for fit in fits)
-        scored[hold] += [(2.0 * fit.cost + price * fit.form.count, fit) for pair in begun for fit in pair]
-    return {hold: [fit for _, fit in sorted(scored[hold], key=lambda pair: pair[0])] for hold in holds}
+        for fit in fits:
+            proposals.add_from_free(hold, fit)
+    return {hold: [fit for _, fit in sorted(scored, key=_score_of)] for hold, scored in proposals.scored.items()}
 
 
-def _from_free(starter: Starter, fit: SpectralFit, known: Known, scale_rad_s: float) -> Iterator[SpectralFit]:
-    """Yield the fit with the values that are known, where its form can have them."""
-    for form, theta in known.like(fit.form, free_poles(fit.theta, fit.form)):
-        delay = fit.delay if known.delay_s is None else known.delay_s * scale_rad_s
-        begun = starter.problem.descend(form, theta, delay, most=10)
-        if begun is not None:
-            yield begun
+def _score_of(pair: tuple[float, SpectralFit]) -> float:
+    return pair[0]
 
 
-def _add_full_forms(
-    scored: dict[Hold, list[tuple[float, SpectralFit]]],
-    starters: dict[Hold, Starter],
-    known: Known,
-    scale_rad_s: float,
-    price: float,
-    note: Callable[[str], None],
-) -> None:
-    """Add the forms with many zeros, with a dead time if the best of the others has one, until nothing is left."""
-    leading = min((pair for fits in scored.values() for pair in fits), key=lambda pair: pair[0])[1]
-    for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
-        note(f"{poles} poles and as many zeros")
+class _Proposals:
+    """Fits to one local response under several holds, each with its score: -2 log likelihood and Bayes' penalty."""
+
+    def __init__(
+        self,
+        local: LocalResponse,
+        rate_hz: float,
+        scale_rad_s: float,
+        holds: tuple[Hold, ...],
+        known: Known,
+        arrival_s: float,
+    ) -> None:
+        self._known, self._points = known.in_scale(scale_rad_s), local.frequency_hz.size
+        self._delay = None if known.delay_s is None else known.delay_s * scale_rad_s
+        self._starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
+        self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
+
+    def leading(self) -> tuple[float, SpectralFit]:
+        """Return the best fit with its score."""
+        return min((pair for scored in self.scored.values() for pair in scored), key=_score_of)
+
+    def least_cost(self) -> float:
+        """Return the least cost of all fits."""
+        return min((fit.cost for scored in self.scored.values() for _, fit in scored), default=np.inf)
+
+    def _add(self, hold: Hold, fit: SpectralFit) -> float:
+        score = 2.0 * fit.cost + float(np.log(2.0 * self._points)) * fit.form.count
+        self.scored[hold].append((score, fit))
+        return score
+
+    def _fitted(self, hold: Hold, form: Form, before: dict[Form, SpectralFit]) -> float:
+        """Add the fit of a form, and return its score; before: those under other holds, to start from."""
+        fit = self._starters[hold].fit(form, self._delay or 0.0, before.get(form))
+        if fit is None:
+            return np.inf
+        before.setdefault(form, fit)
+        return self._add(hold, fit)
+
+    def add_forms(self, poles: int) -> float:
+        """Add the usual forms of so many poles, and return their best score.
+
+        A hold that is far behind one that leaves no more than the errors is left out: further poles would only imitate
+        it. So are forms without dead time where one with it follows the response and the best without it is far off.
+        """
+        bests = {hold: min((score for score, _ in scored), default=np.inf) for hold, scored in self.scored.items()}
+        leads = min(bests, key=bests.__getitem__)
+        fits = _least(self.scored[leads]) <= _FITS * self._points
+        now, before = np.inf, dict[Form, SpectralFit]()
+        for hold in self.scored:
+            if fits and not bests[hold] < bests[leads] + _HOPELESS:
+                continue
+            prompt, late = (_least(self.scored[hold], dead_time) for dead_time in (False, True))
+            late_alone = late <= _FITS * self._points and prompt > _FAR_OFF * late
+            for form in self._known.forms(poles):
+                if form.dead_time or not late_alone:
+                    now = min(now, self._fitted(hold, form, before))
+        return now
+
+    def add_full_forms(self, poles: int, late: bool) -> float:
+        """Add the forms with many zeros, late: with a dead time, and return their best score."""
         before = dict[Form, SpectralFit]()
-        for hold, starter in starters.items():
-            for form in known.full_forms(poles, leading.form.dead_time):
-                fit = starter.fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
-                if fit is not None:
-                    before.setdefault(form, fit)
-                    scored[hold].append((2.0 * fit.cost + price * form.count, fit))
-        if before and _nothing_left(starters, scored):
-            break
+        scores = [
+            self._fitted(hold, form, before) for hold in self.scored for form in self._known.full_forms(poles, late)
+        ]
+        return min(scores, default=np.inf)
+
+    def add_from_free(self, hold: Hold, fit: SpectralFit) -> None:
+        """Add the fit with the values that are known, where its form can have them."""
+        for form, theta in self._known.like(fit.form, free_poles(fit.theta, fit.form)):
+            delay = fit.delay if self._delay is None else self._delay
+            begun = self._starters[hold].problem.descend(form, theta, delay, most=10)
+            if begun is not None:
+                self._add(hold, begun)
+
+    def nothing_left(self) -> bool:
+        """Return true where the best fit leaves of the local response no more than chance would, in no stretch of it:
+        further poles could bring nothing.
+        """
+        _, best = self.leading()
+        problem = self._starters[best.grid.hold].problem
+        rest = problem.residual(best) * problem.weight
+        sums = np.concatenate([[0.0], np.cumsum(rest)])
+        return all(
+            rest.size < width or float(np.max(np.abs(sums[width:] - sums[:-width]) ** 2)) <= _CHANCE * width
+            for width in _STRETCHES
+        )
 
 
-def _nothing_left(starters: dict[Hold, Starter], scored: dict[Hold, list[tuple[float, SpectralFit]]]) -> bool:
-    """Return true where the best fit leaves of the local response no more than chance would, in no stretch of it:
-    further poles could bring nothing.
-    """
-    best = {hold: min(fits, key=lambda pair: pair[0]) for hold, fits in scored.items() if fits}
-    leads = min(best, key=lambda hold: best[hold][0])
-    problem = starters[leads].problem
-    rest = problem.residual(best[leads][1]) * problem.weight
-    sums = np.concatenate([[0.0], np.cumsum(rest)])
-    for width in _STRETCHES:
-        if rest.size >= width and float(np.max(np.abs(sums[width:] - sums[:-width]) ** 2)) > _CHANCE * width:
-            return False
-    return True
-
-
-def _worth(scored: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> list[Hold]:
-    """Return the holds but for those that are far behind one that leaves no more than the errors: further poles would
-    only imitate it.
-    """
-    best = {hold: min((score for score, _ in fits), default=np.inf) for hold, fits in scored.items()}
-    leads = min(best, key=best.__getitem__)
-    least = min((fit.cost for _, fit in scored[leads]), default=np.inf)
-    if least > _FITS * local.frequency_hz.size:
-        return list(scored)
-    return [hold for hold, score in best.items() if score < best[leads] + _HOPELESS]
-
-
-def _late_alone(fits: list[tuple[float, SpectralFit]], local: LocalResponse) -> bool:
-    """Return true where a form with dead time follows the response and the best one without it is far off: poles in its
-    stead would only imitate it.
-    """
-    best = [min((fit.cost for _, fit in fits if fit.form.dead_time is late), default=np.inf) for late in (False, True)]
-    return bool(best[1] <= _FITS * local.frequency_hz.size and best[0] > _FAR_OFF * best[1])
-
-
-def _all_poor(scored: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
-    costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in scored.values()]
-    return min(costs) > _POOR * local.frequency_hz.size
+def _least(scored: list[tuple[float, SpectralFit]], dead_time: bool | None = None) -> float:
+    """Return the least cost, of forms with or without dead time alone if that is told."""
+    return min((fit.cost for _, fit in scored if dead_time in (None, fit.form.dead_time)), default=np.inf)
 
 
 def choose(

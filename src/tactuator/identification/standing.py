@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from tactuator.identification.asked import Fixed
-from tactuator.identification.form import Form
 from tactuator.identification.search import Choice
 from tactuator.model.plant_model import PlantModel
 
@@ -60,6 +60,20 @@ class FixedAgainstOwn:
         return f"{self.fixed} ({self.beside})" if self.beside else str(self.fixed)
 
 
+def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Choice, free: Sequence[Choice]) -> Any:
+    """Return a fit (an Identification, a ResponseFit) of fixed values beside what the record shows without them, a
+    model `alone` and its choices `free`; where that speaks against them, the band holds both.
+    """
+    known = tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in fixed)
+    fit = replace(fit, fixed=known)
+    if not disagrees(chosen, free) and not cancelled(known, fit.model):
+        return fit
+    said, is_wrong = said_of_disagreement(known, fit.model, alone)
+    fit = replace(fit, model=fit.model.holding(alone))
+    where = "distrust" if is_wrong else "remarks"
+    return replace(fit, **{where: (*getattr(fit, where), said)})
+
+
 def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     """Return true where the record speaks against what is fixed: by Bayes' criterion, or, where nothing else of the
     form differs, by the likelihood's ratio. free: the choices without it, the one of the same hold is compared.
@@ -72,7 +86,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     lost, values = 2.0 * (again.cost - beside.fit.cost), beside.fit.form.count - fit.form.count
     if lost - float(np.log(problem.given.total)) * values > _BEHIND:
         return True
-    alike = _shape(fit.form) == _shape(beside.fit.form)
+    alike = replace(fit.form, known=(), pins=()) == replace(beside.fit.form, known=(), pins=())
     return bool(alike and stats.chi2.sf(max(lost, 0.0), max(values, 1)) < _CHANCE)
 
 
@@ -88,10 +102,6 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
         value.fixed.section and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < _BESIDE))
         for value in known
     )
-
-
-def _shape(form: Form) -> Form:
-    return replace(form, known=(), pins=())
 
 
 def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> tuple[str, bool]:

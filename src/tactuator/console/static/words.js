@@ -10,7 +10,7 @@ export const TERMS = {
   "hum": "What the mains add to the sensor's voltage; the loop turns it into motion of the display.",
   "identification": "The estimation of a model of the plant from a record.",
   "residual": "What a model leaves unexplained of the recorded position; of a good model it is noise alone.",
-  "candidate": "A structure that was tried. Behind: how far its criterion (Bayes) is behind the best. Chance: that a residual free of the command would look as bad.",
+  "candidate": "A form that was tried. Behind: how far its criterion (Bayes) is behind the best.",
   "dead time": "The time between a command and the first change of position that follows from it.",
   "hold": "What the command does between its samples: a converter holds it (zero-order hold), or it is band-limited.",
   "load": "What touches the display, a resting finger for example; it changes the plant.",

@@ -6,7 +6,7 @@ import pytest
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.signals.record import Record
-from tests.identification.rubbing.motor import DAMPING, RATE_HZ, rubbing_motor, true_response
+from tests.identification.rubbing_motor import DAMPING, RATE_HZ, rubbing_motor, true_response
 
 
 def found_in(coulomb: float, presliding: float, seed: int, method: str = "refined") -> Identification:
