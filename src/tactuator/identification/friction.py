@@ -35,8 +35,10 @@ _SAMPLED = 0.0025
 """Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
 _ESTIMATES, _ROUNDS = 4, 12
 """Most estimates of a record's form with friction off its command, and most steps of the level between them."""
-_STILL = 0.05
-"""Change of the level, in its deviations, from which on another round brings nothing."""
+_STILL, _CLOSE = 0.05, 3e-4
+"""Change of the level, in its deviations and as a share, below which another round brings nothing."""
+_NEAR = 0.05
+"""Share of the level by which it may have been off when the form was chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def friction_shows(residuals: Sequence[Residual]) -> bool:
 @dataclass(frozen=True, eq=False)
 class _Level:
     """Friction of a level and a presliding distance along a path of every record, (n,); held: it acts from sample to
-    sample, as a simulation's may, and not all the time; deviation: of the level.
+    sample, as a simulation's may, and not all the time; deviation: of the level; ratio: within which the distance lies.
     """
 
     coulomb: float
@@ -94,6 +96,7 @@ class _Level:
     paths: tuple[FloatArray, ...]
     held: bool = False
     deviation: float = np.inf
+    ratio: float = float(np.sqrt(10.0))
 
     def states(self) -> list[FloatArray]:
         """Return friction's state along every path, (n,), as it acts from each sample to the next."""
@@ -122,9 +125,9 @@ def fit_friction(
             return None
         now, before = estimate_of(level.off(signals)), level
         level = _settled(signals, now, level)
-        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
+        if abs(level.coulomb - before.coulomb) < _NEAR * level.coulomb:
             break
-    level = before
+    now = _again(now, level.off(signals), whole=True)
     lines = _FrictionLines(now, level)
     gain, coulomb, power, weights = lines.explained(level.states())
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
@@ -150,19 +153,23 @@ def _settled(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
         ahead = _stepped(signals, now, level)
         change = abs(ahead.coulomb - level.coulomb)
         level = ahead
-        if level.coulomb <= 0.0 or change < _STILL * level.deviation:
+        if level.coulomb <= 0.0 or change < max(_STILL * level.deviation, _CLOSE * level.coulomb):
             break
         now = _again(now, level.off(signals))
     return level
 
 
-def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
-    """Return the estimate with its chosen fit fitted to other signals."""
+def _again(now: SpectralEstimate, signals: Signals, *, whole: bool = False) -> SpectralEstimate:
+    """Return the estimate with its chosen fit fitted to other signals; whole: all fits, under the other hold too."""
     before = now.spectra[0]
     spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
     given = equations_of(spectra)
-    chosen = refitted(replace(now.chosen, fits={}), given)
-    return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
+    chosen = refitted(now.chosen if whole else replace(now.chosen, fits={}), given)
+    now = replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
+    if not whole or now.other is None:
+        return now
+    other = refitted(now.other, given)
+    return replace(now, other=other, other_residuals=record_residual(other, spectra))
 
 
 def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
@@ -177,39 +184,33 @@ def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
 
 
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
-    """Return the level that explains most along the estimate's own path; level: what is off its commands already."""
+    """Return the level that explains most of what the estimate leaves; level: what is off its commands already."""
     lines = _FrictionLines(now, level)
-    paths = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
-    ways = [_best_along(lines, path, held, level.presliding) for path in paths for held in (False, True)]
-    return max(ways, key=lambda way: way[0])[1]
+    both = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
+    ways = [(paths, held) for paths in both for held in (False, True)]
+    tried: dict[_Level, tuple[float, float, float]] = {}
 
+    def gain(trial: _Level) -> float:
+        tried[trial] = lines.explained(trial.states())[:3]
+        return tried[trial][0]
 
-def _best_along(lines: _FrictionLines, paths: tuple[FloatArray, ...], held: bool, near: float) -> tuple[float, _Level]:
-    """Return the gain and the level of the presliding distance that explains most; near: where to look, 0 for
-    everywhere.
-    """
-    tried: dict[float, tuple[float, float, float]] = {}
-
-    def gain(presliding: float) -> float:
-        if presliding not in tried:
-            tried[presliding] = lines.explained(_Level(1.0, presliding, paths, held).states())[:3]
-        return tried[presliding][0]
-
-    if near > 0.0:
-        places, ratio, refinements = near * np.array([0.8, 1.0, 1.25]), 1.25, 3
-    else:
-        motion = max(float(np.std(path)) for path in paths)
-        places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
-    best = max((float(place) for place in places), key=gain)
-    for _ in range(refinements):
+    presliding, ratio = level.presliding, level.ratio
+    if presliding <= 0.0:
+        motion = max(float(np.std(path)) for path in ways[0][0])
+        trials = [_Level(1.0, float(place) * motion, ways[0][0]) for place in np.geomspace(1e-4, 1.0, 9)]
+        presliding = max(trials, key=gain).presliding
+    best = max((_Level(1.0, presliding, paths, held) for paths, held in ways), key=gain)
+    for _ in range(4 if ratio > 2.0 else 2):
         ratio = float(np.sqrt(ratio))
-        best = max((best / ratio, best, best * ratio), key=gain)
-    most, coulomb, power = tried[best]
-    return most, _Level(coulomb, best, paths, held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+        beside = [replace(best, presliding=best.presliding * factor) for factor in (1.0 / ratio, ratio)]
+        best = max((best, *beside), key=lambda trial: tried[trial][0] if trial in tried else gain(trial))
+    _, coulomb, power = tried[best]
+    deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
+    return replace(best, coulomb=coulomb, deviation=deviation, ratio=min(ratio, 1.1) ** 2)
 
 
 def _measured_paths(signals: Signals, rate_hz: float) -> tuple[FloatArray, ...]:
-    return tuple(low_passed(position, rate_hz, motion_corner(position, rate_hz), 0) for _, position in signals)
+    return tuple(low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in signals)
 
 
 class _FrictionLines:
@@ -229,20 +230,21 @@ class _FrictionLines:
             columns_of.append(log_slopes(fit, taken.frequency_hz[1:]) * (weighted * taken.command[1:])[:, None])
             taken_off = weighted * _lines(level.coulomb * states[k], taken) if states else 0.0
             rest.append(residual.lines[1:] * residual.weight[1:] - taken_off)
-        columns = np.concatenate(columns_of)
-        rows = np.zeros((columns.shape[1] + 2, columns.shape[0]), dtype=np.complex128)
-        rows[:-2], rows[-1] = columns.T, np.concatenate(rest)
-        self._rows = rows
-        self.power = float(np.sum(np.abs(rows[-1]) ** 2))
+        self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)
+        self._rest = np.concatenate(rest).view(np.float64)
+        self._products, self._along = self._rows @ self._rows.T, self._rows @ self._rest
+        self.power = float(self._rest @ self._rest)
 
     def explained(self, states: Sequence[FloatArray]) -> tuple[float, float, float, FloatArray]:
         """Return by how much the sum of squares falls with friction of those states (n,), the level that brings it (0,
         0 where it would be negative), the power of its lines, and what of the fit's parameters makes up for one unit.
         """
         parts = zip(self._weighted, states, self._spectra, strict=True)
-        self._rows[-2] = np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts])
-        real = self._rows.view(np.float64)
-        weights, rest = eliminated(real @ real.T, self._rows.shape[0] - 2)
+        pull = np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts]).view(np.float64)
+        beside = np.stack([self._rows @ pull, self._along], axis=1)
+        across = float(pull @ self._rest)
+        last = np.array([[float(pull @ pull), across], [across, self.power]])
+        weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
         power, along = float(rest[0, 0]), float(rest[0, 1])
         if not along > 0.0 or not power > 0.0:
             return 0.0, 0.0, 0.0, weights[:, 0]

@@ -81,7 +81,7 @@ def _estimate(command: FloatArray, position: FloatArray, rate_hz: float, corner:
     everything, goal, chosen = _equation(command, position, rate_hz, corner, is_held)
     if chosen.size < _FEWEST:
         return None
-    columns, place = everything[chosen], low_passed(position, rate_hz, corner, 0)[chosen]
+    columns, place = everything[chosen], low_passed(position, rate_hz, corner)[chosen]
     theta, rest, covariance = _regress(columns, goal[chosen])
     spring, _, spread = _regress(np.column_stack([columns, place]), goal[chosen])
     total = float(np.var(goal[chosen]))
@@ -126,8 +126,8 @@ def _equation(
         # a held command acts half a sample later than its own time
         acting[1:] = 0.5 * (command[1:] + command[:-1])
     acceleration, velocity = _derivatives(position, rate_hz, corner)
-    sign = low_passed(np.sign(velocity), rate_hz, corner, 0, even=True)
-    goal = low_passed(acting, rate_hz, corner, 0, even=True)
+    sign = low_passed(np.sign(velocity), rate_hz, corner, even=True)
+    goal = low_passed(acting, rate_hz, corner, even=True)
     columns = np.stack([acceleration, velocity, sign, np.ones(sign.size)], axis=1)
     return columns, goal, _moving(velocity, rate_hz, corner)
 
@@ -143,13 +143,11 @@ def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.i
     return np.asarray(places[slow_before[beyond] == slow_before[first]])
 
 
-def low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
-    """Return the Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or
-    turned round.
-    """
-    lines, s, size = _passed_lines(values, rate_hz, corner, even=even)
+def low_passed(values: FloatArray, rate_hz: float, corner: float, *, even: bool = False) -> FloatArray:
+    """Return the Gaussian low-pass without phase, (n,); ends mirrored (even) or turned round."""
+    lines, _, size = _passed_lines(values, rate_hz, corner, even=even)
     begin = (size - values.size) // 2
-    return np.asarray(np.fft.irfft(lines * s**order, size)[begin : begin + values.size])
+    return np.asarray(np.fft.irfft(lines, size)[begin : begin + values.size])
 
 
 def _derivatives(values: FloatArray, rate_hz: float, corner: float) -> tuple[FloatArray, FloatArray]:
