@@ -35,10 +35,8 @@ _SAMPLED = 0.0025
 """Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
 _ESTIMATES, _ROUNDS = 4, 12
 """Most estimates of a record's form with friction off its command, and most steps of the level between them."""
-_STILL, _CLOSE = 0.05, 3e-4
-"""Change of the level, in its deviations and as a share, below which another round brings nothing."""
-_NEAR = 0.05
-"""Share of the level by which it may have been off when the form was chosen."""
+_STILL = 0.05
+"""Change of the level, in its deviations, from which on another round brings nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ def friction_shows(residuals: Sequence[Residual]) -> bool:
 @dataclass(frozen=True, eq=False)
 class _Level:
     """Friction of a level and a presliding distance along a path of every record, (n,); held: it acts from sample to
-    sample, as a simulation's may, and not all the time; deviation: of the level; ratio: within which the distance lies.
+    sample, as a simulation's may, and not all the time; deviation: of the level.
     """
 
     coulomb: float
@@ -96,7 +94,6 @@ class _Level:
     paths: tuple[FloatArray, ...]
     held: bool = False
     deviation: float = np.inf
-    ratio: float = float(np.sqrt(10.0))
 
     def states(self) -> list[FloatArray]:
         """Return friction's state along every path, (n,), as it acts from each sample to the next."""
@@ -125,9 +122,9 @@ def fit_friction(
             return None
         now, before = estimate_of(level.off(signals)), level
         level = _settled(signals, now, level)
-        if abs(level.coulomb - before.coulomb) < _NEAR * level.coulomb:
+        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
             break
-    now = _again(now, level.off(signals), whole=True)
+    level = before
     lines = _FrictionLines(now, level)
     gain, coulomb, power, weights = lines.explained(level.states())
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
@@ -153,23 +150,19 @@ def _settled(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
         ahead = _stepped(signals, now, level)
         change = abs(ahead.coulomb - level.coulomb)
         level = ahead
-        if level.coulomb <= 0.0 or change < max(_STILL * level.deviation, _CLOSE * level.coulomb):
+        if level.coulomb <= 0.0 or change < _STILL * level.deviation:
             break
         now = _again(now, level.off(signals))
     return level
 
 
-def _again(now: SpectralEstimate, signals: Signals, *, whole: bool = False) -> SpectralEstimate:
-    """Return the estimate with its chosen fit fitted to other signals; whole: all fits, under the other hold too."""
+def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
+    """Return the estimate with its chosen fit fitted to other signals."""
     before = now.spectra[0]
     spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
     given = equations_of(spectra)
-    chosen = refitted(now.chosen if whole else replace(now.chosen, fits={}), given)
-    now = replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
-    if not whole or now.other is None:
-        return now
-    other = refitted(now.other, given)
-    return replace(now, other=other, other_residuals=record_residual(other, spectra))
+    chosen = refitted(replace(now.chosen, fits={}), given)
+    return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
 
 
 def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
@@ -184,29 +177,35 @@ def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
 
 
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
-    """Return the level that explains most of what the estimate leaves; level: what is off its commands already."""
+    """Return the level that explains most along the estimate's own path; level: what is off its commands already."""
     lines = _FrictionLines(now, level)
     both = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
-    ways = [(paths, held) for paths in both for held in (False, True)]
-    tried: dict[_Level, tuple[float, float, float]] = {}
+    ways = [_best_along(lines, paths, held, level.presliding) for paths in both for held in (False, True)]
+    return max(ways, key=lambda way: way[0])[1]
 
-    def gain(trial: _Level) -> float:
-        tried[trial] = lines.explained(trial.states())[:3]
-        return tried[trial][0]
 
-    presliding, ratio = level.presliding, level.ratio
-    if presliding <= 0.0:
-        motion = max(float(np.std(path)) for path in ways[0][0])
-        trials = [_Level(1.0, float(place) * motion, ways[0][0]) for place in np.geomspace(1e-4, 1.0, 9)]
-        presliding = max(trials, key=gain).presliding
-    best = max((_Level(1.0, presliding, paths, held) for paths, held in ways), key=gain)
-    for _ in range(4 if ratio > 2.0 else 2):
+def _best_along(lines: _FrictionLines, paths: tuple[FloatArray, ...], held: bool, near: float) -> tuple[float, _Level]:
+    """Return the gain and the level of the presliding distance that explains most; near: where to look, 0 for
+    everywhere.
+    """
+    tried: dict[float, tuple[float, float, float]] = {}
+
+    def gain(presliding: float) -> float:
+        if presliding not in tried:
+            tried[presliding] = lines.explained(_Level(1.0, presliding, paths, held).states())[:3]
+        return tried[presliding][0]
+
+    if near > 0.0:
+        places, ratio, refinements = near * np.array([0.8, 1.0, 1.25]), 1.25, 3
+    else:
+        motion = max(float(np.std(path)) for path in paths)
+        places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
+    best = max((float(place) for place in places), key=gain)
+    for _ in range(refinements):
         ratio = float(np.sqrt(ratio))
-        beside = [replace(best, presliding=best.presliding * factor) for factor in (1.0 / ratio, ratio)]
-        best = max((best, *beside), key=lambda trial: tried[trial][0] if trial in tried else gain(trial))
-    _, coulomb, power = tried[best]
-    deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
-    return replace(best, coulomb=coulomb, deviation=deviation, ratio=min(ratio, 1.1) ** 2)
+        best = max((best / ratio, best, best * ratio), key=gain)
+    most, coulomb, power = tried[best]
+    return most, _Level(coulomb, best, paths, held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
 
 
 def _measured_paths(signals: Signals, rate_hz: float) -> tuple[FloatArray, ...]:
