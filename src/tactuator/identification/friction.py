@@ -97,8 +97,7 @@ class _Level:
 
     def states(self) -> list[FloatArray]:
         """Return friction's state along every path, (n,), as it acts from each sample to the next."""
-        states = [dahl_state(path, self.presliding) for path in self.paths]
-        return states if self.held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
+        return _acting([dahl_state(path, self.presliding) for path in self.paths], self.held)
 
     def off(self, signals: Signals) -> list[tuple[FloatArray, FloatArray]]:
         """Return the signals with friction off their commands."""
@@ -177,35 +176,40 @@ def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
 
 
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
-    """Return the level that explains most along the estimate's own path; level: what is off its commands already."""
+    """Return the level that explains most of what the estimate leaves; level: what is off its commands already.
+
+    Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample.
+    """
     lines = _FrictionLines(now, level)
     both = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
-    ways = [_best_along(lines, paths, held, level.presliding) for paths in both for held in (False, True)]
-    return max(ways, key=lambda way: way[0])[1]
+    tried: dict[tuple[int, bool, float], tuple[float, float, float]] = {}
 
+    def gain(way: tuple[int, bool, float]) -> float:
+        k, _, presliding = way
+        if way not in tried:
+            states = [dahl_state(path, presliding) for path in both[k]]
+            for held in (False, True):
+                tried[k, held, presliding] = lines.explained(_acting(states, held))[:3]
+        return tried[way][0]
 
-def _best_along(lines: _FrictionLines, paths: tuple[FloatArray, ...], held: bool, near: float) -> tuple[float, _Level]:
-    """Return the gain and the level of the presliding distance that explains most; near: where to look, 0 for
-    everywhere.
-    """
-    tried: dict[float, tuple[float, float, float]] = {}
-
-    def gain(presliding: float) -> float:
-        if presliding not in tried:
-            tried[presliding] = lines.explained(_Level(1.0, presliding, paths, held).states())[:3]
-        return tried[presliding][0]
-
-    if near > 0.0:
-        places, ratio, refinements = near * np.array([0.8, 1.0, 1.25]), 1.25, 3
+    if level.presliding > 0.0:
+        places, ratio, refinements = level.presliding * np.array([0.8, 1.0, 1.25]), 1.25, 3
     else:
-        motion = max(float(np.std(path)) for path in paths)
+        motion = max(float(np.std(path)) for path in both[0])
         places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
-    best = max((float(place) for place in places), key=gain)
+    best = max(((k, held, float(place)) for k in (0, 1) for held in (False, True) for place in places), key=gain)
     for _ in range(refinements):
         ratio = float(np.sqrt(ratio))
-        best = max((best / ratio, best, best * ratio), key=gain)
-    most, coulomb, power = tried[best]
-    return most, _Level(coulomb, best, paths, held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+        k, held, presliding = best
+        best = max(((k, held, presliding * factor) for factor in (1.0 / ratio, 1.0, ratio)), key=gain)
+    k, held, presliding = best
+    _, coulomb, power = tried[best]
+    return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+
+
+def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
+    """Return Dahl's states, (n,) each, as they act from each sample to the next."""
+    return states if held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
 
 
 def _measured_paths(signals: Signals, rate_hz: float) -> tuple[FloatArray, ...]:
