@@ -12,7 +12,8 @@ from sqlalchemy import inspect
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.store import Store, sessions_of
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
+from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin, opened_study
 
 
 def test_store__new__has_the_latest_schema_in_wal_mode(tmp_path) -> None:
@@ -154,3 +155,45 @@ def test_lock__disk_without_room_for_its_name__holds_and_leaves_nothing(tmp_path
     with sessions_of(store), pytest.raises(BadInput, match="run by another process"), sessions_of(store):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def left(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, BadInput("no"), None])
+def test_opened_store__no_study_was_begun__is_taken_away(tmp_path, error) -> None:
+    def leave() -> None:
+        with opened_store(tmp_path / "lab.db"):
+            if error is not None:
+                raise error
+
+    if error is None:
+        leave()
+    else:
+        with pytest.raises(type(error) if isinstance(error, BadInput) else error):
+            leave()
+    assert left(tmp_path) == []
+
+
+def test_opened_store__interrupted_before_anybody_came__keeps_the_study_whose_links_are_given_out(tmp_path) -> None:
+    with pytest.raises(KeyboardInterrupt), opened_store(tmp_path / "lab.db") as store:
+        opened_study(store, ObedientClock())
+        raise KeyboardInterrupt
+    assert left(tmp_path) == ["lab.db"]
+
+
+def test_opened_store__refused_after_an_answer__keeps_it(tmp_path) -> None:
+    clock = ObedientClock()
+    with pytest.raises(BadInput), opened_store(tmp_path / "lab.db") as store:
+        answer_one(begin(store, clock), clock)
+        raise BadInput("no")
+    assert left(tmp_path) == ["lab.db"]
+
+
+def test_opened_store__was_there_before__is_left_as_it_is(tmp_path) -> None:
+    (tmp_path / "lab.db").touch()
+    with pytest.raises(BadInput), opened_store(tmp_path / "lab.db") as store:
+        opened_study(store, ObedientClock())
+        raise BadInput("no")
+    assert left(tmp_path) == ["lab.db"]

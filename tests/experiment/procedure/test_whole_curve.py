@@ -5,14 +5,17 @@ Truths are written down here and in the project's table of procedures outside th
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.linalg import cho_factor, cho_solve
 
-from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_belief import CurveBelief, PointLikelihoods, Sites, refine
 from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
 from tactuator.experiment.procedure.procedure import Answering
-from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve
+from tactuator.perception.psychometric import Logistic, Psychometric
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)
 DECADES = np.log10(FINE_HZ)
@@ -175,3 +178,147 @@ def test_kind__values_between_points__follow_by_their_covariance() -> None:
     assert weights[0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
     assert left[0] == pytest.approx(0.0, abs=1e-3)
     assert left[1] > 1.0
+
+
+BROAD = {f"{kind}_share": 0.0 for kind in ("normal", "uneven", "steps", "notch", "edge")}
+THREE = CurvePrior(points=3, mains_hz=0.0, clearance_hz=0.0, broad_share=1.0, **BROAD)
+ONE = Answering(slopes=(2.0,), lapses=(0.02,), lapse_shares=(1.0,))
+
+
+def learnt(prior: CurvePrior, answering: Answering, trials: Trials) -> CurveBelief:
+    belief = CurveBelief(prior, answering, len(trials.point))
+    for point, level, correct in zip(trials.point.T, trials.level_db_sl.T, trials.correct.T, strict=True):
+        belief.learn(point, level, correct)
+    return belief
+
+
+def by_grid(trials: Trials, drift_db: float) -> float:
+    """Log evidence of one run by summing over 101 x 101 x 101 triples of thresholds."""
+    kind, g = THREE.kinds[0], np.arange(-40.0, 61.0)
+    covariance = kind.covariance(THREE.frequency_hz, THREE.frequency_hz, THREE.middle_hz)
+    about = np.stack(np.meshgrid(g, g, g, indexing="ij"), axis=-1) - kind.mean_db
+    found = -0.5 * np.einsum("abci,ij,abcj->abc", about, np.linalg.inv(covariance), about)
+    count = trials.point.shape[1]
+    for trial in range(count):
+        point, level = trials.point[0, trial], trials.level_db_sl[0, trial]
+        threshold = g + drift_db * (trial / (count - 1) - 0.5)
+        psi = ONE.psi(level - threshold, np.array(2.0), np.array(0.02))
+        shape = [1, 1, 1]
+        shape[point] = g.size
+        found = found + np.log(psi if trials.correct[0, trial] else 1.0 - psi).reshape(shape)
+    return float(found.max() + np.log(np.exp(found - found.max()).sum()))
+
+
+def answered(points: int, runs: int, count: int, drift_db: float, seed: int) -> Trials:
+    """Trials about smooth curves of people who are logistic in dB; the belief expects a Weibull."""
+    rng = np.random.default_rng(seed)
+    along = np.linspace(-1.0, 1.0, points)
+    curve = rng.normal(0.0, 4.0, (runs, 1)) + rng.normal(0.0, 3.0, (runs, 1)) * along
+    point = rng.integers(points, size=(runs, count))
+    threshold = np.take_along_axis(curve, point, axis=1) + drift_db * (np.arange(count) / (count - 1) - 0.5)
+    level = np.round(2.0 * (np.take_along_axis(curve, point, axis=1) + rng.uniform(-3.0, 7.0, (runs, count)))) / 2.0
+    chance = Psychometric(Logistic(0.5), lapse=0.02).probability(level - threshold)
+    return Trials(point, level, rng.random(chance.shape) < chance)
+
+
+@pytest.mark.parametrize(("drift_db", "seed"), [(0.0, 1), (-6.0, 3)])
+def test_curve_drift__three_points_one_kind__are_the_odds_of_the_integral_over_all_curves(drift_db, seed) -> None:
+    trials = answered(3, 1, 60, drift_db, seed)
+    none, up, down = (by_grid(trials, one) for one in (0.0, 6.0, -6.0))
+    expected = np.logaddexp(up, down) - np.log(2.0) - none
+    found = curve_drift(learnt(THREE, ONE, trials), trials)
+    assert float(found.log_odds[0]) == pytest.approx(expected, abs=0.25)
+
+
+def test_curve_drift__answers_of_another_generator__are_flagged_where_the_curve_moved() -> None:
+    prior, answering = CurvePrior(points=14, notch_share=0.0, edge_share=0.0), Answering()
+    for drift_db, least, most in ((0.0, 0.0, 0.15), (12.0, 0.8, 1.0), (-12.0, 0.8, 1.0)):
+        trials = answered(prior.points, 7, 150, drift_db, seed=7)
+        found = curve_drift(learnt(prior, answering, trials), trials)
+        assert least <= float(np.mean(found.log_odds > LEAST_LOG_ODDS)) <= most
+        assert ((found.power > 0.05) & (found.power < 1.0)).all()
+
+
+def test_curve_drift__few_trials__say_that_they_cannot_tell() -> None:
+    trials = answered(CurvePrior().points, 1, 15, 6.0, seed=1)
+    found = curve_drift(learnt(CurvePrior(), Answering(), trials), trials)
+    assert (found.power < 0.3).all()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("drift_db", "least", "most"), [(6.0, 0.60, 1.0), (-6.0, 0.60, 1.0), (0.0, 0.0, 0.03)])
+def test_curve_drift__two_hundred_runs__figures_of_the_documents(drift_db, least, most) -> None:
+    found = simulate_curve(WholeCurveRule(150), Setting(200, lapse=0.02, seed=17, drift_db=drift_db))
+    assert least <= found.flags.get("drift", 0.0) <= most
+
+
+ANSWERING = Answering(slopes=(2.0,), lapses=(0.05,), lapse_shares=(1.0,))
+MEAN, COVARIANCE = np.array([2.0, 3.0]), np.array([[25.0, 15.0], [15.0, 36.0]])
+
+
+def trials(
+    seed: int, covariance: np.ndarray = COVARIANCE, count: int = 40
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    truth = rng.multivariate_normal(MEAN, covariance)
+    point = rng.integers(2, size=count)
+    level = np.round(2.0 * (truth[point] + rng.uniform(-4.0, 8.0, count))) / 2.0
+    psi = ANSWERING.psi(level - truth[point], np.array(2.0), np.array(0.05))
+    return point, level, rng.random(count) < psi
+
+
+def curve_by_grid(
+    point: np.ndarray, level: np.ndarray, correct: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return mean, standard deviation and log evidence by summing over 421 x 421 pairs of thresholds."""
+    g = 2.5 + np.linspace(-7.0, 7.0, 421) * np.sqrt(covariance.max())
+    pairs = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1)
+    about = pairs - MEAN
+    log_prior = -0.5 * np.einsum("abi,ij,abj->ab", about, np.linalg.inv(covariance), about)
+    log_prior -= 0.5 * np.log(np.linalg.det(2.0 * np.pi * covariance))
+    found = log_prior
+    for one, at, right in zip(point, level, correct, strict=True):
+        psi = ANSWERING.psi(at - g, np.array(2.0), np.array(0.05))
+        each = np.log(psi if right else 1.0 - psi)
+        found = found + (each[:, None] if one == 0 else each[None, :])
+    highest = found.max()
+    density = np.exp(found - highest)
+    evidence = highest + float(np.log(density.sum() * (g[1] - g[0]) ** 2))
+    density /= density.sum()
+    mean = np.array([(density.sum(axis=1 - axis) * g).sum() for axis in (0, 1)])
+    sd = np.sqrt([(density.sum(axis=1 - axis) * (g - mean[axis]) ** 2).sum() for axis in (0, 1)])
+    return mean, sd, evidence
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([0.1, 1.0]))
+def test_refine__two_points__is_the_integral_over_both(seed: int, scale: float) -> None:
+    covariance = scale**2 * COVARIANCE  # 0.1: narrow, as where many other points have told
+    point, level, correct = trials(seed, covariance)
+    likelihoods = PointLikelihoods(ANSWERING, 1, 2)
+    for one, at, right in zip(point, level, correct, strict=True):
+        likelihoods.learn(np.array([one]), np.array([at]), np.array([right]))
+    nothing = Sites(np.zeros((1, 2)), np.zeros((1, 2)))
+    found = refine(MEAN[None], covariance[None], likelihoods.log_likelihood[:, 0], likelihoods.seen, nothing)
+    again = refine(MEAN[None], covariance[None], likelihoods.log_likelihood[:, 0], likelihoods.seen, found.sites)
+    mean, sd, evidence = curve_by_grid(point, level, correct, covariance)
+    assert bool(again.settled[0])
+    assert np.max(np.abs(again.mean[0] - mean) / sd) <= 0.15
+    assert np.sqrt(np.diag(again.covariance[0])) == pytest.approx(sd, rel=0.12)
+    assert float(again.log_evidence[0]) == pytest.approx(evidence, abs=0.15)
+
+
+def test_belief__same_trials_in_another_order__ends_as_the_same_curve() -> None:
+    """Learnt one by one, a lucky guess at the start weighs otherwise than at the end; refined, it does not."""
+    prior = CurvePrior(points=6, steps_share=0.0, notch_share=0.0, edge_share=0.0, mains_hz=0.0)
+    rng = np.random.default_rng(4)
+    point, level = rng.integers(6, size=50), rng.integers(-4, 14, size=50).astype(float)
+    correct = rng.random(50) < ANSWERING.psi(level - 3.0, np.array(2.0), np.array(0.05))
+    level[0], correct[0] = -20.0, True  # a lucky guess
+    beliefs = [CurveBelief(prior, ANSWERING) for _ in range(2)]
+    for belief, order in zip(beliefs, (np.arange(50), np.arange(50)[::-1]), strict=True):
+        for at in order:
+            belief.learn(point[at : at + 1], level[at : at + 1], correct[at : at + 1])
+    (one, one_sd), (other, other_sd) = (belief.curve(prior.frequency_hz) for belief in beliefs)
+    assert np.max(np.abs(one - other)) <= 0.1
+    assert one_sd == pytest.approx(other_sd, rel=0.05)
