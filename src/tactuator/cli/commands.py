@@ -15,12 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
-from tactuator.cli.answer import Bars, answer
+from tactuator.cli.output import Bars, answer
 from tactuator.errors import BadInput
 from tactuator.verbs.declared import sentence_of
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option
 from tactuator.verbs.progress import watched
 from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
+
+DOES_NOT_HOLD = 1
+"""Exit status of a verb that is done and whose result does not hold: a requirement is not met, a model not trusted."""
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter, Parameter
@@ -135,7 +138,7 @@ def command_of(verb: Verb) -> Callable[..., None]:
         if result.ending is not None:
             raise result.ending
         if not result.holds:
-            raise typer.Exit(1)
+            raise typer.Exit(DOES_NOT_HOLD)
 
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
     if ends:

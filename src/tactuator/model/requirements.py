@@ -77,6 +77,8 @@ def _each_once(numbers: Sequence[int], what: str) -> None:
             raise BadInput(f"{what} {number} has two channels", f"each {what} once")
 
 
+MOST_POLES = 16
+"""Greatest number of a prefilter's poles."""
 Structure = Literal["integrator-lead-lag", "paper", "none"]
 
 
@@ -120,7 +122,7 @@ class PrefilterRequirements:
     """Requirements on the prefilter."""
 
     poles: Annotated[
-        Whole, Field(ge=2, le=16, description="number of its poles; more follow the curve more closely")
+        Whole, Field(ge=2, le=MOST_POLES, description="number of its poles; more follow the curve more closely")
     ] = 4
     falls_above_hz: Annotated[
         Positive, Field(description="from here on nothing is passed harder than the strongest frequency in the band")

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel
+from tactuator.model.requirements import MOST_POLES
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
@@ -29,7 +30,6 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.felt import friction_loss_db
 from tactuator.synthesis.sections import cascade
 
-MOST_POLES = 16
 _BELOW_BAND_ALLOWANCE_DB = 1.0
 _FRICTION_FLOORS_DB = {20.0: 0.45, 10.0: 0.72}
 """By level (dB SL): how far below the curve the motion may be, friction included, as far as the fit can help it."""
@@ -170,7 +170,7 @@ def _fit(
     return PrefilterFit(sections, poles, float(abs(error[worst])), float(judged[worst]), rms, judged, error)
 
 
-POLES = 4
+WEIGHTING_POLES = 4
 _RISE_ABOVE_BAND_DB = 6.0
 
 
@@ -200,4 +200,4 @@ def _fitted(level_db: tuple[float, ...], band_hz: tuple[float, float], rate_hz: 
         above_hz=np.geomspace(1.02 * high, 0.4998 * rate_hz, 50),
         ceiling_db=float(np.max(level)) + _RISE_ABOVE_BAND_DB,
     )
-    return cascade(fit_magnitude(goal, rate_hz, POLES))
+    return cascade(fit_magnitude(goal, rate_hz, WEIGHTING_POLES))
