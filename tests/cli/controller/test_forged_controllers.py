@@ -75,7 +75,7 @@ def test_check__limit_of_a_million_volts__refused(tmp_path: Path, capsys: pytest
     document["channels"][0]["limits"]["command_v"] = 1e6
     with pytest.raises(BadInput, match="hash"):
         parse_controller(document)
-    with pytest.raises(BadInput, match=r"limit command_v is 1e\+06; allowed: above 0, at most 10 V"):
+    with pytest.raises(BadInput, match=r"limits: command_v is 1e\+06; allowed: above 0, at most 10 V"):
         parse_controller(resealed(document))
     (tmp_path / "c.json").write_text("{}")
     assert main(["check", str(tmp_path / "c.json")]) == 2
