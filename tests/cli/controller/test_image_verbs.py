@@ -81,7 +81,7 @@ def test_build__unsafe_or_beyond_the_format__is_refused_and_an_older_image_stays
     words = "format float32 is not safe for this controller (unstable); allowed: what `wordlength` calls safe"
     refused(["build", unstable(made), "--out", str(out)], words, capsys, tmp_path)
     spoilt(made, limits=Limits(20.0, 2.0))
-    words = "limit command_v is 20; allowed: above 0, at most 10 V, the converter's range"
+    words = "limits: command_v is 20; allowed: above 0, at most 10 V, the converter's range"
     refused(["build", made, "--format", "q31", "--out", str(out)], words, capsys, tmp_path)
     assert out.read_bytes() == b"old"
 
