@@ -18,7 +18,7 @@ from tactuator.parameters import (
     Numbers,
     Positive,
     Whole,
-    Words,
+    Wording,
     allowed,
     choices,
     default,
@@ -47,7 +47,7 @@ class Outer:
     limit_db: Annotated[Number | None, Field(description="at most")] = None
     band_hz: Annotated[Band, Field(description="where")] = (1.0, 2.0)
     on: Annotated[Flag, Field(description="whether")] = False
-    kind: Annotated[Literal["a", "b"], Words(default="by itself"), Field(description="which")] = "a"
+    kind: Annotated[Literal["a", "b"], Wording(default="by itself"), Field(description="which")] = "a"
     lines_hz: Annotated[tuple[Positive, ...], Field(description="hum")] = ()
     points: Numbers = Field(default_factory=lambda: np.zeros(1))
     inner: Inner = Inner()

@@ -36,7 +36,7 @@ Flag = Annotated[bool, Field(strict=True)]
 
 
 @dataclasses.dataclass(frozen=True)
-class Words:
+class Wording:
     """What a page says of a parameter where its type and default do not tell: what is allowed, what is usual."""
 
     allowed: str = ""
@@ -57,13 +57,13 @@ def _ascending(band: tuple[float, float]) -> tuple[float, float]:
     return band
 
 
-Band = Annotated[tuple[Positive, Positive], AfterValidator(_ascending), Words("two frequencies, 0 < low < high")]
+Band = Annotated[tuple[Positive, Positive], AfterValidator(_ascending), Wording("two frequencies, 0 < low < high")]
 """Two frequencies in hertz, the lower first."""
 
 
-def kept_by(check: Callable[[Any], Any], allowed: str) -> tuple[PlainValidator, Words]:
+def kept_by(check: Callable[[Any], Any], allowed: str) -> tuple[PlainValidator, Wording]:
     """Return the annotations of a parameter of a type of its own: `check` returns its value, or raises BadInput."""
-    return PlainValidator(check), Words(allowed)
+    return PlainValidator(check), Wording(allowed)
 
 
 def _array(value: Any) -> FloatArray:
@@ -138,7 +138,7 @@ def in_file(cls: type) -> dict[str, Any]:
 def default(about: FieldInfo) -> str | None:
     """Return the default of a parameter as a file writes it, "none" where nothing is asked; None where it must be
     said."""
-    words, mark = _mark(about, Words), _mark(about, InFile)
+    words, mark = _mark(about, Wording), _mark(about, InFile)
     if words is not None and words.default:
         return str(words.default)
     value = mark.default if mark is not None else about.default
@@ -191,7 +191,7 @@ def _mark(about: FieldInfo, kind: type[Any]) -> Any:
 
 
 def _allowed(kind: Any, marks: list[Any]) -> str:
-    words = next((mark.allowed for mark in reversed(marks) if isinstance(mark, Words) and mark.allowed), None)
+    words = next((mark.allowed for mark in reversed(marks) if isinstance(mark, Wording) and mark.allowed), None)
     if words is not None:
         return str(words)
     origin, inner = get_origin(kind), get_args(kind)

@@ -107,7 +107,7 @@ class RigStatus:
     """Status of the rig, told by its process whenever something of it has changed.
 
     guard: of a board, its mode and fault as words; empty where there is none. loaded: hash of the controller. fed:
-    rows of reference that the rig has asked for; told: rows of trace that it has given back. refused: it has gone
+    rows of reference that the rig has asked for; given_back: rows of trace that it has returned. refused: it has gone
     because what was asked for is bad input, and not because a device failed.
     """
 
@@ -120,7 +120,7 @@ class RigStatus:
     guard: dict[str, Any] = field(default_factory=dict)
     touchable: bool = False
     fed: int = 0
-    told: int = 0
+    given_back: int = 0
     gaps: int = 0
     refused: bool = False
 

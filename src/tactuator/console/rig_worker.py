@@ -181,13 +181,13 @@ class RigWorker:
             self._load(orders.LoadOrder(self._controller))
         self._halt.clear()
         self._say(mode="live", fault="")
-        looked = self._status.told
+        looked = self._status.given_back
         self._allow_gaps(True)
         try:
             for trace in self._rig.stream(self._blocks()):
                 self._tell_samples(trace)
-                if self._status.told - looked >= _GUARD_S * self._display.rate_hz:
-                    looked = self._status.told
+                if self._status.given_back - looked >= _GUARD_S * self._display.rate_hz:
+                    looked = self._status.given_back
                     self._say(guard=self._guard())
             self._rest()
             self._end_as("idle")
@@ -256,8 +256,8 @@ class RigWorker:
             return
         rows = np.concatenate((trace.reference, trace.command_v, trace.position_v), axis=1).astype(np.float32)
         limited = int(trace.saturated.any(axis=1).sum())
-        self._tell(orders.Piece(self._status.told, rows.tobytes(), limited))
-        self._status = replace(self._status, told=self._status.told + len(rows))
+        self._tell(orders.Piece(self._status.given_back, rows.tobytes(), limited))
+        self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
     # -- an experiment ------------------------------------------------------------------------------------------------
 

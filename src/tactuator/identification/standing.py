@@ -33,27 +33,27 @@ class FixedAgainstOwn:
     """
 
     fixed: Fixed
-    own: tuple[float, float] | None
+    by_record: tuple[float, float] | None
 
     @property
     def half(self) -> float:
         """Return the half-width of the record's own value, infinite where it is not known."""
-        return float("inf") if self.own is None or not np.isfinite(self.own[1]) else self.own[1]
+        return float("inf") if self.by_record is None or not np.isfinite(self.by_record[1]) else self.by_record[1]
 
     @property
     def is_far(self) -> bool:
         """Return true where the record's own value departs by more than a tenth, and by more than its confidence."""
-        if self.own is None:
+        if self.by_record is None:
             return False
-        apart = abs(self.own[0] - self.fixed.value)
-        return apart > _FAR_OFF * abs(self.fixed.value) and not apart < self.own[1]
+        apart = abs(self.by_record[0] - self.fixed.value)
+        return apart > _FAR_OFF * abs(self.fixed.value) and not apart < self.by_record[1]
 
     @property
     def beside(self) -> str:
         """Return what the record shows by itself, empty if that has no such thing."""
-        if self.own is None:
+        if self.by_record is None:
             return ""
-        value, half = self.own
+        value, half = self.by_record
         return f"by itself it shows {value:.4g}" + (f" ± {half:.2g}" if np.isfinite(half) else "")
 
     def __str__(self) -> str:
@@ -95,7 +95,7 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
     and three times its confidence, or a known pole, that the record itself does not show, has a zero beside it.
     """
     far = [value for value in known if value.is_far]
-    if any(abs((value.own or (0.0, 0.0))[0] - value.fixed.value) > 3.0 * value.half for value in far):
+    if any(abs((value.by_record or (0.0, 0.0))[0] - value.fixed.value) > 3.0 * value.half for value in far):
         return True
     zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
     return any(
@@ -113,7 +113,7 @@ def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, fr
         f"the record does not agree with what is fixed, {', '.join(map(str, known))}: with it the response differs by "
         f"up to {apart:.2g} dB{_evaded(model, free, low)}; the band holds the model without it"
     )
-    return said, apart > _MATERIAL_DB or any(value.own is None or value.is_far for value in known)
+    return said, apart > _MATERIAL_DB or any(value.by_record is None or value.is_far for value in known)
 
 
 def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:

@@ -48,10 +48,10 @@ class _Disk(io.FileIO):
 
     def write(self, data: Any) -> int:
         """Write all the bytes, or nothing more after a failure, and return how many were given."""
-        size, left = memoryview(data).nbytes, memoryview(data).cast("B")
+        size, rest = memoryview(data).nbytes, memoryview(data).cast("B")
         try:
-            while left and self.failure is None:
-                left = left[super().write(left) or 0 :]
+            while rest and self.failure is None:
+                rest = rest[super().write(rest) or 0 :]
         except OSError as error:
             self.failure = error
         return size

@@ -22,7 +22,7 @@ from tactuator.model.requirements import (
     Touch,
     Wires,
 )
-from tactuator.parameters import Band, InFile, NotNegative, Number, Positive, Whole, Words, parameters, plain, table
+from tactuator.parameters import Band, InFile, NotNegative, Number, Positive, Whole, Wording, parameters, plain, table
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
@@ -101,7 +101,7 @@ class Converter:
     bits: Annotated[Whole, Field(ge=8, le=24, description="of A/D and D/A")] = 16
     range_v: Annotated[Positive, Field(description="+/- volts")] = 10.0
     polarity: Annotated[
-        Literal[1, -1], Words("1 or -1"), Field(description="`-1` where a positive command moves the sensor down")
+        Literal[1, -1], Wording("1 or -1"), Field(description="`-1` where a positive command moves the sensor down")
     ] = 1
     offset_v: Annotated[Number, Field(description="volts of command at the motor that nobody asked for")] = 0.0
 
@@ -122,7 +122,7 @@ class Threshold:
     curve: Annotated[
         ThresholdCurve,
         InFile("bolanowski-1988"),
-        Words("a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points"),
+        Wording("a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points"),
         Field(
             description="a curve of the library (`bolanowski-1988`: inferred, thenar eminence; `morioka-griffin-2006`: "
             "digitised, hand on a handle), or one of your own"
@@ -164,7 +164,7 @@ class Environment:
     presliding_v: Annotated[Positive, Field(description="sensor volts over which friction builds up (Dahl)")] = 10.0e-3
     assumed: Annotated[
         tuple[Disturbance, ...],
-        Words(default="what has no key here"),
+        Wording(default="what has no key here"),
         Field(description="what nobody stated or measured: told, not judged"),
     ] = ()
 
@@ -179,7 +179,7 @@ class MeasuredEnvironment:
 
     measured: Annotated[
         str | None,
-        Words("the path of a file"),
+        Wording("the path of a file"),
         Field(
             description="a file of `noise --write` (a path beside this file), in place of `hum_hz`, `hum_v_peak` and "
             "`noise_v_rms`"
@@ -187,7 +187,7 @@ class MeasuredEnvironment:
     ] = None
 
 
-_IN_PLACE = Words(default="none")
+_IN_PLACE = Wording(default="none")
 
 
 @table("[[channel]]")
@@ -211,14 +211,14 @@ class Channel:
     """
 
     name: Annotated[str, Field(description="each name once")]
-    finger: Annotated[str, Words(default="the name"), InFile(""), Field(description="whose finger")]
+    finger: Annotated[str, Wording(default="the name"), InFile(""), Field(description="whose finger")]
     sensor_gain_v_per_mm: Annotated[
         Positive, Field(description="volts of the sensor per mm (or mm/s, mm/s², by `quantity`)")
     ]
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
         System,
-        Words("`{ num, den }`, `{ zeros, poles, gain }`, or the path of a file"),
+        Wording("`{ num, den }`, `{ zeros, poles, gain }`, or the path of a file"),
         Field(
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
             "in rad/s (complex roots as `[re, im]`), each with an optional `delay_s`; or a `model.json` that "
@@ -229,12 +229,12 @@ class Channel:
     threshold: Threshold
     quantity: Annotated[
         Quantity,
-        Words('"displacement", "velocity", "acceleration", or "force" on a known mass'),
+        Wording('"displacement", "velocity", "acceleration", or "force" on a known mass'),
         Field(description="what the sensor's voltage is proportional to"),
     ] = "displacement"
     loads: Annotated[
         tuple[Load, ...],
-        Words("a list of tables"),
+        Wording("a list of tables"),
         Field(
             description="what may touch it: `name`, `mass`, `damping`, `stiffness` of an impedance (mass·s² + "
             "damping·s + stiffness)/num[0] that turns P into P/(1 + PZ); for a second-order motor they are "
@@ -251,7 +251,7 @@ class Channel:
     ] = ()
     covariance: Annotated[
         tuple[tuple[Number, ...], ...],
-        Words("a list of rows"),
+        Wording("a list of rows"),
         Field(
             description="of the plant's `num`, its monic `den` after the leading one, and its `delay_s`; a "
             "`model.json` brings its own"
@@ -259,7 +259,7 @@ class Channel:
     ] = ()
     valid_hz: Annotated[
         Band | None,
-        Words(default="everywhere"),
+        Wording(default="everywhere"),
         Field(
             description="from where to where the plant is known; a `model.json` brings its own, a response its ends. "
             "Nothing beyond is judged, and without a loop nothing is equalised there"

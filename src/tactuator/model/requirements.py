@@ -9,12 +9,12 @@ from pydantic import Field
 
 from tactuator.errors import BadInput
 from tactuator.model.plant import System
-from tactuator.parameters import Band, Flag, Number, Positive, Whole, Words, table
+from tactuator.parameters import Band, Flag, Number, Positive, Whole, Wording, table
 
 MOST_CHANNELS = 64
 LEAD_S = (0.02, 2.0)
 """Least and greatest time by which a stream may be fed ahead, seconds."""
-_IN_ORDER = Words(default="1, 2, 3 ...")
+_IN_ORDER = Wording(default="1, 2, 3 ...")
 
 
 @table("[sound]")
@@ -107,7 +107,7 @@ class FeedbackRequirements:
         ),
     ] = (0.4, 10.0)
     controller: Annotated[
-        System | None, Words(default="the paper's"), Field(description='C itself, for `structure = "paper"`')
+        System | None, Wording(default="the paper's"), Field(description='C itself, for `structure = "paper"`')
     ] = None
 
     def __post_init__(self) -> None:

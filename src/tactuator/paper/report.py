@@ -107,7 +107,9 @@ def _design_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Secti
 
 
 def _measured_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
-    rubbed = min(one.unpredicted_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
+    rubbed = min(
+        point.unpredicted_db for point in study.responses if point.load == UNLOADED and point.frequency_hz <= 20.0
+    )
     return (
         Section(
             "What a resting finger would feel",
@@ -175,22 +177,23 @@ def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
 
 def _worst(objective: Objective) -> list[Finding]:
     """Return for each quantity that was judged the finding that comes nearest to its limit, or passes it by most."""
-    found: dict[str, Finding] = {}
-    for one in objective.worst():
-        known = found.get(one.quantity)
-        if known is None or one.excess > known.excess:
-            found[one.quantity] = one
-    return list(found.values())
+    worst: dict[str, Finding] = {}
+    for finding in objective.worst():
+        known = worst.get(finding.quantity)
+        if known is None or finding.excess > known.excess:
+            worst[finding.quantity] = finding
+    return list(worst.values())
 
 
-def _worded(one: Finding) -> str:
+def _worded(finding: Finding) -> str:
     """Return a finding as a person reads it: what was found where, and what is allowed."""
-    if one.value is None:
-        return f"{one.quantity}: {one.outcome}, {one.remark}"
-    unit = f" {one.unit}" if one.unit else ""
-    at = "" if one.frequency_hz is None else f" at {one.frequency_hz:.3g} Hz"
-    told = f"; {one.remark}" if one.remark else ""
-    return f"{one.quantity} {one.value:.3g}{unit}{at}, {one.channel} (allowed {one.allowed:g}{unit}){told}"
+    if finding.value is None:
+        return f"{finding.quantity}: {finding.outcome}, {finding.remark}"
+    unit = f" {finding.unit}" if finding.unit else ""
+    at = "" if finding.frequency_hz is None else f" at {finding.frequency_hz:.3g} Hz"
+    remark = f"; {finding.remark}" if finding.remark else ""
+    value = f"{finding.quantity} {finding.value:.3g}{unit}{at}, {finding.channel}"
+    return f"{value} (allowed {finding.allowed:g}{unit}){remark}"
 
 
 def plates(study: PaperStudy) -> tuple[Plate, ...]:
@@ -252,24 +255,29 @@ def _prefilters(study: PaperStudy) -> Plate:
 
 
 def _runs(points: tuple[ResponsePoint, ...], load: str) -> list[LevelResponse]:
-    keys = dict.fromkeys((one.channel, one.level_db_sl) for one in points if one.load == load)
-    return [_run([one for one in points if (one.channel, one.level_db_sl, one.load) == (*key, load)]) for key in keys]
+    keys = dict.fromkeys((point.channel, point.level_db_sl) for point in points if point.load == load)
+    return [
+        _run([point for point in points if (point.channel, point.level_db_sl, point.load) == (*key, load)])
+        for key in keys
+    ]
 
 
 def _run(points: list[ResponsePoint]) -> LevelResponse:
     names = ("frequency_hz", "target_v", "expected_v", "measured_v", "ci_db", "saturated")
-    columns = (np.array([getattr(one, name) for one in points]) for name in names)
+    columns = (np.array([getattr(point, name) for point in points]) for name in names)
     return LevelResponse(points[0].channel, points[0].level_db_sl, *columns)
 
 
 def _thresholds(study: PaperStudy) -> Plate:
     """Draw each observer's mean over the fingers, with the standard error of that mean."""
     people = []
-    for name in dict.fromkeys(one.observer for one in study.thresholds):
-        own = [one for one in study.thresholds if one.observer == name]
-        hertz = np.array(sorted({one.frequency_hz for one in own}))
-        levels = [[one.level_db_re_1um for one in own if one.frequency_hz == f] for f in hertz]
-        errors = [np.hypot.reduce([one.se_db for one in own if one.frequency_hz == f]) for f in hertz]
+    for name in dict.fromkeys(threshold.observer for threshold in study.thresholds):
+        measured = [threshold for threshold in study.thresholds if threshold.observer == name]
+        hertz = np.array(sorted({threshold.frequency_hz for threshold in measured}))
+        levels = [[threshold.level_db_re_1um for threshold in measured if threshold.frequency_hz == f] for f in hertz]
+        errors = [
+            np.hypot.reduce([threshold.se_db for threshold in measured if threshold.frequency_hz == f]) for f in hertz
+        ]
         counts = np.array([len(row) for row in levels])
         people.append(PersonThresholds(name, hertz, np.mean(levels, axis=1), np.array(errors) / counts))
     return thresholds_plate(people, study.plan.display.channels[0].threshold.curve, study.curve)

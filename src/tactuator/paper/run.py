@@ -183,7 +183,9 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
 
 def default_display(display: Display) -> Display:
     """Return the display with what `init` writes for it: a prefilter of eight poles, and a finger fed forward."""
-    channels = (replace(one, prefilter=replace(one.prefilter, poles=DEFAULT_POLES)) for one in display.channels)
+    channels = (
+        replace(channel, prefilter=replace(channel.prefilter, poles=DEFAULT_POLES)) for channel in display.channels
+    )
     return replace(display, channels=tuple(channels), touch=replace(display.touch, adaptive=True))
 
 

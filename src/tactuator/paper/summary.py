@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.paper.plan import LEVELS_DB_SL
-from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
+from tactuator.paper.response import LOADED, UNLOADED, Spoken, worst_error_db
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
 
@@ -25,7 +25,7 @@ def summary(study: PaperStudy) -> dict[str, Any]:
     """Return the figures as plain numbers, strings and lists; the same seed gives the same."""
     first = study.plan.display.channels[0].name
     prefilters, continuous, error = study.prefilters, study.loop.continuous_margins, study.curve.standard_error_db
-    sampled_db, spoken = prefilters.paper_sampled.max_error_db, study.spoken
+    sampled_db = prefilters.paper_sampled.max_error_db
     fitted_db = {name: fit.max_error_db for name, fit in prefilters.fitted.items()}
     bias_db, spread_db = bias_and_spread_db(study.thresholds)
     return {
@@ -70,14 +70,18 @@ def summary(study: PaperStudy) -> dict[str, Any]:
             "max_error_db": study.reshaped.max_error_db,
             "response": [asdict(point) for point in study.reshaped.responses],
         },
-        "speech": {
-            "file": spoken.file.path.name,
-            "duration_s": spoken.file.duration_s,
-            "felt_error_db_rms": spoken.report.worst_rms_db,
-            "peak_db_sl": spoken.report.peak_db_sl,
-            "limited_db": {finger.finger: finger.max_reduction_db for finger in spoken.limiting},
-            "notes": list(spoken.file.notes),
-        },
+        "speech": _speech(study.spoken),
+    }
+
+
+def _speech(spoken: Spoken) -> dict[str, Any]:
+    return {
+        "file": spoken.file.path.name,
+        "duration_s": spoken.file.duration_s,
+        "felt_error_db_rms": spoken.report.worst_rms_db,
+        "peak_db_sl": spoken.report.peak_db_sl,
+        "limited_db": {finger.finger: finger.max_reduction_db for finger in spoken.limiting},
+        "notes": list(spoken.file.notes),
     }
 
 
@@ -92,26 +96,26 @@ def _of(result: Any, names: tuple[str, ...]) -> dict[str, Any]:
 
 def _noise(study: PaperStudy) -> list[dict[str, Any]]:
     """Return felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
-    heard = [(gain, one) for gain, channels in study.noise.proportional.items() for one in channels]
-    rows = [*heard, *((None, one) for one in study.noise.designed)]
+    heard = [(gain, felt) for gain, channels in study.noise.proportional.items() for felt in channels]
+    rows = [*heard, *((None, felt) for felt in study.noise.designed)]
     return [
         {
             "gain": gain,
-            "channel": one.channel,
-            "mains_db_sl": dict(zip((f"{line:g}" for line in one.line_hz), one.line_db_sl.tolist(), strict=True)),
-            "worst_band_db_sl": float(one.band_db_sl.max()),
-            "resonance_hz": one.resonance_hz,
-            "resonance_db_sl": one.resonance_db_sl,
+            "channel": felt.channel,
+            "mains_db_sl": dict(zip((f"{line:g}" for line in felt.line_hz), felt.line_db_sl.tolist(), strict=True)),
+            "worst_band_db_sl": float(felt.band_db_sl.max()),
+            "resonance_hz": felt.resonance_hz,
+            "resonance_db_sl": felt.resonance_db_sl,
         }
-        for gain, one in rows
+        for gain, felt in rows
     ]
 
 
 def _thresholds(study: PaperStudy) -> dict[str, list[dict[str, Any]]]:
     by_observer: dict[str, list[dict[str, Any]]] = {}
-    for one in study.thresholds:
-        row = {key: value for key, value in asdict(one).items() if key != "observer"}
-        by_observer.setdefault(one.observer, []).append(row)
+    for threshold in study.thresholds:
+        row = {key: value for key, value in asdict(threshold).items() if key != "observer"}
+        by_observer.setdefault(threshold.observer, []).append(row)
     return by_observer
 
 
@@ -168,9 +172,9 @@ def _response_rows(study: PaperStudy) -> list[Row]:
             errors = " / ".join(f"{worst_error_db(points, load, level):.2f}" for level in levels)
             paper = {UNLOADED: "“closely”", LOADED: "“essentially the same”"}[load]
             rows.append((f"felt less asked, {words}, {named} dB SL: {design}", paper, f"within {errors} dB"))
-    zero = [one for one in study.responses if (one.load, one.level_db_sl) == (UNLOADED, 0.0)]
-    low = min(one.unpredicted_db for one in zero if one.frequency_hz <= 50.0)
-    smooth = max(abs(one.unpredicted_db) for one in study.without_friction if one.frequency_hz <= 50.0)
+    zero = [point for point in study.responses if (point.load, point.level_db_sl) == (UNLOADED, 0.0)]
+    low = min(point.unpredicted_db for point in zero if point.frequency_hz <= 50.0)
+    smooth = max(abs(point.unpredicted_db) for point in study.without_friction if point.frequency_hz <= 50.0)
     here = f"friction takes up to {-low:.2f} dB below 50 Hz (without it {smooth:.2f} dB)"
     rows.append(("felt less predicted at 0 dB SL, free", "deviations at a few frequencies", here))
     for objective in study.verdict.objectives:
@@ -180,7 +184,7 @@ def _response_rows(study: PaperStudy) -> list[Row]:
 
 def _person_rows(study: PaperStudy) -> list[Row]:
     bias, spread = bias_and_spread_db(study.thresholds)
-    trials = np.array([one.trials for one in study.thresholds])
+    trials = np.array([threshold.trials for threshold in study.thresholds])
     low, high = np.percentile(trials, [5, 95])
     library = study.plan.display.channels[0].threshold.curve
     difference = study.curve.level_db_re_1um - library.level_db_re_1um_at(study.curve.frequency_hz)

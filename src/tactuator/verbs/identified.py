@@ -196,7 +196,7 @@ def _model_document(model: PlantModel) -> dict[str, Any]:
 
 def _fixed_document(known: FixedAgainstOwn) -> dict[str, Any]:
     """Return a value that was fixed, beside what the record shows without it (null: it shows no such thing)."""
-    value, confidence = known.own or (None, None)
+    value, confidence = known.by_record or (None, None)
     q = {"q": known.fixed.q} if known.fixed.q else {}
     return {"name": known.fixed.name, "value": known.fixed.value} | q | {"own": value, "own_confidence": confidence}
 

@@ -9,15 +9,15 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
-from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Words, table
+from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
 
 Celsius = Annotated[Positive, Field(lt=50.0)]
 Group = Literal["hearing", "hearing-impaired", "simulated", "unknown"]
-Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$"), Words(allowed="1 to 32 letters and digits")]
+Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$"), Wording(allowed="1 to 32 letters and digits")]
 ParticipantId = Annotated[
     str,
     StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$"),
-    Words(allowed="1 to 64 letters, digits, ., _ and -"),
+    Wording(allowed="1 to 64 letters, digits, ., _ and -"),
 ]
 _SEED_MAX = 2**53
 

@@ -1,0 +1,87 @@
+"""The house: what a room may hold, where the walks lead, and names that say something."""
+
+import ast
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from tools import floors
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "src" / "tactuator"
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+BUDGETS = {room: int(lines) for room, lines in re.findall(r"^\| `([\w/]+)` \| (\d+) \|", PAGE, flags=re.MULTILINE)}
+HOPS = re.findall(r"^\| \d+ \| `([^`]+)` \| `(\w+)` \|", PAGE, flags=re.MULTILINE)
+LONGEST_FUNCTION = 50
+VAGUE = {"one", "found", "made", "own", "told", "left"}
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def lines_of(place: Path) -> int:
+    """Count the lines of Python of a file or folder."""
+    files = [place] if place.is_file() else sorted(place.rglob("*.py"))
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+
+
+def body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Count the lines of a function below its signature and docstring."""
+    first = node.body[1 if ast.get_docstring(node) and len(node.body) > 1 else 0]
+    return (node.end_lineno or 0) - first.lineno + 1
+
+
+@pytest.mark.parametrize(
+    "room", [*(path.name for path in sorted(PACKAGE.iterdir()) if (path / "__init__.py").exists())]
+)
+def test_room__whatever_it_holds__keeps_its_budget_of_lines(room: str) -> None:
+    assert lines_of(PACKAGE / room) <= BUDGETS[room], "make it smaller, or decide and raise its budget"
+
+
+def test_house__as_a_whole__keeps_its_budget() -> None:
+    assert lines_of(PACKAGE) <= BUDGETS["src"]
+    assert lines_of(ROOT / "tests") <= BUDGETS["tests"]
+
+
+def test_functions__every_one__fits_a_screen() -> None:
+    long = [
+        f"{path.relative_to(PACKAGE)}:{node.name}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and body_lines(node) > LONGEST_FUNCTION
+    ]
+    assert long == []
+
+
+def test_names__that_are_stored__say_what_they_hold() -> None:
+    vague = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno} {node.id}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in VAGUE
+    ]
+    assert vague == []
+
+
+def test_class_names__every_public_one__has_one_owner() -> None:
+    owners = defaultdict(list)
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                owners[node.name].append(path.relative_to(PACKAGE).as_posix())
+    assert {name: paths for name, paths in owners.items() if len(paths) > 1} == {}
+
+
+def test_picture__of_the_floors__is_drawn_from_the_contract() -> None:
+    assert floors.PICTURE.read_text(encoding="utf-8") == floors.picture(), "out of date; `make docs` draws it anew"
+
+
+@pytest.mark.parametrize(("path", "name"), HOPS)
+def test_hop__named_in_the_document__is_there(path: str, name: str) -> None:
+    patterns = {".py": rf"^ *(?:async )?def {name}\(", ".js": rf"^\s*(?:async )?(?:function )?{name}\("}
+    pattern = patterns.get(Path(path).suffix, rf"^[a-z][\w ]*\*?{name}\([^;]*$")
+    assert re.search(pattern, (ROOT / path).read_text(encoding="utf-8"), flags=re.MULTILINE) is not None
+
+
+def test_walks__are_both_there() -> None:
+    assert len(HOPS) >= 30
