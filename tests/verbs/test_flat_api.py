@@ -163,4 +163,4 @@ def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(
     exec(compile(code, PAGE.name, "exec"), {})
     verdict, response = capsys.readouterr().out.splitlines()
     assert verdict.startswith("<Verdict ")
-    assert [name in response for name in ("index: felt within", "thumb: felt within", "middle: felt within")] == [True] * 3
+    assert all(f"{name}: felt within" in response for name in ("index", "thumb", "middle"))
