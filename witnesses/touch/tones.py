@@ -1,41 +1,64 @@
-"""Tones of 0.4 to 298 Hz at 20 to 50 dB SL on three channels, free and under the designed finger: within 1 dB.
+"""Felt less asked of the product's default display: tones of 0.4 to 298 Hz on three channels, free and under a finger.
 
-The device is generator.c, which shares nothing with core's simulated display. Seen to fail with --fixed.
+The promise of README's first sentence: within 1.0 dB at 10 and 20 dB SL, within 0.5 dB from 30 dB SL up. The device is
+generator.c, which shares nothing with core's simulated display. At 10 dB SL a tone's level is the mean of five runs,
+since one run of a few seconds scatters by some tenths of a decibel above 150 Hz. Seen to fail with --fixed (a finger
+is not fed forward) and with --poles 4.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from dataclasses import replace
 
 import numpy as np
 
+from tactuator.paper.run import DEFAULT_POLES, default_display
+from tactuator.synthesis.design import design_controller
 from witnesses.touch import felt
 from witnesses.touch.device import Device
 
-FREQUENCY_HZ = (0.4, 0.8, 1.7, 3.0, 6.0, 11.0, 19.0, 31.0, 50.0, 78.0, 112.0, 155.0, 205.0, 250.0, 298.0)
-LEVELS_DB_SL = (20.0, 30.0, 40.0, 50.0)
-SETTLING_S = 4.0
+FREQUENCY_HZ = (
+    *(0.4, 0.8, 1.7, 3.0, 6.0, 11.0, 14.0, 19.0, 31.0, 38.0, 50.0),
+    *(78.0, 112.0, 155.0, 205.0, 250.0, 298.0),
+)
+MOST_DB = {10.0: 1.0, 20.0: 1.0, 30.0: 0.5, 40.0: 0.5, 50.0: 0.5}
+RUNS = {10.0: 5}
+SETTLING_S, LEAST_S = 4.0, 4.0
 
 
 def main() -> int:
-    """Print the worst error of each level; return 0 where all are within 1 dB."""
-    given = felt.arguments(__doc__, 1, "runs of each tone", fixed="judge the fixed controller: broken")
-    worst = dict.fromkeys(LEVELS_DB_SL, 0.0)
-    at_range = []
-    for level in LEVELS_DB_SL:
-        for place, channel in enumerate(felt.example().channels):
-            own = felt.fixed(place) if given.fixed else felt.adaptive(place)
-            for frequency in FREQUENCY_HZ * given.count:
-                for fingers in ((), (felt.nominal(place),)):
-                    time = felt.times(SETTLING_S + felt.tone_length_s(frequency))
+    """Print the worst error of each level, free and touched; return 0 where all are kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--poles", type=int, default=DEFAULT_POLES, help="of the prefilter; 4 are seen to fail")
+    parser.add_argument("--fixed", action="store_true", help="judge the fixed controller: broken")
+    given = parser.parse_args()
+    display = default_display(felt.example())
+    channels = (replace(one, prefilter=replace(one.prefilter, poles=given.poles)) for one in display.channels)
+    display = replace(display, channels=tuple(channels))
+    controllers = design_controller(display).channels
+    seeds, at_range, kept = iter(range(given.seed, 10**9)), [], []
+    for level, most_db in MOST_DB.items():
+        for touched in (False, True):
+            worst = 0.0
+            for place, channel in enumerate(display.channels):
+                judged = replace(controllers[place], feed_forward=None) if given.fixed else controllers[place]
+                for frequency in FREQUENCY_HZ:
+                    time = felt.times(SETTLING_S + max(felt.tone_length_s(frequency), LEAST_S))
                     asked = 10.0 ** (level / 20.0) * np.sin(2.0 * np.pi * frequency * time)
-                    given.seed += 1
-                    played = Device(felt.example(), place, own, given.seed).play(asked, fingers)
-                    if np.max(np.abs(played.command_v)) >= felt.FULL_V:
-                        at_range.append(f"{frequency:g} Hz at {level:g} dB SL")
-                        continue
-                    worst[level] = max(worst[level], abs(felt.tone_error_db(channel, played.y_v, frequency, level)))
-    kept = [felt.verdict(f"tones at {level:g} dB SL, worst error", worst[level], 1.0) for level in LEVELS_DB_SL]
+                    fingers = (felt.nominal(place),) if touched else ()
+                    errors = []
+                    for _ in range(RUNS.get(level, 1)):
+                        played = Device(display, place, judged, next(seeds)).play(asked, fingers)
+                        if np.max(np.abs(played.command_v)) >= felt.FULL_V:
+                            at_range.append(f"{frequency:g} Hz at {level:g} dB SL")
+                        else:
+                            errors.append(felt.tone_error_db(channel, played.y_v, frequency, level))
+                    worst = max(worst, abs(float(np.mean(errors)))) if errors else worst
+            where = "under the finger" if touched else "free"
+            kept.append(felt.verdict(f"felt less asked at {level:g} dB SL, {where}", worst, most_db))
     print(f"left out, since the command reached the range: {len(at_range)} {sorted(set(at_range))}")
     return 0 if all(kept) else 1
 
