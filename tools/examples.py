@@ -4,7 +4,6 @@
 record comes from the simulated display, with its friction, hum, noise and converters; the speech is synthesised.
 """
 
-import shutil
 import sys
 from pathlib import Path
 
@@ -46,7 +45,6 @@ PAUSE = Sound(0.15, (500.0, 1500.0, 2500.0), 110.0, 0.0)
 def write_all(folder):
     """Write every generated file into the folder of examples."""
     rng = np.random.default_rng(SEED)
-    shutil.copyfile(EXAMPLES.parents[2] / "paper" / "data" / "display.toml", folder / "display.toml")
     write_bench(folder / "bench.csv")
     write_pairs(folder / "pairs.csv", rng)
     write_response(folder / "sheet.csv", rng)

@@ -86,7 +86,7 @@ def test_live__with_a_tone_a_touch_and_a_press__tells_every_sample_as_the_rig_al
     ordered.until(lambda: len(ordered.rows) >= 1600)
     ordered.quit()
     rows = ordered.rows
-    assert ordered.standing.told == ordered.standing.fed == len(rows)
+    assert ordered.standing.given_back == ordered.standing.fed == len(rows)
     with SimulatedRig(controller.display, 5) as alone:
         alone.load(controller)
         alone.finger("index").touch("finger")

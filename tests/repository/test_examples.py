@@ -10,7 +10,7 @@ from tactuator.io.columns import read_columns
 from tactuator.io.shipped import EXAMPLES, example_names
 from tools.examples import write_all, write_bench
 
-HAND_WRITTEN = {"README.md", "bench.toml", "protocol.toml"}
+HAND_WRITTEN = {"README.md", "bench.toml", "display.toml", "protocol.toml"}
 
 
 def is_generated(name: str) -> bool:

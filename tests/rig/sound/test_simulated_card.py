@@ -49,8 +49,8 @@ def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_de
 
 
 def test_demo__kept__is_there_for_other_commands_until_ctrl_c(tmp_path):
-    code = "import sys; from tactuator.cli.main import main; from tactuator.cli.sound import demo\n"
-    code += "demo.deliver = lambda *asked: None\n"  # the calibration takes minutes
+    code = "import sys; from tactuator.cli.main import main; from tactuator.verbs import sound\n"
+    code += "sound._equalised = lambda *asked: None\n"  # the calibration takes minutes
     code += f"sys.argv = ['tactuator', 'sound', 'demo', '--keep', '--out', {str(tmp_path / 'out')!r}]; sys.exit(main())"
     with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True) as kept:
         words = kept.stderr.readline().split()
