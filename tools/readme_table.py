@@ -10,7 +10,7 @@ from tactuator.paper.run import run_study
 from tactuator.paper.summary import comparison, markdown
 
 README = Path(__file__).resolve().parent.parent / "README.md"
-PICTURES = {"fig02": "equality.svg", "default": "felt-free.svg", "default-finger": "felt-touched.svg"}
+PICTURES = {"fig02": "equality.svg", "default-finger": "felt-touched.svg"}
 MARK = "<!-- paper-here -->"
 SENTENCE = "<!-- measured -->"
 
