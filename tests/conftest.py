@@ -62,9 +62,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 _SHARED = {
     "tests/paper/test_": "the installed wheel and its study",
     "tests/packaging/": "the installed wheel and its study",
-    "tests/api/test_flat_api.py": "the results that the examples begin with",
+    "tests/verbs/test_flat_api.py": "the results that the examples begin with",
     "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
-    "tests/console/test_workshop.py": "a designed display",
+    "tests/console/test_state.py": "a designed display",
     "tests/experiment/export/test_export.py": "a store with every kind of trial",
     "tests/rig/board_check/test_mutants.py::test_check_period": "the objects of a board's program",
     "tests/rig/guard/test_lying_sensor.py::test_lawful_play": "the program of lawful play",
