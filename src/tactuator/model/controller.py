@@ -15,6 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display, display_document, document_hash
 from tactuator.parameters import NotNegative, Number, Positive, Whole, kept_by, plain, table
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
 
@@ -77,7 +78,7 @@ class Limits:
 
     command_v: Number
     travel_v: Number
-    comfort_db_sl: Number = 55.0
+    comfort_db_sl: Number = COMFORT_DB_SL
 
 
 def _sections(rows: Any) -> FloatArray:

@@ -10,6 +10,7 @@ from pydantic import Field
 from tactuator.errors import BadInput
 from tactuator.model.plant import System
 from tactuator.parameters import Band, Flag, Number, Positive, Whole, Wording, table
+from tactuator.perception.curve import COMFORT_DB_SL
 
 MOST_CHANNELS = 64
 LEAD_S = (0.02, 2.0)
@@ -141,7 +142,7 @@ class Objectives:
         1.0
     )
     load_band_hz: Annotated[Positive, Field(description="iv: highest frequency that `load_max_db` holds for")] = 10.0
-    comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = 55.0
+    comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = COMFORT_DB_SL
 
 
 @table("[touch]")
