@@ -14,10 +14,12 @@ from pydantic import TypeAdapter
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
+from tactuator.io.coupling import read_coupling
 from tactuator.io.csv_tables import resolve_curve
 from tactuator.io.model import FORMAT, parse_model
 from tactuator.io.record import is_response, read_foreign_response
 from tactuator.io.text import parse_toml, read_finite_json, read_text
+from tactuator.model.coupling import Coupling
 from tactuator.model.description import (
     DISTURBANCES,
     SHARED_TABLES,
@@ -149,6 +151,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
     parts = {
         "objectives": from_table(Objectives, tables["objectives"], "[objectives]"),
         "touch": from_table(Touch, tables["touch"], "[touch]"),
+        "coupling": _coupling(tables["coupling"], beside),
         "channels": tuple(_channel(tables, entry, "sound" in document, beside) for entry in channels),
         "sound": _sound_card(tables["sound"], channels) if "sound" in document else None,
     }
@@ -160,6 +163,16 @@ def _table(document: Document, name: str) -> Document:
     if not isinstance(table, Mapping):
         raise BadInput(f"{name} is {table!r}", f"a table [{name}]")
     return table
+
+
+def _coupling(table: Document, beside: Path) -> Coupling:
+    measured = table.get("measured")
+    if isinstance(measured, str):
+        try:
+            table = {**table, "measured": read_coupling(beside / measured)}
+        except BadInput as error:
+            raise error.within("[coupling]", "measured") from None
+    return from_table(Coupling, table, "[coupling]")
 
 
 def _sound_card(table: Document, channels: list[Document]) -> SoundCard:

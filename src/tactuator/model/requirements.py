@@ -132,7 +132,7 @@ class PrefilterRequirements:
 
 @table("[objectives]")
 class Objectives:
-    """Tolerances of the paper's four objectives (its section 2)."""
+    """Tolerances of the paper's four objectives (its section 2), and of crosstalk."""
 
     flatness_db: Annotated[Positive, Field(description="i: |H| against the curve over the band")] = 1.0
     mains_max_db_sl: Annotated[Number, Field(description="ii: felt level of every mains line")] = 0.0
@@ -142,6 +142,9 @@ class Objectives:
         1.0
     )
     load_band_hz: Annotated[Positive, Field(description="iv: highest frequency that `load_max_db` holds for")] = 10.0
+    crosstalk_max_db_sl: Annotated[
+        Number, Field(description="v: felt level on a finger while another is driven at `comfort_db_sl`")
+    ] = 0.0
     comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = COMFORT_DB_SL
 
 

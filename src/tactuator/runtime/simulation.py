@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import controller_table, display_table, load_names
+from tactuator.runtime.tables import controller_table, display_table, frame_table, load_names
 from tactuator.runtime.touch_table import touch_table
 
 REFERENCE_MAX = 1000.0
@@ -49,6 +49,7 @@ class SimulationState:
     """Everything that a simulation will go on from; opaque."""
 
     loops: bytes
+    frame: bytes = b""
 
 
 class Simulation:
@@ -74,6 +75,7 @@ class Simulation:
             loop.display, loop.delay_samples = table, display.delay_samples
             lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
+        self._frame = frame_table(display)
         self._controllers: list[Any] = []
         self._touches: list[Any] = []
 
@@ -115,15 +117,15 @@ class Simulation:
         """
         if not self._controllers:
             raise BadInput("no controller is loaded", "load one before playing a reference")
-        return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
+        return self._run("play", reference, "reference", force_v)
 
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
         """Drive the converters with a command (n, channels) in volts, without controller and computing delay."""
-        return self._run(lib.tact_closed_loop_drive, command_v, "command", force_v)
+        return self._run("drive", command_v, "command", force_v)
 
     def save(self) -> SimulationState:
         """Return the state of device and controller, to be restored later into this simulation."""
-        return SimulationState(bytes(ffi.buffer(self._loops)))
+        return SimulationState(bytes(ffi.buffer(self._loops)), b"" if self._frame is None else bytes(self._shaken()))
 
     def restore(self, state: SimulationState) -> None:
         """Go on from a state that this simulation saved, with the controller that is loaded now."""
@@ -133,8 +135,14 @@ class Simulation:
         ffi.buffer(self._loops)[:] = state.loops
         for loop, (controller, display, touch) in zip(self._loops, pointers, strict=True):
             loop.controller, loop.display, loop.touch = controller, display, touch
+        if self._frame is not None:
+            self._shaken()[:] = state.frame
 
-    def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
+    def _shaken(self) -> Any:
+        """Return the frame's memory, its states in it."""
+        return ffi.buffer(self._frame)
+
+    def _run(self, way: str, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
         check_arithmetic()
         count = len(self._loops)
         inputs = block_samples(samples, count, name)
@@ -145,7 +153,11 @@ class Simulation:
                 raise BadInput(f"force has {force.shape[0]} samples", f"{inputs.shape[0]}, as the {name} has")
             forces = ffi.from_buffer("double[]", force)
         block, trace = empty_block(inputs.shape[0], count)
-        step(self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
+        given = (self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
+        if self._frame is None:
+            getattr(lib, f"tact_closed_loop_{way}")(*given)
+        else:
+            getattr(lib, f"tact_coupled_{way}")(self._frame, *given)
         return block
 
 
