@@ -1,6 +1,42 @@
-"""Results as tables of text, for pages and terminals."""
+"""What results are told as: a line that says what they are, tables of text, charts for whoever draws them."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+_LONGEST = 180
+
+
+def brief(noun: Any) -> str:
+    """Return a dataclass in one line of at most 180 characters, for its `__repr__`: its kind, and its fields in their
+    order as long as they fit. Of an array it says how many values there are and between what they lie.
+    """
+    line = f"<{type(noun).__name__}"
+    for number, part in enumerate(each for each in fields(noun) if each.repr):
+        word = f"{',' if number else ''} {part.name}: {_value(getattr(noun, part.name))}"
+        if len(line) + len(word) > _LONGEST:
+            return f"{line}{',' if number else ''} ...>"
+        line += word
+    return f"{line}>"
+
+
+def _value(value: Any) -> str:
+    """Return the value of a field in a few words."""
+    if isinstance(value, bool | str) or value is None:
+        return str(value)
+    if isinstance(value, int | float):
+        return f"{value:.6g}"
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
+        ends = f", {value.min():.4g} to {value.max():.4g}" if value.dtype.kind in "fiu" and value.size else ""
+        return f"{' x '.join(map(str, value.shape))} values{ends}"
+    if isinstance(value, tuple | list):
+        words = [_value(item) for item in value]
+        return f"({', '.join(words)})" if sum(map(len, words)) < _LONGEST // 3 else f"{len(words)} of them"
+    if isinstance(value, Mapping):
+        return f"{len(value)} keys"
+    if is_dataclass(value):
+        return str(getattr(value, "name", type(value).__name__))
+    return str(value)
 
 
 @dataclass(frozen=True)
@@ -12,3 +48,41 @@ class ResultTable:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
     whole: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ChartLine:
+    """A curve of a chart. label: in the legend ("": none). x, y: (n,). half: of the 95 % confidence of y, (n,), or
+    (2, n) below and above; a band about a line, bars at marks. style: as matplotlib writes it ("-", "--", "o", "o-").
+    crossed: points that do not count, (n,). colour: its place in the palette, None for the next. right: has the axis at
+    the right.
+    """
+
+    label: str
+    x: Any
+    y: Any
+    style: str = "-"
+    half: Any = None
+    crossed: Any = None
+    colour: int | None = None
+    right: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Curves on one pair of axes, with what they are held against. x_label, y_label, right_label: with units.
+
+    targets: levels that were asked for. tolerance, jnd: half-widths about each target, of what is allowed and of what
+    is not felt. limits: other levels, by name; upright: the same on the axis of x. log_x: x is a frequency in hertz.
+    """
+
+    x_label: str
+    y_label: str
+    curves: Sequence[ChartLine]
+    log_x: bool = False
+    targets: Sequence[float] = ()
+    tolerance: float | None = None
+    jnd: float | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+    upright: Mapping[str, float] = field(default_factory=dict)
+    right_label: str = ""

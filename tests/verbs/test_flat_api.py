@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 import tactuator as tt
 from tactuator.cli import main
+from tactuator.io.reference import open_reference
 from tactuator.paper.verb import PaperResult
 from tactuator.verbs.controller import wordlength
 from tactuator.verbs.result import Result, plain
@@ -113,12 +114,33 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
         json.dumps(plain(one.to_dict()), allow_nan=False)
         if type(one).columns is not Result.columns:
             assert len({len(column) for column in one.to_dataframe().values()}) == 1
-        if type(one).lines is not Result.lines:
+        if type(one).chart is not Result.chart:
             axes = Figure().add_subplot()
             assert one.plot(axes) is axes
             assert axes.get_xlabel()
             assert axes.get_ylabel()
             assert len(axes.lines) > 0
+            assert axes.get_legend() is not None or len(axes.lines) == 1
+
+
+def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[str, object]):
+    controller, rig = known["controller"], known["rig"]
+    display = controller.display
+    heard = tt.measure_response(rig, controller, [30.0, 100.0])
+    spoken = tt.render("speech.wav", controller, "said.wav")
+    nouns = [
+        rig, rig.finger("index"), display, *display.channels, display.channels[0].threshold.curve, controller,
+        controller.channels[0], display.channels[0].plant, heard.responses[0], rig.play(np.zeros((8, 3))),
+        spoken.rendered, open_reference("said.wav"), tt.check(controller).objectives[0],
+        tt.thresholds("lab.db").results,
+    ]  # fmt: skip
+    for noun in nouns:
+        kind = type(noun).__name__.removesuffix("Result")
+        assert re.match(rf"<{kind} \w", repr(noun)), repr(noun)
+        assert len(repr(noun)) < 250
+        assert "\n" not in repr(noun)
+        assert " object at 0x" not in repr(noun)
+    assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 
 def test_result__that_is_no_table__says_so(known: dict[str, object]):

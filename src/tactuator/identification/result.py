@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.prepared import EmpiricalResponse, ExcitationReport
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.standing import FixedAgainstOwn
+from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 
 
@@ -138,6 +140,27 @@ class Identification:
     validations: tuple[Validation, ...] = ()
     distortion: Distortion | None = None
     fixed: tuple[FixedAgainstOwn, ...] = ()
+
+    def shown(self) -> tuple[FloatArray, ComplexArray, FloatArray]:
+        """Return what the record shows of the plant: frequencies, response, its relative standard error; all (m,).
+
+        It is the response from the command's samples to the position's, without what the hold between the samples does
+        to the model: what is left is that of the continuous plant, as the model's is.
+        """
+        seen = self.empirical.trusted()
+        hertz, value, error = seen.frequency_hz, seen.value, seen.relative_error
+        if self.distortion is not None:
+            hertz, value = self.distortion.frequency_hz, self.distortion.value
+            error = np.sqrt(self.distortion.variance / 2.0) / np.abs(value)
+        low, high = self.model.band_hz
+        rate_hz = float(self.model.record.get("rate_hz", 0.0) or 0.0)
+        inside = (hertz >= low) & (hertz <= high)
+        hertz, value, error = hertz[inside], value[inside], error[inside]
+        hold: Hold = next((hold for hold in HOLDS if hold == self.between.hold), "zero-order")
+        if hold == "band-limited" or rate_hz <= 0.0:
+            return hertz, value, error
+        held = response_of_rows(fit_of_model(self.model, rate_hz, hold, 1.0), hertz)
+        return hertz, value * self.model.response(hertz) / held, error
 
     @property
     def poles_hz(self) -> FloatArray:

@@ -32,6 +32,7 @@ from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.parameters import Number, Positive, plain, table
+from tactuator.table import brief
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
@@ -54,6 +55,8 @@ class ReferenceHead:
     band_hz: tuple[Number, Number] | None = None
     full_scale_db_sl: Annotated[float, Field(strict=True, ge=-1000.0, le=1000.0)] = FULL_SCALE_DB_SL
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def full_scale(self) -> float:
@@ -164,6 +167,8 @@ class ReferenceFile:
     path: Path
     head: ReferenceHead
     frames: int
+
+    __repr__ = brief
 
     @property
     def duration_s(self) -> float:

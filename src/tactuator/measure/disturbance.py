@@ -24,6 +24,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, off_mains
 from tactuator.signals.systems import SampledSystem
+from tactuator.table import brief
 
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
@@ -83,6 +84,8 @@ class DisturbanceReport:
     press: Press
     tremor: Tremor
     unit: str = "mm"
+
+    __repr__ = brief
 
 
 def disturbance(

@@ -103,15 +103,18 @@ def expected_v(response: Response, controller: Controller) -> FloatArray:
     sections on the nominal plant under the response's load, with the weights nearest to it where they are learnt.
     """
     load = None if response.load == "none" else response.load
-    touched = ChannelPrediction.of(controller, response.channel, load)
-    answer = touched.loop.position_response(response.frequency_hz)
-    adaptive = controller.channel(response.channel).feed_forward
-    if adaptive is not None and load is not None:
-        free, weight = ChannelPrediction.of(controller, response.channel).loop, touched.channel.load(load)
-        answer = adapted_response(
-            adaptive, free, touched.loop, weight, response.frequency_hz, controller.display.rate_hz
-        )
+    answer = expected_response(controller, response.channel, load, response.frequency_hz)
     return np.asarray(response.reference * np.abs(answer))
+
+
+def expected_response(controller: Controller, name: str, load: str | None, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the volts of y per threshold unit that the model expects of a channel under a load (None: free), (m,)."""
+    touched = ChannelPrediction.of(controller, name, load)
+    adaptive = controller.channel(name).feed_forward
+    if adaptive is None or load is None:
+        return touched.loop.position_response(frequency_hz)
+    free, weight = ChannelPrediction.of(controller, name).loop, touched.channel.load(load)
+    return adapted_response(adaptive, free, touched.loop, weight, frequency_hz, controller.display.rate_hz)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.spectra import Band, third_octave_bands
+from tactuator.table import brief
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
 LONG_UP_TO_HZ = 40.0
@@ -180,6 +181,8 @@ class FingerFelt:
     asked_db_sl: Levels
     felt_db_sl: Levels
 
+    __repr__ = brief
+
     @property
     def difference_db(self) -> Levels:
         """Return the felt less the asked level over the whole, for every band; NaN where less than 10 dB SL
@@ -205,6 +208,8 @@ class FeltReport:
 
     fingers: tuple[FingerFelt, ...]
     peak_db_sl: float
+
+    __repr__ = brief
 
     @property
     def worst_rms_db(self) -> float:

@@ -26,6 +26,7 @@ from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.multisine import Periods, multisine, odd_lines
 from tactuator.synthesis.family import plant_family
+from tactuator.table import brief
 
 ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
 FELT_ALIKE_DB = 0.25
@@ -60,6 +61,8 @@ class FingerEstimate:
     chain: tuple[float, ...]
     realisations: int
     saturated: bool
+
+    __repr__ = brief
 
     @property
     def load(self) -> Load:

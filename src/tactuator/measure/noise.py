@@ -30,6 +30,7 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
+from tactuator.table import brief
 
 _QUIET_BAND = (0.25, 0.45)
 """Of the rate: where the density of the noise is read."""
@@ -48,6 +49,8 @@ class SensorNoise:
     hum_hz: FloatArray
     hum_v_peak: FloatArray
     noise_v_rms: float
+
+    __repr__ = brief
 
     def keys(self) -> dict[str, Any]:
         """Return the figures as keys of [environment]."""
@@ -148,6 +151,8 @@ class FeltNoise:
     resonance_gain_db: float | None
     saturated: bool
     sensor: SensorNoise | None = None
+
+    __repr__ = brief
 
     @property
     def worst_line_db_sl(self) -> float:

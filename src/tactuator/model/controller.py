@@ -18,6 +18,7 @@ from tactuator.parameters import NotNegative, Number, Positive, Whole, kept_by, 
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
+from tactuator.table import brief
 
 PREVIEW_MAX = 16
 """Samples from the command to the reading that the core's model can look ahead."""
@@ -57,6 +58,8 @@ class FeedForward:
     hum_hz: tuple[Number, ...] = ()
     hum_band_hz: NotNegative = 0.4
     mass_fed: NotNegative = 1.0
+
+    __repr__ = brief
 
 
 FORMAT = "tactuator-controller/1"
@@ -108,6 +111,8 @@ class ChannelController:
     report: Mapping[str, Any] = field(default_factory=dict)
     feed_forward: FeedForward | None = None
 
+    __repr__ = brief
+
     def prefilter(self, rate_hz: float) -> SampledSystem:
         """Return F as a sampled system."""
         return SampledSystem.from_sections(self.prefilter_sos, rate_hz)
@@ -129,6 +134,8 @@ class Controller:
     display: Display
     channels: tuple[ChannelController, ...]
     tool: str = ""
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         mine = tuple(channel.name for channel in self.channels)

@@ -26,6 +26,7 @@ from tactuator.model.requirements import (
 from tactuator.parameters import Band, InFile, NotNegative, Number, Positive, Whole, Wording, parameters, plain, table
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.table import brief
 
 
 def document_hash(document: dict[str, Any]) -> str:
@@ -139,6 +140,8 @@ class Threshold:
         0.4,
         300.0,
     )
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
@@ -279,6 +282,8 @@ class Channel:
         Band | None, Field(description="between which two frequencies it is off the most; a response brings them")
     ] = None
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         size = self.plant.zeros.size + self.plant.poles.size + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
@@ -340,6 +345,8 @@ class Display:
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
     coupling: Coupling = field(default_factory=Coupling)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not self.channels:

@@ -12,6 +12,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Number, Numbers, table
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.table import brief
 
 _Z95 = 1.959964
 
@@ -24,6 +25,8 @@ class Excess:
     frequency_hz: Numbers
     magnitude: Numbers
     phase_rad: Numbers
+
+    __repr__ = brief
 
     @classmethod
     def none(cls) -> Excess:
@@ -66,6 +69,8 @@ class PlantModel:
     friction: dict[str, Number] = field(default_factory=dict)
     excess: Excess = field(default_factory=Excess.none)
     valid_hz: tuple[Number, Number] | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         size = self.num.size + self.den.size

@@ -20,6 +20,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.magnitude import MagnitudeGoal, fit_within
 from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.table import brief
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16)
 _CLOSE_DB, _DEVIATIONS = 0.1, 3.0
@@ -44,6 +45,8 @@ class ResponsePlant:
     error_db: float
     unsure_hz: tuple[float, float]
     valid_hz: tuple[float, float]
+
+    __repr__ = brief
 
 
 def plant_of_response(given: FrequencyResponse) -> ResponsePlant:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from tactuator.table import brief
+
 OBJECTIVES = {
     "i": "|H| follows the threshold curve over the band, without load",
     "ii": "every mains line is felt below threshold",
@@ -52,6 +54,8 @@ class Finding:
     frequency_hz: float | None = None
     remark: str = ""
     counts: bool = True
+
+    __repr__ = brief
 
     @property
     def excess(self) -> float:
@@ -98,6 +102,8 @@ class Objective:
     words: str
     findings: tuple[Finding, ...]
 
+    __repr__ = brief
+
     @property
     def outcome(self) -> Outcome:
         """Return not met if any finding is not; met if some are and none that counts stayed open; else not judged."""
@@ -136,6 +142,8 @@ class Verdict:
 
     objectives: tuple[Objective, ...]
     assumptions: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     @property
     def outcome(self) -> Outcome:

@@ -15,6 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Numbers, table
 from tactuator.signals.decibels import db, from_db
+from tactuator.table import brief
 
 Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
 
@@ -37,6 +38,8 @@ class ThresholdCurve:
     provenance: Provenance = "digitised"
     source: str = ""
     standard_error_db: Numbers | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for field in ("frequency_hz", "level_db_re_1um", "standard_error_db"):

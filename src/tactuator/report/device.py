@@ -20,6 +20,7 @@ from tactuator.measure.error import expected_v
 from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import AMPLITUDE_JND_DB
+from tactuator.report.chart import draw_curve, draw_levels
 from tactuator.report.plate import Plate, labelled, save_plates, table_of
 from tactuator.report.style import (
     BLUE,
@@ -38,6 +39,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import power_spectrum
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.table import Chart, ChartLine
 
 
 def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
@@ -75,19 +77,18 @@ def identification_plate(fit: Identification) -> Plate:
     value, band = fit.model.response(frequency), fit.model.band_db(frequency)
     level = db(value)
     drawing, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
-    shown = fit.empirical.trusted()
-    inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
-    seen_hz, seen, label = shown.frequency_hz[inside], shown.value[inside], "record's own in bands, hold included"
-    error = (np.abs(shown.value) * shown.relative_error)[inside]
+    seen_hz, seen, relative = fit.shown()
+    error, label = np.abs(seen) * relative, "record's own in bands"
     errors: list[tuple[FloatArray, str, str, str, float]] = [(error, "noise and distortion in bands", ORANGE, "-", 1.5)]
     if (lines := fit.distortion) is not None:
-        seen_hz, seen, label = lines.frequency_hz, lines.value, "record's own lines, hold included"
+        label = "record's own lines"
+        inside = np.isin(lines.frequency_hz, seen_hz)
         least = 0.1 * float(np.min(lines.noise[lines.noise > 0.0], initial=np.inf))
         parts = (
-            (lines.noise, "noise", ORANGE, "-"),
-            (lines.total, "noise and distortion", RED, "-"),
-            (lines.odd, "distortion, odd lines", RED, ":"),
-            (lines.even, "distortion, even lines", GREEN, ":"),
+            (lines.noise[inside], "noise", ORANGE, "-"),
+            (lines.total[inside], "noise and distortion", RED, "-"),
+            (lines.odd[inside], "distortion, odd lines", RED, ":"),
+            (lines.even[inside], "distortion, even lines", GREEN, ":"),
         )
         errors = [
             (np.where(part > least, part, np.nan) if np.isfinite(least) else part, label, colour, line, 1.2)
@@ -102,16 +103,17 @@ def identification_plate(fit: Identification) -> Plate:
     unit = f"{fit.model.position_unit or 'unit'}/{fit.model.command_unit or 'unit'}"
     frequency_axis(top, frequency[0], frequency[-1], f"magnitude (dB re 1 {unit})", label=False)
     legend(top, loc="lower left")
-    middle.plot(seen_hz, phase_deg(seen), ".", color=FAINT)
+    beside = np.degrees(np.angle(seen / fit.model.response(seen_hz)))
+    middle.plot(seen_hz, np.interp(seen_hz, frequency, phase_deg(value)) + beside, ".", color=FAINT)
     middle.plot(frequency, phase_deg(value), color=BLUE)
     frequency_axis(middle, frequency[0], frequency[-1], "phase (degrees)", label=False)
     bottom.plot(frequency, band, color=RED)
     frequency_axis(bottom, frequency[0], frequency[-1], "half-width (dB)")
     names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     caption = (
-        f"Model of {fit.order} poles and {fit.model.num.size - 1} zeros by the {fit.model.method} estimator, "
-        f"command {fit.between.hold}, "
-        f"fit {fit.fit_percent:.2f} %."
+        f"Model of {fit.order} poles and {fit.model.num.size - 1} zeros by the {fit.model.method} estimator, fit "
+        f"{fit.fit_percent:.2f} %. Dots: the record's own response, without what the {fit.between.hold} hold of the "
+        "command adds to it."
     )
     table = table_of(names, labelled((), frequency, level, phase_deg(value), band))
     return Plate("identification", "Identified response", caption, drawing, table)
@@ -273,14 +275,14 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
     grid[0, 0].set_ylabel("felt level (dB SL)", fontsize=9)
     grid[1, 0].set_ylabel("felt less asked (dB)", fontsize=9)
     marks = [
-        Line2D([], [], color=BLUE, linewidth=1.0, label="asked"),
-        Line2D([], [], color=INK, marker="o", markersize=3, fillstyle="none", linestyle="", label="measured"),
-        Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="saturated"),
-        Line2D([], [], color=ORANGE, linewidth=0.8, label="of this, the model's"),
-        Line2D([], [], color=GREEN, linewidth=0.8, linestyle="--", label=f"tolerance {flatness_db:g} dB"),
-        Patch(color=FAINT, alpha=0.35, linewidth=0.0, label="below a JND"),
+        Line2D([], [], color=INK, linewidth=0.8, label="asked"),
+        Line2D([], [], color=BLUE, marker="o", markersize=4, fillstyle="none", linestyle="", label="measured, ± 95 %"),
+        Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="a limit was reached"),
+        Line2D([], [], color=BLUE, linewidth=0.8, linestyle=":", label="expected by the model"),
+        Line2D([], [], color=GREEN, linewidth=0.9, linestyle="--", label=f"tolerance ±{flatness_db:g} dB"),
+        Patch(color=FAINT, alpha=0.3, linewidth=0.0, label=f"below a JND ({AMPLITUDE_JND_DB:g} dB)"),
     ]
-    drawing.legend(handles=marks, fontsize=7, loc="outside lower center", ncols=6, frameon=False)
+    drawing.legend(handles=marks, fontsize=7, loc="outside lower center", ncols=3, frameon=False)
     clean = max(
         (float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0),
         default=float("nan"),
@@ -301,20 +303,13 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
 
 
 def _draw_response(upper: Axes, lower: Axes, runs: Sequence[LevelResponse], flatness_db: float) -> None:
-    levels = sorted(run.level_db_sl for run in runs)
+    runs = sorted(runs, key=lambda run: run.level_db_sl)
+    levels = [run.level_db_sl for run in runs]
     upper.set_ylim(levels[0] - 8.0, levels[-1] + 8.0)
-    shades = np.linspace(0.4, 1.0, len(runs)) if len(runs) > 1 else np.ones(1)
-    for shade, run in zip(shades, sorted(runs, key=lambda run: run.level_db_sl), strict=True):
-        good, felt = ~run.saturated, run.level_db_sl + run.error_db
-        upper.axhline(run.level_db_sl, color=BLUE, linewidth=1.0)
-        upper.plot(run.frequency_hz[good], felt[good], "o", color=INK, markersize=3, fillstyle="none")
-        upper.plot(run.frequency_hz[~good], felt[~good], "x", color=RED, markersize=5)
-        lower.errorbar(
-            run.frequency_hz[good], run.error_db[good], run.ci_db[good], fmt="o", markersize=2, elinewidth=0.7,
-            color=BLUE, alpha=float(shade),
-        )  # fmt: skip
-        lower.plot(run.frequency_hz, run.model_db, color=ORANGE, linewidth=0.8)
-    lower.axhline(0.0, color=INK, linewidth=0.6)
-    lower.axhspan(-AMPLITUDE_JND_DB, AMPLITUDE_JND_DB, color=FAINT, alpha=0.35, linewidth=0.0)
-    for edge in (-flatness_db, flatness_db):
-        lower.axhline(edge, color=GREEN, linewidth=0.8, linestyle="--")
+    draw_levels(upper, Chart("", "", (), targets=levels))
+    draw_levels(lower, Chart("", "", (), targets=(0.0,), tolerance=flatness_db, jnd=AMPLITUDE_JND_DB))
+    for number, run in enumerate(runs):
+        hertz, cut = run.frequency_hz, run.saturated
+        draw_curve(upper, ChartLine("", hertz, run.level_db_sl + run.error_db, "o", run.ci_db, cut, number))
+        draw_curve(lower, ChartLine("", hertz, run.error_db, "o", run.ci_db, cut, number))
+        lower.plot(hertz, run.model_db, color=CYCLE[number % len(CYCLE)], linewidth=0.8, linestyle=":")

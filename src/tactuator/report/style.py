@@ -26,11 +26,16 @@ def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: 
     drawing = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     panels = drawing.subplots(rows, columns, **subplots)
     for axes in drawing.axes:
-        axes.grid(True, color="#e3e3e3", linewidth=0.6)
-        axes.set_axisbelow(True)
+        house(axes)
         axes.tick_params(labelsize=8, colors=INK)
-        axes.spines[["top", "right"]].set_visible(False)
     return drawing, panels
+
+
+def house(axes: Axes) -> None:
+    """Give axes the grid and the two spines that every figure has."""
+    axes.grid(True, color="#e3e3e3", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def line_style(index: int) -> str:

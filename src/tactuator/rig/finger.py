@@ -25,6 +25,10 @@ class Finger:
         self._feelers: list[Feeler] = []
         self._pressed_v: FloatArray = np.zeros(0)
 
+    def __repr__(self) -> str:
+        loads = ", ".join(name for name in self._loads if name) or "no load"
+        return f"<Finger that {loads} can touch; attached: {len(self._feelers)}>"
+
     def touch(self, load: str | None) -> None:
         """Put a load of the display file on, by name; None takes it off. Position and velocity go on.
 

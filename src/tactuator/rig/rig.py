@@ -17,6 +17,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.rig.finger import Finger
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
+from tactuator.table import brief
 
 _ARRAYS = ("reference", "command_v", "position_v", "saturated")
 
@@ -37,6 +38,8 @@ class Trace:
     command_v: FloatArray
     position_v: FloatArray
     saturated: NDArray[np.bool_]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         shape = (self.reference.shape[0], len(self.channels))
@@ -111,6 +114,12 @@ class Rig(ABC):
         self._began_at: int | None = None
         self._rows_played = 0
         self._fingers: tuple[Finger, ...] = ()
+
+    def __repr__(self) -> str:
+        runs = "a controller runs" if self._loaded else "no controller yet"
+        return (
+            f"<{type(self).__name__} {self._display.name}: {', '.join(self.channels)} at {self.rate_hz:g} Hz, {runs}>"
+        )
 
     @property
     def display(self) -> Display:

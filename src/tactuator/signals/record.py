@@ -12,6 +12,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 from tactuator.signals.multisine import without_periods
+from tactuator.table import brief
 
 Method = Literal["stepped-sine", "multisine"]
 
@@ -40,6 +41,8 @@ class Response:
     reached: NDArray[np.bool_]
     averaged_s: FloatArray
     controller_hash: str = ""
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         shape = self.frequency_hz.shape
@@ -84,6 +87,8 @@ class FrequencyResponse:
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     assumed: bool = False
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if self.frequency_hz.size < 4:
@@ -139,6 +144,8 @@ class Record:
     reference: FloatArray | None = None
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):

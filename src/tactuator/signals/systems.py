@@ -12,6 +12,7 @@ from scipy import signal
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.sections import backward_difference, check_sections, section_roots
+from tactuator.table import brief
 
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
 
@@ -107,6 +108,8 @@ class ContinuousSystem(_System):
     gain: float
     delay_s: float = 0.0
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         self._settle()
         if not (np.isfinite(self.delay_s) and self.delay_s >= 0.0):
@@ -169,6 +172,8 @@ class SampledSystem(_System):
     gain: float
     rate_hz: float
     delay_samples: int = 0
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         self._settle()

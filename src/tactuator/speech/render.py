@@ -31,6 +31,7 @@ from tactuator.speech.coding import Coding, coding_document
 from tactuator.speech.limiter import FingerLimiting, Limiter
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.reading import SpeechFile, scan_speech, speech_blocks
+from tactuator.table import brief
 
 FRAME_S = 0.025
 FRAMES_WITHIN_DB = 30.0
@@ -207,6 +208,8 @@ class Rendered:
     limiting: tuple[FingerLimiting, ...]
     sha256: str
     felt: FeltReport | None
+
+    __repr__ = brief
 
     def document(self) -> dict[str, Any]:
         """Return the figures in plain JSON."""

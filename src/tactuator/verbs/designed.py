@@ -6,24 +6,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tactuator.io.controller import write_controller
+from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
-from tactuator.model.verdict import Outcome, Verdict
+from tactuator.model.verdict import Finding, Outcome, Verdict
+from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row, printed_factors, remark_lines
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.verbs.nouns import FREQUENCY
 from tactuator.verbs.parameters import Place
-from tactuator.verbs.result import Result, figure, lines_of
-
-if TYPE_CHECKING:
-    from tactuator.report.lines import Lines
+from tactuator.verbs.result import Result, figure
 
 
 def verdict_tables(verdict: Verdict) -> list[ResultTable | str]:
@@ -39,7 +39,7 @@ def verdict_tables(verdict: Verdict) -> list[ResultTable | str]:
 
 
 class ControllerResult(Result, Controller):
-    """A controller. It draws the error of the response against the curve, as the design tells it."""
+    """A controller. It draws what its model expects to be felt, less what is asked, free and under each load."""
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -76,12 +76,17 @@ class ControllerResult(Result, Controller):
                 if system is not None:
                     yield f"{channel.name}: {letter}(s) = {printed_factors(continuous_form(system))}"
 
-    def lines(self) -> Lines:
-        each = []
-        for channel in self.channels:
-            frequency = np.geomspace(*self.display.channel(channel.name).threshold.band_hz, 300)
-            each.append((channel.name, frequency, db(np.abs(channel.prefilter(self.rate_hz).response(frequency)))))
-        return lines_of("frequency (Hz)", "prefilter (dB re 1 V per threshold unit)", each, log_x=True)
+    def chart(self) -> Chart:
+        curves = []
+        for number, channel in enumerate(self.display.channels):
+            hertz = np.geomspace(*channel.threshold.band_hz, 300)
+            unit_v = channel.threshold_voltage(hertz)
+            for load in (None, *(load.name for load in channel.loads)):
+                error = db(expected_response(self, channel.name, load, hertz) / unit_v)
+                words, style = (channel.name, "-") if load is None else (f"{channel.name}, {load}", "--")
+                curves.append(ChartLine(words, hertz, error, style, colour=number))
+        tolerance, label = self.display.objectives.flatness_db, "felt less asked, by the model (dB)"
+        return Chart(FREQUENCY, label, curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
     def write(self, path: Place) -> None:
         """Write the controller file, whole or not at all."""
@@ -90,7 +95,7 @@ class ControllerResult(Result, Controller):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VerdictResult(Result, Verdict):
-    """A verdict on the paper's four objectives. It draws what was found beside what is allowed.
+    """A verdict on the paper's four objectives. It draws how far each finding lies below what is allowed.
 
     drawn: the plants on which it rests as well, if any were drawn.
     """
@@ -117,11 +122,23 @@ class VerdictResult(Result, Verdict):
         columns = {name: [getattr(finding, name) for finding in findings] for name in names}
         return columns | {"outcome": [str(finding.outcome) for finding in findings]}
 
-    def lines(self) -> Lines:
-        findings = [f for objective in self.objectives for f in objective.findings if f.allowed is not None]
-        number = np.arange(len(findings))
-        each = [(name, number, [getattr(finding, name) for finding in findings]) for name in ("value", "allowed")]
-        return lines_of("finding", "value (each in its unit)", each, points=True)
+    def chart(self) -> Chart:
+        findings = [f for objective in self.objectives for f in objective.worst() if f.allowed is not None]
+        names = list(dict.fromkeys(finding.channel for finding in findings))
+        curves = []
+        for name in names:
+            of = [finding for finding in reversed(findings) if finding.channel == name and finding.value is not None]
+            rows = [f"{finding.objective}: {finding.quantity}" for finding in of]
+            missed = [finding.outcome is Outcome.NOT_MET for finding in of]
+            curves.append(ChartLine(name, [_excess_db(finding) for finding in of], rows, "o", crossed=missed))
+        return Chart("value less what is allowed (dB)", "objective: quantity", curves, upright={"allowed": 0.0})
+
+
+def _excess_db(finding: Finding) -> float:
+    """Return by how many decibels a finding passes what is allowed; a ratio is taken as one of amplitudes."""
+    if finding.unit.startswith("dB") or not finding.value or not finding.allowed:
+        return finding.excess
+    return float(db(finding.value / finding.allowed))
 
 
 def _plants_table(drawn: Sequence[DrawnPlants]) -> ResultTable:

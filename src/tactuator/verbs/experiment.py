@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import (
@@ -21,12 +21,11 @@ from tactuator.verbs.parameters import (
     Seed,
 )
 from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, lines_of, plain
+from tactuator.verbs.result import Result, columns_of, plain
 
 if TYPE_CHECKING:
     from tactuator.experiment.protocol.study import SubjectPart
     from tactuator.experiment.result.store_results import StoreResults
-    from tactuator.report.lines import Lines
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
 
@@ -280,12 +279,20 @@ class StoreThresholds(Result):
         columns = {name: [getattr(threshold, name) for threshold in thresholds] for name in names}
         return columns | {"flags": [", ".join(threshold.flags) for threshold in thresholds]}
 
-    def lines(self) -> "Lines":
-        people: dict[str, list[tuple[float, float]]] = {}
-        for threshold in sorted(self.results.thresholds, key=lambda each: (each.subject, each.frequency_hz)):
-            people.setdefault(threshold.subject, []).append((threshold.frequency_hz, threshold.refit_db_sl))
-        each = [(name, *zip(*points, strict=True)) for name, points in people.items()]
-        return lines_of("frequency (Hz)", "threshold (dB SL)", each, log_x=True, points=True)
+    def chart(self) -> Chart:
+        import numpy as np
+
+        curves = []
+        for name in dict.fromkeys(threshold.subject for threshold in self.results.thresholds):
+            of = [threshold for threshold in self.results.thresholds if threshold.subject == name]
+            hertz, level, low, high = (
+                np.array([getattr(threshold, key) for threshold in of])
+                for key in ("frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl")
+            )
+            half = np.maximum([level - low, high - level], 0.0)
+            curves.append(ChartLine(f"{name}, ± 95 %", hertz, level, "o", half, [bool(t.flags) for t in of]))
+        curve = self.results.reference.name
+        return Chart("frequency (Hz)", "threshold (dB SL)", curves, log_x=True, limits={f"curve {curve!r}": 0.0})
 
     def to_dict(self) -> dict[str, Any]:
         return self.results.document()

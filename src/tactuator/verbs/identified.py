@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,13 +18,10 @@ from tactuator.io.model import write_identified
 from tactuator.model.plant_model import PlantModel
 from tactuator.report.tables import identification_rows, response_rows, with_error
 from tactuator.signals.decibels import db
-from tactuator.table import ResultTable
-from tactuator.verbs.nouns import coefficients
+from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.verbs.nouns import coefficients, response_chart
 from tactuator.verbs.parameters import Place
-from tactuator.verbs.result import Result, figure, lines_of
-
-if TYPE_CHECKING:
-    from tactuator.report.lines import Lines
+from tactuator.verbs.result import Result, figure
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
@@ -66,10 +63,8 @@ class _FittedResult(Result):
             "band_deg": np.degrees(self.model.band_rad(frequency)),
         }
 
-    def lines(self) -> Lines:
-        frequency = self.frequency_hz()
-        each = [("model", frequency, db(np.abs(self.model.response(frequency))))]
-        return lines_of("frequency (Hz)", "magnitude (dB)", each, log_x=True)
+    def chart(self) -> Chart:
+        return response_chart(self.model)
 
     def write(self, path: Place) -> None:
         """Write model.json, which a display file names as a channel's plant."""
@@ -106,7 +101,7 @@ class _FittedResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationResult(_FittedResult, Identification):
-    """A model with the evidence for it. It draws the model's response.
+    """A model with the evidence for it. It draws the model's response over what the record shows of it.
 
     about: what the record tells of itself; out: the file to which the model was written.
     """
@@ -118,6 +113,11 @@ class IdentificationResult(_FittedResult, Identification):
         trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, "fit": figure(self.fit_percent, "%", 5), "trusted": trusted}
+
+    def chart(self) -> Chart:
+        hertz, value, error = self.shown()
+        half = 20.0 / np.log(10.0) * 1.959964 * error
+        return response_chart(self.model, ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
@@ -228,7 +228,7 @@ def _validation_document(validation: Validation) -> dict[str, Any]:
 
 
 class CalibrationResult(Result, Calibration):
-    """A sensor gain. It draws the pairs."""
+    """A sensor gain. It draws the pairs and their line."""
 
     def headline(self) -> Mapping[str, str]:
         return {
@@ -263,6 +263,12 @@ class CalibrationResult(Result, Calibration):
     def columns(self) -> Mapping[str, Any]:
         return {"displacement_mm": self.displacement_mm, "voltage_v": self.voltage_v, "residual_v": self.residual_v}
 
-    def lines(self) -> Lines:
-        each = [("pairs", self.displacement_mm, self.voltage_v)]
-        return lines_of("displacement (mm)", "voltage (V)", each, points=True)
+    def chart(self) -> Chart:
+        x = np.concatenate([self.displacement_mm, [pair.displacement_mm for pair in self.refused]])
+        y = np.concatenate([self.voltage_v, [pair.voltage_v for pair in self.refused]])
+        ends = np.array([x.min(), x.max()])
+        words = f"({self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g}) V/mm, 95 %"
+        crossed = np.arange(x.size) >= self.displacement_mm.size
+        pairs = ChartLine("pairs (crossed: refused)" if self.refused else "pairs", x, y, "o", crossed=crossed)
+        line = ChartLine(words, ends, self.gain_v_per_mm * ends + self.offset_v)
+        return Chart("displacement (mm)", "sensor (V)", [pairs, line])

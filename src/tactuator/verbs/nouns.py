@@ -3,26 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tactuator.model.description import Display, display_document
 from tactuator.model.plant_model import PlantModel
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Record
-from tactuator.verbs.result import Result, figure, lines_of
+from tactuator.table import Chart, ChartLine
+from tactuator.verbs.result import Result, figure
 
-if TYPE_CHECKING:
-    from tactuator.report.lines import Lines
+FREQUENCY = "frequency (Hz)"
+_Z95 = 1.959964
 
-_LEVEL = "level (dB re 1 µm, peak)"
+
+def _thresholds(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) -> Chart:
+    """Return the chart of threshold curves by their label, each with what is comfortable above it."""
+    drawn = []
+    for number, (label, curve) in enumerate(curves.items()):
+        hertz, level, error = curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db
+        half = None if error is None else _Z95 * error
+        words = f"comfort, {comfort_db_sl:g} dB above it" if number == 0 else ""
+        drawn.append(ChartLine(label, hertz, level, "o-", half, colour=number))
+        drawn.append(ChartLine(words, hertz, level + comfort_db_sl, "--", colour=number))
+    return Chart(FREQUENCY, "level (dB re 1 µm, peak)", drawn, log_x=True)
 
 
 def coefficients(values: Any) -> str:
     """Return the coefficients of a polynomial as they are told in a line."""
     return "[" + ", ".join(f"{value:.5g}" for value in np.atleast_1d(values)) + "]"
+
+
+def response_chart(model: PlantModel, *shown: ChartLine) -> Chart:
+    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
+    hertz = np.geomspace(*model.band_hz, 300)
+    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
+    drawn = ChartLine(
+        "model, with its 95 % band", hertz, db(model.response(hertz)), half=model.band_db(hertz), colour=0
+    )
+    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
 
 
 class DisplayResult(Result, Display):
@@ -33,10 +54,11 @@ class DisplayResult(Result, Display):
         names = ", ".join(channel.name for channel in self.channels)
         return {"name": self.name, "rate": figure(self.rate_hz, "Hz"), "channels": names, "curve": curves}
 
-    def lines(self) -> Lines:
-        curves = [(channel.name, channel.threshold.curve) for channel in self.channels]
-        each = [(name, curve.frequency_hz, curve.level_db_re_1um) for name, curve in curves]
-        return lines_of("frequency (Hz)", _LEVEL, each, log_x=True)
+    def chart(self) -> Chart:
+        curves = {channel.threshold.curve.name: channel.threshold.curve for channel in self.channels}
+        names = {name: [c.name for c in self.channels if c.threshold.curve.name == name] for name in curves}
+        labelled = {f"{', '.join(names[name])}: {name}": curve for name, curve in curves.items()}
+        return _thresholds(labelled, self.objectives.comfort_db_sl)
 
     def to_dict(self) -> dict[str, Any]:
         return display_document(self)
@@ -57,10 +79,15 @@ class RecordResult(Result, Record):
         time_s = np.arange(self.command.size) / self.rate_hz
         return {"time_s": time_s, "command": self.command, "position": self.position}
 
-    def lines(self) -> Lines:
+    def chart(self) -> Chart:
         time_s = self.columns()["time_s"]
-        each = [("command", time_s, self.command), ("position", time_s, self.position)]
-        return lines_of("time (s)", f"command ({self.command_unit}), position ({self.position_unit})", each)
+        units = [f"{name} ({unit or 'no unit'})" for name, unit in self._units().items()]
+        command = ChartLine("command", time_s, self.command, right=True, colour=5)
+        position = ChartLine("position", time_s, self.position, colour=0)
+        return Chart("time (s)", units[1], [command, position], right_label=units[0])
+
+    def _units(self) -> dict[str, str]:
+        return {"command": self.command_unit, "position": self.position_unit}
 
 
 class CurveResult(Result, ThresholdCurve):
@@ -73,12 +100,12 @@ class CurveResult(Result, ThresholdCurve):
     def columns(self) -> Mapping[str, Any]:
         return {"frequency_hz": self.frequency_hz, "level_db_re_1um": self.level_db_re_1um}
 
-    def lines(self) -> Lines:
-        return lines_of("frequency (Hz)", _LEVEL, [(self.name, *self.columns().values())], log_x=True)
+    def chart(self) -> Chart:
+        return _thresholds({f"{self.name} ({self.provenance})": self}, COMFORT_DB_SL)
 
 
 class ModelResult(Result, PlantModel):
-    """A plant as it was identified. It draws the magnitude of its response."""
+    """A plant as it was identified. It draws the magnitude of its response with its 95 % confidence."""
 
     def headline(self) -> Mapping[str, str]:
         return {
@@ -88,7 +115,5 @@ class ModelResult(Result, PlantModel):
             "band": f"{self.band_hz[0]:.3g} to {self.band_hz[1]:.3g} Hz",
         }
 
-    def lines(self) -> Lines:
-        frequency = np.geomspace(*self.band_hz, 300)
-        each = [("model", frequency, db(np.abs(self.response(frequency))))]
-        return lines_of("frequency (Hz)", "magnitude (dB)", each, log_x=True)
+    def chart(self) -> Chart:
+        return response_chart(self)

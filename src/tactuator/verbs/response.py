@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.measure.options import (
@@ -18,7 +18,7 @@ from tactuator.measure.options import (
     REJECTION_HZ,
     MeasurementOptions,
 )
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import chosen_controller, numbers, opened, put_on, require_stable
 from tactuator.verbs.parameters import (
     Channels,
@@ -62,8 +62,6 @@ class FeltLevels(Result):
     others were not. verdict: on what is felt under the loop. written: the file with the sensor's own hum and noise.
     """
 
-    PLOTTED: ClassVar[tuple[str, ...]] = ("band_hz", "level_db_sl")
-
     runs: "tuple[tuple[str, tuple[FeltNoise, ...]], ...]"
     not_played: Mapping[str, str]
     verdict: "Verdict"
@@ -91,6 +89,15 @@ class FeltLevels(Result):
             for hertz, level in zip(felt.band_hz, felt.band_db_sl, strict=True)
         ]
         return columns_of(("channel", "band_hz", "level_db_sl"), rows)
+
+    def chart(self) -> Chart:
+        curves = []
+        for number, felt in enumerate(self.channels):
+            curves += [
+                ChartLine(f"{felt.channel}, third octaves", felt.band_hz, felt.band_db_sl, "o-", colour=number),
+                ChartLine(f"{felt.channel}, mains lines", felt.line_hz, felt.line_db_sl, "D", colour=number),
+            ]
+        return Chart("frequency (Hz)", "felt level (dB SL)", curves, log_x=True, limits={"threshold": 0.0})
 
     def to_dict(self) -> dict[str, Any]:
         runs = [
@@ -204,8 +211,6 @@ class MeasuredResponses(Result):
     learnt: what adaptive channels had learnt before. verdict: whether they are felt flat.
     """
 
-    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "level_db_sl")
-
     responses: "tuple[Response, ...]"
     controller: "Controller"
     learnt: "tuple[Learnt, ...]"
@@ -252,6 +257,21 @@ class MeasuredResponses(Result):
             )
         ]
         return columns_of(("channel", "frequency_hz", "level_db_sl", "error_db", "confidence_db", "phase_deg"), rows)
+
+    def chart(self) -> Chart:
+        from tactuator.perception.curve import AMPLITUDE_JND_DB
+
+        curves = []
+        for number, (response, levels) in enumerate(self._levels()):
+            hertz, half, cut = response.frequency_hz, response.confidence_db, response.saturated
+            words = "what its model expects" if number == 0 else ""
+            curves += [
+                ChartLine(f"{response.channel}, ± 95 %", hertz, levels.felt_db_sl, "o", half, cut, number),
+                ChartLine(words, hertz, levels.predicted_db_sl, ":", colour=number),
+            ]
+        targets = sorted({response.level_db_sl for response in self.responses})
+        tolerance = self.controller.display.objectives.flatness_db
+        return Chart("frequency (Hz)", "felt level (dB SL)", curves, True, targets, tolerance, AMPLITUDE_JND_DB)
 
     def write(self, path: Place) -> None:
         """Write the responses as .h5 or .csv."""
@@ -420,8 +440,6 @@ def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tu
 class DisturbanceResult(Result):
     """The effect of a pressing, lifting and trembling finger, one report for each channel."""
 
-    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "measured_db")
-
     reports: "tuple[DisturbanceReport, ...]"
 
     def headline(self) -> Mapping[str, str]:
@@ -444,6 +462,18 @@ class DisturbanceResult(Result):
             )
         ]
         return columns_of(("channel", "frequency_hz", "measured_db", "confidence_db", "expected_db"), rows)
+
+    def chart(self) -> Chart:
+        curves = []
+        for number, report in enumerate(self.reports):
+            rejection = report.rejection
+            hertz, half = rejection.frequency_hz, rejection.confidence_db
+            words = "what its model expects" if number == 0 else ""
+            curves += [
+                ChartLine(f"{report.channel}, ± 95 %", hertz, rejection.measured_db, "o", half, colour=number),
+                ChartLine(words, hertz, rejection.expected_db, "--", colour=number),
+            ]
+        return Chart("frequency (Hz)", "motion with the loop over without (dB)", curves, True, limits={"no loop": 0.0})
 
     def to_dict(self) -> dict[str, Any]:
         return {

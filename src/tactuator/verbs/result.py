@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from tactuator.errors import BadInput
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ResultTable
 
 if TYPE_CHECKING:
-    from tactuator.report.lines import Axes, Lines
+    from tactuator.report.chart import Axes
 
 _LONGEST = 499
 _Promoted = TypeVar("_Promoted", bound="Result")
@@ -21,12 +21,10 @@ class Result:
     """A result: `repr` of under 500 characters, HTML for notebooks, `plot`, `to_dict`, `to_dataframe` of a table.
 
     What the command line prints of it, and the status that it ends with, are told here as well. `holds` is the verdict:
-    the only place from which status 1 comes. `PLOTTED` names two columns, x and y, that are drawn for each value of the
-    first column. `SHOWN` has the words for each attribute that is a row of its table, with "::" and the form
-    of a number. A field with repr=False is neither in JSON nor told at a glance.
+    the only place from which status 1 comes. `SHOWN` has the words for each attribute that is a row of its table, with
+    "::" and the form of a number. A field with repr=False is neither in JSON nor told at a glance.
     """
 
-    PLOTTED: ClassVar[tuple[str, ...]] = ()
     SHOWN: ClassVar[Mapping[str, str]] = {}
 
     def headline(self) -> Mapping[str, str]:
@@ -42,18 +40,9 @@ class Result:
         """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
         raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
 
-    def lines(self) -> "Lines":
+    def chart(self) -> Chart:
         """Return what `plot` draws; raises BadInput where there is nothing to draw."""
-        if not self.PLOTTED:
-            raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
-        columns = self.columns()
-        x, y = (columns[name] for name in self.PLOTTED)
-        names = next(iter(columns.values()))
-        each = [
-            (name, *zip(*((a, b) for of, a, b in zip(names, x, y, strict=True) if of == name), strict=True))
-            for name in dict.fromkeys(names)
-        ]
-        return lines_of(*map(_label, self.PLOTTED), each, log_x=True)
+        raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
@@ -99,9 +88,9 @@ class Result:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the result into `ax` (None: the current axes of matplotlib) and return the axes."""
-        from tactuator.report.lines import draw  # matplotlib takes a second to load
+        from tactuator.report.chart import draw  # matplotlib takes a second to load
 
-        return draw(self.lines(), ax)
+        return draw(self.chart(), ax)
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}: {value}" for name, value in self.headline().items())
@@ -152,25 +141,6 @@ def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:
         return value
     fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.init}
     return form(**(fields | more))
-
-
-def lines_of(*parts: Any, **how: Any) -> "Lines":
-    """Return lines to draw; their room is imported when something is drawn."""
-    from tactuator.report.lines import Lines  # matplotlib takes a second to load
-
-    return Lines(*parts, **how)
-
-
-_UNITS = {
-    "hz": "Hz", "s": "s", "db": "dB", "db_sl": "dB SL", "db_re_1um": "dB re 1 µm, peak", "mm": "mm", "v": "V",
-}  # fmt: skip
-
-
-def _label(name: str) -> str:
-    """Return the label of an axis out of a column's name: its words, and the unit that it ends with."""
-    unit = max((unit for unit in _UNITS if name.endswith(f"_{unit}")), key=len, default="")
-    words = name.removesuffix(f"_{unit}").replace("_", " ")
-    return f"{words} ({_UNITS[unit]})" if unit else words
 
 
 def _cell(value: object, form: str = "g") -> str:

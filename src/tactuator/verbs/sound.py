@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput, NoDesign
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import chosen_display, numbers
 from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import Argument, Curve, Option, Place, Seed
@@ -173,8 +173,6 @@ def _asked_number() -> float:
 class EqualisedResult(Result):
     """A display without loop that was calibrated and verified. out: the folder of its files; gaps: of the card."""
 
-    PLOTTED: ClassVar[tuple[str, ...]] = ("frequency_hz", "error_db")
-
     calibrated: "Calibrated"
     out: Path
     gaps: int
@@ -202,6 +200,14 @@ class EqualisedResult(Result):
             for row in zip(channel.last.frequency_hz, channel.last.error_db, channel.last.confidence_db, strict=True)
         ]
         return columns_of(("channel", "frequency_hz", "error_db", "confidence_db"), rows)
+
+    def chart(self) -> Chart:
+        from tactuator.perception.curve import AMPLITUDE_JND_DB
+
+        flats = [(channel.name, channel.last) for channel in self.calibrated.channels]
+        curves = [ChartLine(f"{name}, ± 95 %", f.frequency_hz, f.error_db, "o", f.confidence_db) for name, f in flats]
+        tolerance = self.calibrated.controller.display.objectives.flatness_db
+        return Chart("frequency (Hz)", "felt less asked (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
     def to_dict(self) -> dict[str, Any]:
         shortfalls = self._shortfalls()

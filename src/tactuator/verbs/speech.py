@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.speech.options import CODING, LEVEL_DB_SL
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import chosen_controller, opened
 from tactuator.verbs.parameters import (
     Argument,
@@ -28,10 +28,9 @@ from tactuator.verbs.parameters import (
     Seed,
 )
 from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, figure, lines_of
+from tactuator.verbs.result import Result, columns_of, figure
 
 if TYPE_CHECKING:
-    from tactuator.report.lines import Lines
     from tactuator.rig.player import Played, Wish
     from tactuator.speech.render import Rendered
     from tactuator.speech.waveforms import WrittenWaveform
@@ -130,9 +129,21 @@ class SpokenResult(Result):
     def columns(self) -> Mapping[str, Any]:
         return columns_of(("finger", "peak_db_sl"), self.rendered.peak_db_sl.items())
 
-    def lines(self) -> "Lines":
-        peaks = self.rendered.peak_db_sl
-        return lines_of("finger", "peak (dB SL)", [("peak", list(peaks), list(peaks.values()))], points=True)
+    def chart(self) -> Chart:
+        from tactuator.perception.curve import COMFORT_DB_SL
+
+        peaks, felt = self.rendered.peak_db_sl, self.rendered.felt
+        if felt is None:
+            curves = [ChartLine("peak", list(peaks), list(peaks.values()), "o")]
+            return Chart("finger", "level (dB SL)", curves, limits={"comfort": COMFORT_DB_SL, "threshold": 0.0})
+        curves = []
+        for number, finger in enumerate(felt.fingers):
+            hertz, words = finger.centre_hz, "felt" if number == 0 else ""
+            curves += [
+                ChartLine(f"{finger.finger}, asked", hertz, finger.asked_db_sl, colour=number),
+                ChartLine(words, hertz, finger.felt_db_sl, "o", colour=number),
+            ]
+        return Chart("frequency (Hz)", "band level (dB SL)", curves, log_x=True, limits={"threshold": 0.0})
 
     def tables(self) -> Sequence[ResultTable | str]:
         felt: dict[str, Any] = {} if self.rendered.felt is None else self.rendered.felt.figures()

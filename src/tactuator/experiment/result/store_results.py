@@ -21,6 +21,7 @@ from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.io.csv_tables import resolve_curve
 from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
+from tactuator.table import brief
 
 _MARGIN_DB = 3.0
 _CURVE_STEP_DB = 2.0
@@ -264,6 +265,8 @@ class StoreResults:
     thresholds: tuple[MeasuredThreshold, ...]
     group: GroupCurve | None
     no_curve: BadInput | None
+
+    __repr__ = brief
 
     @cached_property
     def people(self) -> tuple[PersonThresholds, ...]:

@@ -26,6 +26,7 @@ from tactuator.experiment.result.played import (
     is_simulated,
 )
 from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.table import brief
 
 _POINT_COUNT = 12
 
@@ -114,6 +115,8 @@ class MeasuredThreshold:
     drift_power: float | None
     simulated: bool
     study_number: int = 1
+
+    __repr__ = brief
 
 
 def names_of_people(measured: Sequence[MeasuredThreshold]) -> dict[tuple[int, str], str]:
