@@ -266,6 +266,11 @@ class Margins:
     bandwidth_hz: float
 
     @property
+    def least_gain(self) -> float:
+        """Return the share of the loop's gain below which it turns unstable: 0.0 where it bears any lower gain."""
+        return float(10.0 ** (self.gain_reduction_db / 20.0))
+
+    @property
     def sensitivity_peak(self) -> float:
         """Return the peak of the sensitivity, max |S|."""
         return self.sensitivity.value
@@ -299,7 +304,7 @@ def margins(loop: FeedbackLoop) -> Margins:
         lambda f: np.abs(loop.sensitivity(f) - loop.complementary(f)), grid, np.abs((1.0 - response) / (1.0 + response))
     )
     crossover, phase, delay = _phase_margin(loop, grid, response)
-    gain_up, gain_down, at = _gain_margins(loop, grid, response)
+    gain_up, gain_down, at = _gain_margins(loop.open_loop)
     rate = loop.open_loop.rate_hz if isinstance(loop.open_loop, SampledSystem) else None
     samples = None if rate is None else delay * rate
     disk = DiskMargin(2.0 / difference, worst_hz)
@@ -380,20 +385,89 @@ def _phase_margin(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) 
     return crossovers[worst], abs(lag[worst]), min(delays)
 
 
-def _gain_margins(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) -> tuple[float, float, float]:
+def _gain_margins(open_loop: System) -> tuple[float, float, float]:
     """Return (gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
-    real_crossings = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
-    crossings = [f for f in real_crossings if np.real(loop.open_response(f)) < 0.0]
-    if isinstance(loop.open_loop, SampledSystem) and response[-1].real < 0.0:
-        crossings.append(float(grid[-1]))  # L is real at the Nyquist frequency
-    up, down, at = float("inf"), float("-inf"), float("nan")
-    for frequency in crossings:
-        level = -20.0 * float(np.log10(np.abs(loop.open_response(frequency))))
-        if 0.0 <= level < up:
-            up, at = level, frequency
-        elif level < 0.0:
-            down = max(down, level)
-    return up, down, at
+    frequency = phase_crossovers_hz(open_loop)
+    room = -20.0 * np.log10(np.abs(open_loop.response(frequency)))
+    up = np.where(room >= 0.0, room, np.inf)
+    at = float(frequency[np.argmin(up)]) if np.any(room >= 0.0) else float("nan")
+    return float(np.min(up, initial=np.inf)), float(np.max(room[room < 0.0], initial=-np.inf)), at
+
+
+def least_gain(open_loop: System) -> float:
+    """Return the share of its gain below which a loop that is stable turns unstable: 0.0 where it bears any lower gain.
+
+    A pole of the closed loop reaches the edge of stability at the gain -1/L, wherever L is real and negative.
+    """
+    return float(10.0 ** (_gain_margins(open_loop)[1] / 20.0))
+
+
+_FACTOR, _NARROW, _INTERVALS_MAX = 1.5, 1e-8, 50_000
+_AT_REST, _STEP = 1e-9, 0.1
+"""Radians by which a phase changes at one point only where a root lies on the edge of stability."""
+
+
+def phase_crossovers_hz(open_loop: System) -> FloatArray:
+    """Return every frequency (hertz, shape (n,)) at which L is real and negative, rest and Nyquist's included.
+
+    The phase of every root's factor rises or falls with frequency throughout: along s = j v, or v = tan(w / 2) of a
+    sampled loop (z = (1 + jv)/(1 - jv)). What rises and what falls bounds the phase between two frequencies. An
+    interval whose bounds hold no odd multiple of pi holds no crossover; any other is halved until it is narrow.
+    """
+    zeros, poles, gain = open_loop.zeros, open_loop.poles, open_loop.gain
+    roots, signs = np.concatenate([zeros, poles]), np.repeat([1.0, -1.0], [zeros.size, poles.size])
+    if isinstance(open_loop, ContinuousSystem):
+        top = 30.0 * float(np.max(np.abs(roots), initial=1.0))
+        top = max(top, 20.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
+        moving = roots[roots != 0.0]
+        factors = -1.0 / moving
+        at_rest = signs[roots == 0.0]
+        start = gain * _sign(-moving)
+        found = _crossed(factors, signs[roots != 0.0], at_rest, start, top, open_loop.delay_s)
+        return np.sort(found) / (2.0 * np.pi)
+    parts, beside = [], float(np.sum(signs)) - 2.0 * open_loop.delay_samples
+    for side in (1.0, -1.0):  # from rest upwards, from Nyquist downwards: L(-z) is the conjugate of L there
+        stays = np.abs(1.0 - side * roots) < _AT_REST
+        moving = side * roots[~stays]
+        factors = np.append((1.0 + moving) / (1.0 - moving), 1.0)
+        start = gain * side ** (zeros.size - poles.size - open_loop.delay_samples) * _sign(np.complex128(1.0) - moving)
+        angle = 2.0 * np.arctan(_crossed(factors, np.append(signs[~stays], beside), signs[stays], start))
+        parts.append((angle if side > 0.0 else np.pi - angle) * open_loop.rate_hz / (2.0 * np.pi))
+    return np.sort(np.concatenate(parts))
+
+
+def _sign(values: ComplexArray) -> float:
+    """Return the sign of the product of values that come in conjugate pairs."""
+    return (-1.0) ** int(np.sum(values[values.imag == 0.0].real < 0.0))
+
+
+def _crossed(
+    factors: ComplexArray, signs: FloatArray, at_rest: FloatArray, start: float, top: float = 1.0, delay: float = 0.0
+) -> FloatArray:
+    """Return where start (jv)^sum(at_rest) prod((1 + jv factors)^signs) exp(-jv delay) is real and negative, v from 0
+    to `top`, shape (n,)."""
+    rises = signs * np.where(factors.real == 0.0, np.sign(factors.imag), factors.real) > 0.0
+    sizes = np.abs(signs)
+    goal = np.pi * float(start > 0.0) - 0.5 * np.pi * float(np.sum(at_rest))
+
+    def turns(v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angles = np.abs(np.angle(1.0 + 1j * v[:, None] * factors)) * sizes
+        return angles[:, rises].sum(axis=1), angles[:, ~rises].sum(axis=1) + v * delay
+
+    low = 1e-6 * min(top, 1.0 / float(np.max(np.abs(factors), initial=1.0 / top)))
+    edges = np.geomspace(low, top, 2 + int(np.log(top / low) / np.log(_FACTOR)))
+    before, after = edges[:-1], edges[1:]
+    while True:
+        (up, down), (up_after, down_after) = turns(before), turns(after)
+        least, most = up - down_after - goal, up_after - down - goal
+        holds = np.floor(most / (2.0 * np.pi)) >= np.ceil(least / (2.0 * np.pi))
+        before, after = before[holds], after[holds]
+        if before.size == 0 or before.size > _INTERVALS_MAX or after[0] < before[0] * (1.0 + _NARROW):
+            jumps = (most - least)[holds] > _STEP
+            found = np.sqrt(before * after)[~jumps]
+            return np.append(found, 0.0) if start < 0.0 and at_rest.size == 0 else found
+        middle = np.sqrt(before * after)
+        before, after = np.concatenate([before, middle]), np.concatenate([middle, after])
 
 
 def _bandwidth(loop: FeedbackLoop, grid: FloatArray, values: FloatArray) -> float:

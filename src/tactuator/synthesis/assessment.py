@@ -70,6 +70,7 @@ class MemberAssessment:
             "sensitivity_peak": self.margins.sensitivity_peak,
             "resonance_peak": self.margins.complementary_peak,
             "command_noise_gain_max": self.noise_gain,
+            "least_gain": self.margins.least_gain,
         }[limit.quantity]
 
 
@@ -110,6 +111,7 @@ def loop_report(assessments: Sequence[MemberAssessment], channel: Channel) -> di
             "crossover_hz": _finite(worst.crossover_hz),
             "phase_margin_deg": _finite(worst.phase_margin_deg),
             "gain_margin_db": _finite(min(margins.gain_margin_db for margins in each)),
+            "least_gain": max(margins.least_gain for margins in each),
             "sensitivity_peak": max(margins.sensitivity_peak for margins in each),
             "complementary_peak": max(margins.complementary_peak for margins in each),
             "disk_margin": min(margins.disk.alpha for margins in each),

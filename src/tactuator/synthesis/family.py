@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
@@ -38,3 +41,15 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
             sampled = zero_order_hold(loaded, rate_hz, delay_samples)
             members.append(Member(UNLOADED if load is None else load.name, model, loaded, sampled))
     return tuple(members)
+
+
+_AT_ONE = 1e-9
+
+
+def bears_any_lower_gain(family: Sequence[Member]) -> bool:
+    """Tell whether a loop with one integrator around each plant can be stable at every lower gain, and so has to be: no
+    pole lies outside the unit circle, and no two at rest. A command at its limit is a loop of lower gain.
+    """
+    poles = [member.sampled.poles for member in family]
+    bounded = all(np.all(np.abs(of) <= 1.0 + _AT_ONE) for of in poles)
+    return bounded and all(np.sum(np.abs(of - 1.0) < _AT_ONE) < 2 for of in poles)

@@ -15,7 +15,9 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.requirements import FeedbackRequirements
 
-Quantity = Literal["|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak"]
+Quantity = Literal[
+    "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak", "least_gain"
+]
 DB = 20.0 / np.log(10.0)
 DEGREES_PER_DB = 5.0
 _UNITS: Mapping[Quantity, str] = {"|T|": "dB", "|S|": "dB", "phase_margin_deg": "deg"}
@@ -38,6 +40,11 @@ class Limit:
     def unit(self) -> str:
         """Return the unit of the figure: "dB", "deg", or "1" for a ratio."""
         return _UNITS.get(self.quantity, "1")
+
+    @property
+    def gives_way(self) -> bool:
+        """Tell whether a looser limit can be asked for: a loop that is unstable at a lower gain is of no use."""
+        return self.quantity != "least_gain"
 
     @property
     def name(self) -> str:
@@ -63,12 +70,16 @@ class Limit:
 
     def excess_db(self, figure: FloatArray | float) -> FloatArray:
         """Return by how much figures of any shape pass the limit on the common scale, dB; negative where kept."""
+        if not self.gives_way:
+            return np.asarray(DB * np.log1p(figure))
         if self.unit == "1":
             return np.asarray(DB * np.log(np.asarray(figure, dtype=np.float64) / self.asked))
         return self.excess(figure) / (DEGREES_PER_DB if self.unit == "deg" else 1.0)
 
     def figure_at(self, excess_db: float) -> float:
         """Return the figure that passes the limit by so much on the common scale."""
+        if not self.gives_way:
+            return float(np.expm1(excess_db / DB))
         if self.unit == "1":
             return self.asked * float(np.exp(excess_db / DB))
         return self.asked - excess_db * DEGREES_PER_DB if self.unit == "deg" else self.asked + excess_db
@@ -77,6 +88,8 @@ class Limit:
         """Return the limit that gives way by so much, with four digits, rounded to the looser side; None where that is
         no looser limit, or none at all.
         """
+        if not self.gives_way:
+            return None
         value = self.figure_at(excess_db)
         if value != 0.0:
             step = 10.0 ** (np.floor(np.log10(abs(value))) - 3.0)
@@ -86,8 +99,13 @@ class Limit:
         return replace(self, asked=value) if is_looser else None
 
 
-def loop_limits(requirements: FeedbackRequirements, resonance_peak: float | None = None) -> tuple[Limit, ...]:
-    """Return the limits of a display's [feedback], then that on max|T|, if any: first the lines of |T| and of |S|."""
+def loop_limits(
+    requirements: FeedbackRequirements, resonance_peak: float | None = None, bears_less: bool = False
+) -> tuple[Limit, ...]:
+    """Return the limits of a display's [feedback], then that on max|T|, if any: first the lines of |T| and of |S|.
+
+    bears_less: the loop has to be stable at every lower gain (`family.bears_any_lower_gain`), which is the last limit.
+    """
     hum = zip(requirements.mains_hz, requirements.mains_max_db, strict=True)
     rejection = zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True)
     whole: dict[Quantity, float | None] = {
@@ -95,6 +113,7 @@ def loop_limits(requirements: FeedbackRequirements, resonance_peak: float | None
         "phase_margin_deg": requirements.phase_margin_deg,
         "command_noise_gain_max": requirements.command_noise_gain_max,
         "resonance_peak": resonance_peak,
+        "least_gain": 0.0 if bears_less else None,
     }
     return (
         *(Limit("|T|", level_db, frequency) for frequency, level_db in hum),

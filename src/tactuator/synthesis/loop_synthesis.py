@@ -25,6 +25,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel
+from tactuator.signals.loop import UnstableLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.candidates import LoopStructure, shapes
@@ -115,8 +116,11 @@ def _assessed(task: Task, survivors: Survivors, share: float) -> Iterator[tuple[
 
 
 def judged(task: Task, feedback: SampledSystem) -> tuple[MemberAssessment, ...]:
-    """Return the full assessment of a controller, or nothing if it is unstable on any plant, at lower gains too."""
-    return assess(feedback, task.family, task.rejection_band_hz) if is_sound(feedback, task) else ()
+    """Return the full assessment of a controller, or nothing if it is unstable on any plant."""
+    try:
+        return assess(feedback, task.family, task.rejection_band_hz)
+    except UnstableLoop:
+        return ()
 
 
 def _candidate(assessments: Sequence[MemberAssessment]) -> Candidate:
@@ -180,6 +184,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     After every round the problem is tightened so that each excess is that of the assessment, and a reserve more.
     """
     problem = copy(problem)
+    stays = np.array([not limit.gives_way for limit in problem.limits])
     for reserve_db in _RESERVES_DB:
         assessments = judged(problem.task, problem.structure.system(solution.parameters))
         if not assessments:
@@ -189,7 +194,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
         seen = problem.at(solution.parameters).excess - problem.tighten
         by_load = {assessment.member.name: assessment for assessment in assessments}
         true = [limit.excess_db(by_load[limit.load or ""].figure(limit)) for limit in problem.limits]
-        problem.tighten = np.array(true) - seen + reserve_db
+        problem.tighten = np.where(stays, problem.tighten + (np.array(true) > 0.0), np.array(true) - seen + reserve_db)
         again = solve(problem, solution.parameters)
         if again is None or again.excess_db > _FEASIBLE_DB:
             return None

@@ -17,7 +17,7 @@ Optimization 18, 2000).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, pairwise
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy import optimize, special
 from scipy.stats import qmc
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.loop import FeedbackLoop, least_gain
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.assessment import quadrature
@@ -38,7 +38,7 @@ from tactuator.synthesis.candidates import (
     slow_pair,
 )
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
-from tactuator.synthesis.screening import WEAKER, Task, around_modes_hz
+from tactuator.synthesis.screening import Task, around_modes_hz
 
 _SHARPNESS = 300.0
 
@@ -125,6 +125,9 @@ class LoopProblem:
                 total = np.sum(power, axis=1)
                 values = 0.5 * DB * np.log(total) - DB * np.log(limit.asked)
                 rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
+            elif limit.quantity == "least_gain":
+                lag, weights = _lag_deg(loops.loop[:, at], loops.log_l[:, at])
+                rows.add(lag / DEGREES_PER_DB, at, weights / DEGREES_PER_DB)
 
 
 class _Loops:
@@ -185,6 +188,17 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     return margins, weights
 
 
+def _lag_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArray, ComplexArray]:
+    """Return by how much each row's phase falls below -180 degrees before its gain first falls to one, positive where
+    the loop is unstable at some lower gain, and the weights with which that follows log C, (m, g)."""
+    lag = -np.degrees(np.unwrap(np.angle(-loops), axis=1))
+    above = np.logical_and.accumulate(levels > 0.0, axis=1)
+    worst = np.argmax(np.where(above, lag, -np.inf), axis=1)
+    rows, weights = np.arange(len(loops)), np.zeros(loops.shape, dtype=np.complex128)
+    weights[rows, worst] = 1j * np.degrees(1.0)
+    return lag[rows, worst], weights
+
+
 _PUNISHMENT = 30.0
 _GAIN_RANGE = 4.0
 
@@ -202,6 +216,7 @@ class Solution:
 def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()) -> Solution | None:
     """Find one local solution; the excess of the limits `relaxed`, if any, is minimised instead, all others kept."""
     free = np.array([limit.under(None) in relaxed for limit in problem.limits])
+    gives = np.array([float(limit.gives_way) for limit in problem.limits])[~free]
     cache: dict[bytes, Point] = {}
 
     def at(unknowns: FloatArray) -> Point:
@@ -216,14 +231,14 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
 
     def rooms(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
-        return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] - point.excess[~free]])
+        return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] * gives - point.excess[~free]])
 
     def slopes(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
         aim = aims(point)[1]
         rows = np.zeros((aim.shape[0] + int(np.sum(~free)), COUNT + 2))
         rows[: aim.shape[0], :COUNT], rows[: aim.shape[0], COUNT] = -aim, 1.0
-        rows[aim.shape[0] :, :COUNT], rows[aim.shape[0] :, COUNT + 1] = -point.excess_slope[~free], 1.0
+        rows[aim.shape[0] :, :COUNT], rows[aim.shape[0] :, COUNT + 1] = -point.excess_slope[~free], gives
         return rows
 
     cost = np.append(np.zeros(COUNT), [1.0, _PUNISHMENT])
@@ -247,11 +262,10 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
 
 
 def is_sound(feedback: SampledSystem, task: Task) -> bool:
-    """Tell whether the loop is stable on every plant and, where it must bear less, at lower gains too: not
-    conditionally stable."""
-    factors = WEAKER if task.must_bear_less else WEAKER[:1]
-    weaker = [replace(feedback, gain=feedback.gain * factor) for factor in factors]
-    return all(FeedbackLoop(system, member.sampled).is_stable for member in task.family for system in weaker)
+    """Tell whether the loop is stable on every plant and, where it must bear less, at every lower gain."""
+    loops = [FeedbackLoop(feedback, member.sampled) for member in task.family]
+    most = 0.0 if task.must_bear_less else 1.0
+    return all(loop.is_stable and least_gain(loop.open_loop) <= most for loop in loops)
 
 
 _SLOWEST_ZEROS_HZ = 1.0

@@ -18,7 +18,7 @@ from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import LIGHT_DAMPING, LoopStructure, crossovers_hz
-from tactuator.synthesis.family import Member
+from tactuator.synthesis.family import Member, bears_any_lower_gain
 from tactuator.synthesis.limits import DB, Limit, Quantity, loop_limits
 
 _AT_ONCE = 256
@@ -26,8 +26,6 @@ _HELD_AT_ONCE = 48
 """Candidates whose margins are looked at together: most callers want the first few alone."""
 _UNKNOWN = -1
 _AT_ONE = 1e-9
-WEAKER = (1.0, 0.5, 0.2, 0.05)
-"""Factors of the gain at which a loop has to be stable: a command at its limit is a loop of lower gain."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class Task:
         cls, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
     ) -> Task:
         """Return the task of a display's [feedback] and its resonance objective."""
-        limits = loop_limits(requirements, resonance_peak)
+        limits = loop_limits(requirements, resonance_peak, bears_any_lower_gain(family))
         return cls(tuple(family), limits, requirements.rejection_band_hz, rate_hz)
 
     @cached_property
@@ -88,13 +86,10 @@ class Task:
         """Return the screen of this task's limits."""
         return Screen(self)
 
-    @cached_property
+    @property
     def must_bear_less(self) -> bool:
-        """Tell whether every plant's loop can be stable at any lower gain, and so has to be."""
-        # neither a pole outside, nor two at rest, to which the controller adds its integrator
-        poles = [member.sampled.poles for member in self.family]
-        bounded = all(np.all(np.abs(of) <= 1.0 + _AT_ONE) for of in poles)
-        return bounded and all(np.sum(np.abs(of - 1.0) < _AT_ONE) < 2 for of in poles)
+        """Tell whether a loop has to be stable at every lower gain."""
+        return not all(limit.gives_way for limit in self.limits)
 
     def limits_at(self, share: float) -> tuple[Limit, ...]:
         """Return the limits with 1 - share of the resonance objective in reserve."""
@@ -111,7 +106,8 @@ class Screen:
         self._rate_hz, self._family, self._must_bear_less = task.rate_hz, task.family, task.must_bear_less
         self._structure = LoopStructure(task.rate_hz)
         self._line_limits = [limit for limit in task.limits if limit.frequency_hz is not None]
-        self._whole = {limit.quantity: limit for limit in task.limits if limit.frequency_hz is None}
+        whole = [limit for limit in task.limits if limit.frequency_hz is None and limit.gives_way]
+        self._whole = {limit.quantity: limit for limit in whole}
         self._lines = self._grid(np.array([limit.frequency_hz for limit in self._line_limits], dtype=np.float64))
         low, high = task.rejection_band_hz
         nodes, self._band_weight = np.polynomial.legendre.leggauss(12)
@@ -271,12 +267,16 @@ class Screen:
         return np.asarray(np.max(np.abs(peaks), axis=1))
 
     def _is_stable(self, loop: ComplexArray, index: int) -> NDArray[np.bool_]:
-        """Return whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
-        stable = np.ones(loop.shape[0], dtype=bool)
-        for factor in WEAKER if self._must_bear_less else WEAKER[:1]:
-            angle = np.angle(1.0 + factor * loop)
-            turned = np.sum((np.diff(angle, axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
-            stable &= np.abs(turned - self._turns[index]) < 0.6 * np.pi
+        """Return whether 1 + L turns as often as a stable loop's and, where it must bear less, L does not cross the
+        negative real axis beyond -1 between points of the grid; (n,)."""
+        angle = np.angle(1.0 + loop)
+        turned = np.sum((np.diff(angle, axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
+        stable = np.asarray(np.abs(turned - self._turns[index]) < 0.6 * np.pi)
+        if self._must_bear_less:
+            before, after = loop[:, :-1], loop[:, 1:]
+            crosses = np.signbit(before.imag) != np.signbit(after.imag)
+            place = before.real - before.imag * (after.real - before.real) / (after.imag - before.imag)
+            stable &= ~np.any(crosses & (place < -1.0), axis=1)
         return stable
 
     def nearest(self, shapes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
