@@ -146,6 +146,16 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     page.locator(".choice").first.tap()
     page.wait_for_timeout(300)
     assert page.locator("body").get_attribute("data-trial").endswith("/1")  # the next trial of its run
+    page.evaluate(
+        "() => { window.heard = []; link.heard = handlers.stage; handlers.stage = (message) => {"
+        " heard.push([message.stage, page.noise.context !== null]); link.heard(message); }; }"
+    )
+    page.locator("#others button").tap()  # to leave, while a trial goes on
+    visible(page, "Leave the study for good")
+    assert page.evaluate("heard").pop() == ["paused", True]  # the masking sound goes on until the rig is at rest
+    assert page.evaluate("page.noise.context") is None
+    page.locator("#others button").first.tap()
+    visible(page, "You have left")
     assert errors == []
     context.close()
 

@@ -96,6 +96,25 @@ def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, mon
         assert rested[0] < 30 * rig.rate_hz
 
 
+@pytest.mark.parametrize("way", [{"type": "pause"}, {"type": "stop"}, {"type": "withdraw", "keep": True}])
+def test_interruption__after_an_answer__plays_nothing_more(make, monkeypatch, way) -> None:
+    lab, streamed = make(PROTOCOL.replace("feedback_s = 0.0", "feedback_s = 0.5")), []
+    stream = lab.apparatus.rig.stream
+    monkeypatch.setattr(lab.apparatus.rig, "stream", lambda blocks: streamed.append(1) or stream(blocks))
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stands = begun(socket)
+        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": response_of_first(lab)})
+        until(socket, "ack")
+        socket.send_json(way)
+        heard = []
+        until(socket, "stage", heard)
+    assert ([message["type"] for message in heard], len(streamed)) == ([], 1)
+
+
+def response_of_first(lab):
+    return lab.opened(lab.sessions[0].id).session.task.question.choices[0].response
+
+
 def test_stop_for_today__frees_the_rig_and_goes_on_another_time(make) -> None:
     lab = make()
     with served(build_app(lab, TOKEN)) as client:
@@ -188,6 +207,16 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
             left.append(presented.time_left_s)
     assert left[-1] == 0.0
     assert all(before > after for before, after in pairwise(left[1:]))
+
+
+def test_time_left__of_trials_that_take_a_tenth_of_what_they_are_said_to__is_told_by_their_pace(make) -> None:
+    from tactuator.experiment.session.session import Pace
+
+    pace = Pace()
+    for trial in range(5):
+        pace.answered(0.35 * trial, played_s=2.0)
+    assert pace.trial_s(2.0) == pytest.approx(0.35)
+    assert pace.trial_s(5.5) == pytest.approx(0.7)
 
 
 def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_the_run(make) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
-import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -55,7 +54,6 @@ class Lab:
         self.control: object | None = None
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
-        self._halted = threading.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
         self._presented: dict[int, PresentedSession] = {}
         self._opening = asyncio.Lock()
@@ -104,14 +102,17 @@ class Lab:
             self.tell(str(fault))
             raise fault from None
 
-    async def present(self, presented: PresentedSession, watch: Watch) -> NextTrial:
-        """Play the trial that stands. Raises Halted where it was stopped.
+    async def present(
+        self, presented: PresentedSession, watch: Watch, interrupted: Callable[[], bool] = lambda: False
+    ) -> NextTrial:
+        """Play the trial that stands. Raises Halted where it was stopped: the session is not at the rig any more, or
+        interrupted(), which is asked before the first sample and after every piece, returns True.
 
         Nothing else that keeps a rig from playing is the subject's input: it is raised as a LabFault, and leaves the
         rig at rest unless it was the store alone.
         """
-        self._halted.clear()
-        job = self._worker.submit(presented.present, watch, self._halted.is_set)
+        halted = lambda: self.active != presented.session.id or interrupted()  # noqa: E731
+        job = self._worker.submit(presented.present, watch, halted)
         try:
             return await asyncio.wrap_future(job)
         except Halted:
@@ -121,11 +122,6 @@ class Lab:
             raise LabFault(str(error)) from None
         except Exception as error:
             raise await self._at_rest(error) from None
-
-    def halt(self, session: int) -> None:
-        """Stop at once what plays for that session."""
-        if self.active == session:
-            self._halted.set()
 
     async def _at_rest(self, error: Exception) -> RigAtRest:
         """Put the rig to rest, hold it there unless subjects begin by themselves, and return the fault."""
@@ -179,7 +175,6 @@ class Lab:
 
     async def stop(self) -> None:
         """Stop at once what plays; the rig is put to rest with no session at it."""
-        self._halted.set()
         self.active = None
         self.notify()
         await self.work(self.apparatus.rig.rest)
@@ -241,7 +236,7 @@ class Lab:
 
     def close(self) -> None:
         """Finish what is being done and let go of the rig, which is put to rest."""
-        self._halted.set()
+        self.active = None
         with suppress(Exception):
             self._worker.submit(self.apparatus.rig.rest).result()
         self._worker.shutdown(wait=True)

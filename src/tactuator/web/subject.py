@@ -63,6 +63,7 @@ class SubjectTab:
     def __init__(self, socket: WebSocket, lab: Lab, row: Found) -> None:
         self.socket, self.lab, self.row = socket, lab, row
         self._messages: asyncio.Queue[_Incoming] = asyncio.Queue(_MESSAGES_MAX)
+        self._interruptions = 0  # that came and are not handled yet: nothing plays while there is one
 
     @property
     def session(self) -> int:
@@ -99,7 +100,7 @@ class SubjectTab:
                 await self._send(type="refused", message=str(error))
                 continue
             if isinstance(message, Pause | Withdraw):
-                self.lab.halt(self.session)
+                self._interruptions += 1
             clock = self.lab.clock
             await self._messages.put(_Incoming(message, clock.utc(), clock.monotonic_s()))
 
@@ -148,7 +149,7 @@ class SubjectTab:
                 continue
             await self._send(type="playing")
             try:
-                stands = await self.lab.present(presented, self._watch(presented))
+                stands = await self.lab.present(presented, self._watch(presented), lambda: self._interruptions > 0)
             except Halted:
                 await self._stage(presented)
                 self._next_interruption()
@@ -160,16 +161,30 @@ class SubjectTab:
             await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
             while presented.pending is not None:
                 await self._next_message()
-            await asyncio.sleep(session.task.rules.feedback_s)
+            await self._listen(session.task.rules.feedback_s)
 
     def _next_interruption(self) -> None:
         """Raise the interruption that halted the trial, if this page sent it; other messages came too late and are
         dropped.
         """
         while not self._messages.empty():
-            message = self._messages.get_nowait().message
-            if isinstance(message, Pause | Withdraw):
-                raise _Interrupted(message)
+            self._interrupt_by(self._messages.get_nowait().message)
+
+    def _interrupt_by(self, message: SubjectMessage) -> None:
+        if isinstance(message, Pause | Withdraw):
+            self._interruptions -= 1
+            raise _Interrupted(message)
+
+    async def _listen(self, duration_s: float) -> None:
+        """Handle for so long what the page says; an interruption ends it."""
+        until_s = asyncio.get_running_loop().time() + duration_s
+        while True:
+            try:
+                async with asyncio.timeout_at(until_s):
+                    incoming = await self._messages.get()
+            except TimeoutError:
+                return
+            await self._take(incoming)
 
     async def _is_ready(self, presented: PresentedSession, announced: tuple[str, str]) -> bool:
         """Wait until the subject goes on from what the page was told; return False where something else comes now."""
@@ -206,8 +221,7 @@ class SubjectTab:
     async def _take(self, incoming: _Incoming) -> SubjectMessage:
         if isinstance(incoming.message, AnswerMessage):
             await self._answer(await self.lab.presented(self.row), incoming.message, incoming)
-        if isinstance(incoming.message, Pause | Withdraw):
-            raise _Interrupted(incoming.message)
+        self._interrupt_by(incoming.message)
         return incoming.message
 
     async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:

@@ -31,21 +31,21 @@ _TRIALS_AVERAGED = 30
 
 @dataclass
 class Pace:
-    """Seconds that trials take beside what they play: the mean of the last thirty."""
+    """Time from answer to answer over the last thirty trials, as a share of what their presentation is said to take."""
 
-    _beside_s: deque[float] = field(init=False, default_factory=lambda: deque(maxlen=_TRIALS_AVERAGED))
+    _taken: deque[tuple[float, float]] = field(init=False, default_factory=lambda: deque(maxlen=_TRIALS_AVERAGED))
     _last_s: float | None = field(init=False, default=None)
 
     def answered(self, now_s: float, played_s: float) -> None:
         """Take the time of an answer into account; played_s: duration of its trial's presentation."""
         if self._last_s is not None and now_s - self._last_s < _PAUSE_S + played_s:
-            self._beside_s.append(max(0.0, now_s - self._last_s - played_s))
+            self._taken.append((now_s - self._last_s, played_s + _BETWEEN_TRIALS_S))
         self._last_s = now_s
 
-    @property
-    def beside_s(self) -> float:
-        """Return the seconds between trials, as measured or, before any answer, as assumed."""
-        return sum(self._beside_s) / len(self._beside_s) if self._beside_s else _BETWEEN_TRIALS_S
+    def trial_s(self, played_s: float) -> float:
+        """Return how long a trial takes whose presentation is said to take played_s; before any pace, as assumed."""
+        taken_s, said_s = (sum(column) for column in zip(*self._taken, strict=True)) if self._taken else (1.0, 1.0)
+        return (played_s + _BETWEEN_TRIALS_S) * taken_s / said_s
 
 
 _LEVEL_TOLERANCE_DB = 1e-6
@@ -222,7 +222,7 @@ class Session:
             trials, played_s = self.task.expected(run)
             if current is not None and current.planned is run:
                 trials = max(1.0, (1.0 - current.course.progress) * max(trials, float(current.course.trials)))
-            left_s += trials * (played_s + self._pace.beside_s)
+            left_s += trials * self._pace.trial_s(played_s)
         return left_s
 
     @property

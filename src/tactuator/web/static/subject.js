@@ -1,7 +1,7 @@
 "use strict";
 // The subject's page. It shows what the server's messages say, and keeps an answer until it is acknowledged.
 // going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
-// litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave.
+// litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave, or is to be once nothing plays.
 const page = {
   about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
   shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
@@ -37,10 +37,15 @@ const handlers = {
   stage(message) {
     page.restUntil = message.break_left_s > 0 ? performance.now() + 1000 * message.break_left_s : 0;
     if (message.stage === "break" && page.stage !== "break") rest();
-    if (message.stage !== page.stage) { page.asked = false; page.leaving = false; }
+    if (message.stage !== page.stage) { page.asked = false; page.leaving = page.leaving && message.stage === "paused"; }
     Object.assign(page, { stage: message.stage, ended: message.ended, introduction: message.introduction, waiting: message.waiting });
     progress(message);
-    if (message.stage === "paused" || message.stage === "stopped") { page.going = false; page.unsaved = null; stand(null); }
+    if (message.stage === "paused" || message.stage === "stopped") {
+      page.noise.stop(); // the rig is at rest
+      page.going = false;
+      page.unsaved = null;
+      stand(null);
+    }
     else if (message.stage !== "trial") page.going = page.going && message.stage === "introduction" && page.asked;
     else if (page.going && page.standing === null && !page.asked) goOn();
     show();
@@ -134,7 +139,7 @@ const before = {
   stopped: () => [word("stopped"), "", word("go_on"), leave()],
 };
 const words = (introduction) => [page.about.instructions, introduction].filter((part) => part !== "").join("\n\n");
-const leave = () => [[word("withdraw"), () => { page.leaving = true; show(); }]];
+const leave = () => [[word("withdraw"), () => { page.leaving = true; pause(); show(); }]];
 
 function asked(buttons) {
   el("others").hidden = buttons.length === 0;
@@ -152,7 +157,7 @@ function show() {
     say(word(page.stage === "done" ? "done" : page.ended === "declined" ? "declined" : "withdrawn"));
     el("left").textContent = "";
     page.noise.stop();
-  } else if (page.leaving) {
+  } else if (page.leaving && !(page.stage === "trial" && page.going)) {
     say(word("withdraw_ask"));
     const withdraw = (keep) => () => link.send({ type: "withdraw", keep });
     asked([[word("withdraw_keep"), withdraw(true)], [word("withdraw_discard"), withdraw(false)], [word("back"), () => { page.leaving = false; show(); }]]);
@@ -172,6 +177,7 @@ function show() {
 
 function trial() {
   el("choices").hidden = el("pause").hidden = false;
+  asked(page.leaving ? [] : leave());
   el("stimulus").hidden = page.about.shown === "";
   if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
   el("lamps").hidden = el("lamps").childElementCount === 0;
@@ -195,7 +201,6 @@ function go() {
 
 function pause() {
   if (el("pause").hidden) return;
-  page.noise.stop();
   page.unsaved = null;
   stand(null);
   link.send({ type: "pause" });
