@@ -3,12 +3,12 @@
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.sections import sections_response
+from tactuator.signals.sections import paired_sections, sections_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 PAPER_PLANT = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
@@ -94,6 +94,23 @@ def test_from_polynomials__not_a_system__is_refused(num: list[float], den: list[
 def test_system__lonely_complex_root__is_refused() -> None:
     with pytest.raises(BadInput, match="conjugate pairs"):
         ContinuousSystem(np.empty(0), np.array([-1.0 + 2.0j]), 1.0)
+
+
+ROOT = st.builds(complex, st.floats(-1.0, 1.0), st.floats(0.01, 1.0))
+REAL = st.one_of(st.floats(0.0101, 0.99), st.sampled_from([-1.0, 1.0]))
+
+
+@given(st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3), st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3))
+def test_sections__any_proper_system__are_scipys_to_the_last_bit(
+    zero_pairs: list[complex], real_zeros: list[float], pole_pairs: list[complex], real_poles: list[float]
+) -> None:
+    zeros = np.array([*zero_pairs, *np.conj(zero_pairs), *real_zeros], dtype=complex)
+    poles = np.array([*pole_pairs, *np.conj(pole_pairs), *real_poles], dtype=complex)
+    assume(zeros.size <= poles.size and len({abs(root) for root in poles}) >= len(pole_pairs) + len(real_poles))
+    distances = np.abs(np.append(zeros[zeros.imag >= 0.0], 0.0)[:, None] - poles[poles.imag >= 0.0])
+    assume(all(np.unique(column).size == column.size for column in distances.T))  # of two as near either may be taken
+    expected = signal.zpk2sos(zeros, poles, -0.7)
+    np.testing.assert_array_equal(paired_sections(zeros, poles, -0.7), expected)
 
 
 def test_sections__improper_system__is_refused() -> None:

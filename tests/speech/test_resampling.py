@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
+from tactuator.speech import filters
 from tactuator.speech.band_codings import DirectCoding, band_limit_kernel
 from tactuator.speech.filters import band_kernel, filter_bank, filter_columns, resample
 
@@ -41,6 +42,33 @@ def test_resample__however_it_is_cut__same_bits(lengths, rate_in):
     whole = np.concatenate(list(resample([noise], rate_in, 4000, 300.0)))
     pieces = np.concatenate(list(resample(cut(noise, lengths), rate_in, 4000, 300.0)))
     np.testing.assert_array_equal(whole, pieces)
+
+
+@pytest.mark.parametrize("rate_in", [3000, 8000, 16000, 44100, 48000])
+def test_resample__by_hand_or_by_scipy__same_bits_of_scipys_kernel(rate_in, monkeypatch):
+    noise = np.random.default_rng(3).standard_normal(2 * rate_in + 5)
+    by_hand = np.concatenate(list(resample(cut(noise, [700, 5000, 1]), rate_in, 4000, 300.0)))
+    kernel, up, down = filters.resampling_kernel(rate_in, 4000, 300.0)
+    taps, beta = signal.kaiserord(filters.ALIASES_DB, (min(rate_in, 4000) - 600.0) / (0.5 * rate_in * up))
+    half = down * int(np.ceil(taps / 2 / down))
+    window = signal.firwin(2 * half + 1, 0.5 * min(rate_in, 4000), window=("kaiser", beta), fs=rate_in * up)
+    np.testing.assert_array_equal(kernel, up * window)
+    whole = signal.upfirdn(kernel, noise, up, down)[half // down :][: len(by_hand)]
+    np.testing.assert_array_equal(by_hand, whole)
+    monkeypatch.setattr(filters, "_OUTPUTS_BY_HAND", 0)
+    np.testing.assert_array_equal(by_hand, np.concatenate(list(resample([noise], rate_in, 4000, 300.0))))
+
+
+@pytest.mark.parametrize(("low_hz", "width_hz"), [(0.0, 30.0), (50.0, 20.0), (2.0, 3.1)])
+def test_band_kernel__is_scipys_to_the_last_bit(low_hz, width_hz):
+    taps, beta = signal.kaiserord(filters.ATTENUATION_DB, width_hz / 2000.0)
+    edges = [low_hz, 300.0] if low_hz else 300.0
+    expected = signal.firwin(taps | 1, edges, window=("kaiser", beta), pass_zero=not low_hz, fs=4000.0, scale=False)
+    kernel = band_kernel(low_hz, 300.0, width_hz, 4000.0)
+    np.testing.assert_array_equal(kernel, expected)
+    np.testing.assert_array_equal(
+        filters.convolve_kernels(kernel, kernel[7:-7]), signal.fftconvolve(kernel, kernel[7:-7])
+    )
 
 
 def test_resample__band_that_does_not_fit__refused():

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.console.requests import CHANNELS_MAX, Finite, Name, PageRequest
@@ -174,7 +174,7 @@ class Generator:
         noise = np.empty((count, len(self._names)))
         for index, (sections, gain) in enumerate(self._filters):
             white = self._rng.standard_normal(count)
-            noise[:, index], self._states[index] = signal.sosfilt(sections, gain * white, zi=self._states[index])
+            noise[:, index], self._states[index] = scipy.signal.sosfilt(sections, gain * white, zi=self._states[index])
         return noise
 
     def _file(self, count: int) -> FloatArray:
@@ -212,6 +212,6 @@ def _band(band_hz: tuple[float, float], rate_hz: float) -> tuple[FloatArray, flo
     of a sinusoid of amplitude 1.
     """
     high = min(band_hz[1], 0.45 * rate_hz)
-    sections = signal.butter(_ORDER, (band_hz[0], high), "bandpass", fs=rate_hz, output="sos")
-    _, response = signal.sosfreqz(sections, 1 << 15)
+    sections = scipy.signal.butter(_ORDER, (band_hz[0], high), "bandpass", fs=rate_hz, output="sos")
+    _, response = scipy.signal.sosfreqz(sections, 1 << 15)
     return sections, float(np.sqrt(0.5 / np.mean(np.abs(response) ** 2)))

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
@@ -276,7 +276,7 @@ def _ratio_of(frequency_hz: float, phase_deg: float, rate_hz: float) -> float:
     missing = [_phase_deg(frequency_hz, float(np.exp(end)), rate_hz) - phase_deg for end in (low, high)]
     if missing[0] >= 0.0 or missing[1] <= 0.0:
         return _ALLOWED["ratio"][0] if missing[0] >= 0.0 else _ALLOWED["ratio"][1]
-    logarithm = optimize.brentq(
+    logarithm = scipy.optimize.brentq(
         lambda x: _phase_deg(frequency_hz, float(np.exp(x)), rate_hz) - phase_deg, low, high, xtol=1e-9
     )
     return float(np.exp(logarithm))

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.console import rig_orders as orders
@@ -50,7 +50,7 @@ class Levels:
 
     def __init__(self, display: Display) -> None:
         self._length = round(SECONDS * display.rate_hz)
-        lines = fft.rfftfreq(self._length, 1.0 / display.rate_hz)
+        lines = scipy.fft.rfftfreq(self._length, 1.0 / display.rate_hz)
         top = min(0.45 * display.rate_hz, max(2.0 * channel.threshold.band_hz[1] for channel in display.channels))
         edges = np.unique(np.round(np.geomspace(2.0, top, _POINTS + 1) * SECONDS).astype(int))
         self._edges = edges[:-1]
@@ -73,7 +73,7 @@ class Levels:
         position = rows[:, SIGNALS.index("position") * count :].astype(np.float64)
         command = rows[:, SIGNALS.index("command") * count :][:, :count]
         windowed = (position - position.mean(axis=0)) * self._window[:, None]
-        spectra = np.abs(fft.rfft(windowed, axis=0))
+        spectra = np.abs(scipy.fft.rfft(windowed, axis=0))
         tones = [None] * count if tone_hz is None else self._tones(windowed, tone_hz)
         return [
             self._level(weight, spectra[:, index], tones[index], float(command[:, index].mean()))

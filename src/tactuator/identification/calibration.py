@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from tactuator.errors import BadInput
 
@@ -84,7 +84,7 @@ def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[st
 
 def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Start from the half of the pairs nearest to the median line, then let in all that belong to it."""
-    slope = stats.theilslopes(y, x)[0]
+    slope = scipy.stats.theilslopes(y, x)[0]
     distance = np.abs(y - slope * x - np.median(y - slope * x))
     kept: NDArray[np.bool_] = distance <= np.median(distance)
     for _ in range(20):
@@ -95,7 +95,7 @@ def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bo
         if kept.sum() < x.size:
             scatter = max(scatter, _robust_scatter(residual))
         spread = scatter * np.sqrt(np.where(kept, np.maximum(1.0 - leverage, 0.05), 1.0 + leverage))
-        bound = stats.t.isf(_OUTLIER_PROBABILITY / (2.0 * x.size), max(kept.sum() - 2, 1))
+        bound = scipy.stats.t.isf(_OUTLIER_PROBABILITY / (2.0 * x.size), max(kept.sum() - 2, 1))
         now = residual <= bound * spread + 1e-12 * np.ptp(y)
         if np.array_equal(now, kept):
             break
@@ -126,7 +126,7 @@ def _line(
     gain *= spread / true_spread
     offset = float(y[kept].mean() - gain * centre)
     residual = y - offset - gain * x
-    quantile = float(stats.t.isf(0.025, kept.sum() - 2))
+    quantile = float(scipy.stats.t.isf(0.025, kept.sum() - 2))
     gain_error = scatter / np.sqrt(spread)
     offset_error = scatter * np.sqrt(1.0 / kept.sum() + centre**2 / spread)
     refused = tuple(RefusedPair(labels[k], float(x[k]), float(y[k]), float(residual[k])) for k in np.flatnonzero(~kept))

@@ -20,8 +20,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, linalg
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid
@@ -76,7 +76,7 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     count = command.size - shift
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
-        count = int(fft.prev_fast_len(count, real=True))
+        count = int(scipy.fft.prev_fast_len(count, real=True))
     late, early = position[shift : shift + count], command[:count]
     root = np.sqrt(late.size)
     lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]
@@ -306,7 +306,7 @@ class JoinedEquations:
     def transient_of(self, values: NDArray[Any]) -> ComplexArray:
         """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
         blocks = [part.transient_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
-        return np.asarray(linalg.block_diag(*blocks))
+        return np.asarray(scipy.linalg.block_diag(*blocks))
 
     @cached_property
     def _pieces(self) -> list[slice]:

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.prepared import Prepared
@@ -164,7 +164,7 @@ def _passed_lines(
     """Return low-passed lines of the values (n,) and their turned ends, i omega of each, and how many samples."""
     # the low-pass rings over a few of its own periods: no more than those is turned round at either end
     ends = min(values.size - 1, int(6.0 * rate_hz / corner))
-    size = int(fft.next_fast_len(values.size + 2 * ends, real=True))
+    size = int(scipy.fft.next_fast_len(values.size + 2 * ends, real=True))
     before = (size - values.size) // 2
     ends_by = (before, size - values.size - before)
     if even:

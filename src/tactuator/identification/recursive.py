@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import linalg, signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -187,8 +187,8 @@ def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
     column.
     """
     corner = 3.0 * rate_hz / columns.shape[0]
-    b, a = signal.butter(1, min(2.0 * corner / rate_hz, 0.5), "highpass")
-    return np.asarray(signal.lfilter(b, a, columns, axis=0))
+    b, a = scipy.signal.butter(1, min(2.0 * corner / rate_hz, 0.5), "highpass")
+    return np.asarray(scipy.signal.lfilter(b, a, columns, axis=0))
 
 
 def recursive_least_squares(
@@ -245,7 +245,7 @@ def _integrals(a: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
     block[:n, :n] = a * duration
     block[:n, n : 2 * n] = np.eye(n)
     block[n : 2 * n, 2 * n :] = np.eye(n)
-    exponential = linalg.expm(block)
+    exponential = scipy.linalg.expm(block)
     return duration * exponential[:n, n : 2 * n], duration**2 * exponential[:n, 2 * n :]
 
 

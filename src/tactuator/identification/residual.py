@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import freedom
@@ -174,7 +174,7 @@ def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *,
     for early in (0, _SMEARED) if filtered else (0,):
         for length in _LENGTHS:
             lags = (np.arange(-early, length) + taken.shift) % taken.samples
-            taps = linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
+            taps = scipy.linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
             share = float(taps @ shared[lags]) * taken.samples / (2.0 * lines)
             # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
             won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * lags.size

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal, stats
+import scipy
 
 from tactuator.arrays import FloatArray
 
@@ -73,7 +73,7 @@ def _ljung_box(values: FloatArray) -> float:
         return 1.0
     r = covariance[1:] / covariance[0]
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return float(stats.chi2.sf(statistic, lags))
+    return float(scipy.stats.chi2.sf(statistic, lags))
 
 
 def _input_test(
@@ -98,7 +98,7 @@ def _input_test(
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
     gained = max(total - known, 0.0)
-    return float(stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
+    return float(scipy.stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
@@ -110,7 +110,7 @@ def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     passed = []
     for corner in corners:
         decay = np.exp(-2.0 * np.pi * corner / rate_hz)
-        passed.append(signal.lfilter([1.0 - decay], [1.0, -decay], late))
+        passed.append(scipy.signal.lfilter([1.0 - decay], [1.0, -decay], late))
     return np.stack(passed)
 
 
@@ -158,4 +158,4 @@ def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
     """Return `values` (n,) through the filter from rest."""
     if coefficients.size == 1:
         return np.asarray(values * coefficients[0])
-    return np.asarray(signal.oaconvolve(values, coefficients)[: values.size])
+    return np.asarray(scipy.signal.oaconvolve(values, coefficients)[: values.size])

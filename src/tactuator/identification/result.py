@@ -167,6 +167,11 @@ class Identification:
         """Return |pole| / 2 pi, ascending, (order,)."""
         return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)
 
+    @property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Return the model's resonances, by frequency."""
+        return resonances(self.model.den)
+
     def frequency_hz(self, count: int = 500) -> FloatArray:
         """Return the frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
         return np.geomspace(*self.model.band_hz, count)

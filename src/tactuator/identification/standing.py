@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from tactuator.identification.asked import Fixed
 from tactuator.identification.search import Choice
@@ -87,7 +87,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     if lost - float(np.log(problem.given.total)) * values > _BEHIND:
         return True
     alike = replace(fit.form, known=(), pins=()) == replace(beside.fit.form, known=(), pins=())
-    return bool(alike and stats.chi2.sf(max(lost, 0.0), max(values, 1)) < _CHANCE)
+    return bool(alike and scipy.stats.chi2.sf(max(lost, 0.0), max(values, 1)) < _CHANCE)
 
 
 def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:

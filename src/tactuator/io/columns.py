@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 import h5py
 import numpy as np
-import scipy.io
+import scipy
 import soundfile
 from pydantic_core import from_json
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import interpolate
+import scipy
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
@@ -42,7 +42,7 @@ class Stamps:
         if hold:
             index = np.clip(np.searchsorted(self.place, grid + 0.5, side="right") - 1, 0, values.size - 1)
             return values[index]
-        return np.asarray(interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
+        return np.asarray(scipy.interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
 
 
 def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -93,7 +93,7 @@ class Heard:
         mean = heard.mean(axis=0)
         scatter = np.mean(np.abs(heard - mean) ** 2, axis=0) / max(1, len(heard) - 1)
         width = 9
-        smooth = signal.convolve(np.pad(scatter, width // 2, mode="edge"), np.ones(width) / width, mode="valid")
+        smooth = scipy.signal.convolve(np.pad(scatter, width // 2, mode="edge"), np.ones(width) / width, mode="valid")
         return mean / asked, np.sqrt(0.5 * smooth) / np.maximum(np.abs(mean), 1e-300)
 
     def above_noise_db(self) -> float:

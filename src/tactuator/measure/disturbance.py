@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -180,7 +180,7 @@ class _Bench:
         )
         mean = blocks.mean()
         variance = np.sum(np.abs(blocks - mean) ** 2) / (2.0 * (blocks.size - 1))
-        half_width = stats.t.isf(0.025, 2 * (blocks.size - 1)) * np.sqrt(variance / blocks.size)
+        half_width = scipy.stats.t.isf(0.025, 2 * (blocks.size - 1)) * np.sqrt(variance / blocks.size)
         measured = float(db(mean / (through * force_v)))
         return measured, float(20.0 * np.log10(1.0 + half_width / abs(mean))), force_v, limited
 

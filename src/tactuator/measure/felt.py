@@ -17,8 +17,8 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
@@ -91,7 +91,7 @@ class BandAnalysis:
 
     def frequency_hz(self) -> NDArray[np.float64]:
         """Return the frequencies of the bins of a chunk's spectrum."""
-        return np.asarray(fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
+        return np.asarray(scipy.fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
 
     def frames(self, spectrum: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
         """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectrum`: its
@@ -110,7 +110,7 @@ class BandAnalysis:
         for column, band in enumerate(bands):
             start, weights = self._bins[band]
             bins = spectrum[start : start + len(weights)] * weights
-            envelope = fft.ifft(bins, samples)[first : first + count * per_frame]
+            envelope = scipy.fft.ifft(bins, samples)[first : first + count * per_frame]
             power = envelope.real**2 + envelope.imag**2
             levels[:, column] = power.reshape(count, per_frame).mean(axis=1) * (2.0 * samples / self.chunk) ** 2
         with np.errstate(divide="ignore"):
@@ -274,12 +274,12 @@ class FeltComparison:
             self._count(chunk, CHUNK_S)
 
     def _count(self, chunk: NDArray[np.float32], seconds: float) -> None:
-        spectra = fft.rfft(chunk * self._taper)
+        spectra = scipy.fft.rfft(chunk * self._taper)
         spectra[len(self._names) :] *= self._weights
         if self._sink is not None:
             start = self.analysis.margin
             stop = start + round(seconds * self.analysis.rate_hz)
-            felt = fft.irfft(spectra[len(self._names) :], self.analysis.chunk)
+            felt = scipy.fft.irfft(spectra[len(self._names) :], self.analysis.chunk)
             self._sink(felt[:, start:stop].T.astype(np.float64))
         for frames, spectrum in zip(self._frames, spectra, strict=True):
             frames.append(self.analysis.frames(spectrum, seconds))

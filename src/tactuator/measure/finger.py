@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -98,7 +98,7 @@ def estimate_finger(
     weight = 1.0 / np.sqrt(np.maximum(scatter, 1e-24 * np.max(np.abs(mean)) ** 2))
     each = np.array([_fit_one(frequency_hz, realisation, weight) for realisation in impedance])
     figures = each.mean(axis=0)
-    half = stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
+    half = scipy.stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
     half = np.hypot(half, _MODEL_SHARE * figures)
     missed = mean - one_impedance(figures, frequency_hz)
     excess = _excess(missed * weight, count, 1.5)
@@ -145,7 +145,7 @@ def _fit_chain(frequency_hz: FloatArray, mean: ComplexArray, weight: FloatArray,
         behind = mass / 1.5
         spring = behind * (2.0 * np.pi * hertz) ** 2
         start = np.log([mass / 3.0, np.sqrt(spring * behind), spring, behind, damping, stiffness])
-        fit = optimize.least_squares(off, start, bounds=(start - 7.0, start + 7.0), max_nfev=200)
+        fit = scipy.optimize.least_squares(off, start, bounds=(start - 7.0, start + 7.0), max_nfev=200)
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
@@ -161,7 +161,7 @@ def _excess(missed: ComplexArray, realisations: int, used: float) -> float:
     below = 2.0 * (realisations - 1)
     mean = below / (below - 2.0)
     variance = below**3 / ((below - 2.0) ** 2 * (below - 4.0))
-    most = stats.gamma.ppf(_SURE, (missed.size - used) * mean**2 / variance, scale=variance / mean)
+    most = scipy.stats.gamma.ppf(_SURE, (missed.size - used) * mean**2 / variance, scale=variance / mean)
     return float(np.sum(np.abs(missed) ** 2) * realisations / most)
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import chain, repeat, takewhile
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -175,7 +175,7 @@ class _Tone:
         count = blocks.shape[0]
         mean = blocks.mean(axis=0)
         variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))
-        half_width = stats.t.isf(self._tail, 2 * (count - 1)) * np.sqrt(variance / count)
+        half_width = scipy.stats.t.isf(self._tail, 2 * (count - 1)) * np.sqrt(variance / count)
         confidence = half_width_db(mean[0], half_width)
         distortion = np.sqrt(np.sum(np.abs(mean[1:]) ** 2, axis=0))
         averaged = count * self._block / self._rig.rate_hz

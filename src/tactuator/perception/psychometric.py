@@ -12,8 +12,8 @@ from functools import cache
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import ndtr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -133,7 +133,7 @@ def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
     grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
     z = np.linspace(-9.0, 21.0, 3001)
     density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)
-    correct = np.sum(density * ndtr(z) ** (intervals - 1), axis=1) * (z[1] - z[0])
+    correct = np.sum(density * scipy.special.ndtr(z) ** (intervals - 1), axis=1) * (z[1] - z[0])
     chance = 1.0 / intervals
     return grid, np.clip((correct - chance) / (1.0 - chance), 0.0, 1.0)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import soundfile
-from scipy import signal
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
@@ -186,7 +186,7 @@ def impulse_response(designed: ChannelController, rate_hz: float) -> tuple[Float
     impulse = np.zeros(round(_LONGEST_S * rate_hz))
     impulse[0] = 1.0
     sections = designed.prefilter_sos / designed.prefilter_sos[:, 3:4]
-    answer = signal.sosfilt(sections, impulse)
+    answer = scipy.signal.sosfilt(sections, impulse)
     peak = float(np.max(np.abs(answer)))
     end = int(np.flatnonzero(np.abs(answer) > _QUIET * peak)[-1]) + 1
     count = min(impulse.size, max(64, round(end / (1.0 - _FADE))))

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.by_response import ResponseFit
-from tactuator.identification.result import Identification, resonances
 from tactuator.model.controller import ChannelController
 from tactuator.model.verdict import Finding
 from tactuator.signals.systems import ContinuousSystem
+
+if TYPE_CHECKING:  # what a table of a design does not need
+    from tactuator.identification.by_response import ResponseFit
+    from tactuator.identification.result import Identification
 
 FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")
 _ROWS: Mapping[str, tuple[str, ...]] = {
@@ -103,7 +105,7 @@ def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterat
         yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
     yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
     yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in fit.poles_hz), ""
-    for mode in resonances(model.den):
+    for mode in fit.resonances:
         name = f"resonance at {mode.frequency_hz:.4g} Hz"
         yield name, f"damping ratio {mode.damping_ratio:.3g}, Q {mode.q:.3g}", ""
     for words, value in _circumstances(fit, about):

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -144,7 +144,7 @@ def full_scales(
     for section, next_one in zip(sections[:-1], following[1:], strict=True):
         if np.max(np.abs(np.roots(section[3:]))) >= 1.0:
             raise BadInput("a section before the last has a pole on or outside the unit circle", "none in Q31")
-        impulse = signal.sosfilt(section[None, :], impulse)
+        impulse = scipy.signal.sosfilt(section[None, :], impulse)
         bound = max(float(np.sum(np.abs(impulse))), 2.0**-20)
         most = 0.5 * _COEFFICIENT_MAX * full_scale_out / max(float(next_one), 2.0**-20)
         between.append(2.0 ** min(math.ceil(math.log2(bound)), math.floor(math.log2(most))))

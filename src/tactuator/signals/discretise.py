@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -131,7 +131,7 @@ def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexAr
     system[order, order] = d / (gain * scale)
     mass = np.zeros_like(system)
     mass[:order, :order] = np.eye(order)
-    alpha, beta = linalg.eig(system, mass, right=False, homogeneous_eigvals=True)
+    alpha, beta = scipy.linalg.eig(system, mass, right=False, homogeneous_eigvals=True)
     expected = order if d != 0.0 else order - 1
     nearness = np.abs(beta) / np.hypot(np.abs(alpha), np.abs(beta))
     nearest = np.argsort(-nearness)[:expected]

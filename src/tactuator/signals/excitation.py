@@ -5,8 +5,8 @@ without a click.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -83,7 +83,7 @@ def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Gene
     bits = int(np.clip(np.ceil(np.log2(count / bit + 2.0)), 4, 31))
     start = rng.integers(1, 2**bits)
     state = np.array([(int(start) >> k) & 1 for k in range(bits)], dtype=np.int8)
-    sequence, _ = signal.max_len_seq(bits, state=state, length=-(-count // bit))
+    sequence, _ = scipy.signal.max_len_seq(bits, state=state, length=-(-count // bit))
     return np.repeat(2.0 * sequence - 1.0, bit)[:count]
 
 

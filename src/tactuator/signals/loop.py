@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -346,7 +346,7 @@ def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, value
     near = inner[values[inner] >= _NEAR * greatest]  # the grid is too dense for a lower one to win
     for index in near[np.argsort(-values[near])][:3]:
         bounds = np.log(grid[[index - 1, index + 1]])
-        result = optimize.minimize_scalar(
+        result = scipy.optimize.minimize_scalar(
             lambda x: -float(magnitude(np.exp(np.array([x])))[0]),
             bounds=tuple(bounds),
             method="bounded",
@@ -371,7 +371,7 @@ def _crossing(function: Callable[[float], float], low: float, high: float) -> fl
     at_low, at_high = function(low), function(high)
     if np.signbit(at_low) == np.signbit(at_high):
         return float(np.exp(low if abs(at_low) < abs(at_high) else high))
-    return float(np.exp(optimize.brentq(function, low, high, xtol=1e-13)))
+    return float(np.exp(scipy.optimize.brentq(function, low, high, xtol=1e-13)))
 
 
 def _phase_margin(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) -> tuple[float, float, float]:

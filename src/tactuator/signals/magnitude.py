@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, optimize
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -64,7 +64,7 @@ def fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.
     weights = coefficients * np.append(1.0, corners) / np.max(np.abs(coefficients))
     rows = 1.0 / (1.0 + corners)
     fixed = np.block([[weights[:1, None], weights[None, 1:]], [-rows[:, None], np.diag(corners * rows)]])
-    top, bottom = linalg.eigvals(fixed, -np.diag(np.append(0.0, rows)), homogeneous_eigvals=True)
+    top, bottom = scipy.linalg.eigvals(fixed, -np.diag(np.append(0.0, rows)), homogeneous_eigvals=True)
     finite = np.argsort(np.abs(bottom) / (np.abs(top) + np.abs(bottom)))[1:]
     top, bottom = top[finite], bottom[finite]
     far = np.abs(bottom) < 1e-12 * np.abs(top)
@@ -341,7 +341,9 @@ class Program:
         cost = np.append(np.zeros(2 * size), -1.0)
         bounds = [(-1.0, 1.0)] * (2 * size) + [(0.0, None)]
         asked = {"presolve": self._is_delicate, **(options or {})}
-        result = optimize.linprog(cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds", options=asked)
+        result = scipy.optimize.linprog(
+            cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds", options=asked
+        )
         if result.status != 0 or result.x[-1] <= 1e-7:
             return None
         return result.x[:size] / self._scale, result.x[size : 2 * size]

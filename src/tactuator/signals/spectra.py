@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -136,5 +136,5 @@ def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0
     length = round(rate_hz / resolution_hz)
     if data.ndim != 1 or data.size < length:
         raise BadInput(f"{data.size} samples for a resolution of {resolution_hz:g} Hz", f"{length} or more")
-    frequency, density = signal.welch(data, rate_hz, window="hann", nperseg=length, detrend="constant")
+    frequency, density = scipy.signal.welch(data, rate_hz, window="hann", nperseg=length, detrend="constant")
     return PowerSpectrum(frequency, density, 1.0 + 1.2 * (data.size / length - 1.0))

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.signals.sections import backward_difference, check_sections, section_roots
+from tactuator.signals.sections import backward_difference, check_sections, paired_sections, section_roots
 from tactuator.table import brief
 
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
@@ -52,7 +51,7 @@ def _expanded(roots: ComplexArray) -> FloatArray:
 
 
 def _delayed(sos: FloatArray, samples: int) -> FloatArray:
-    """Return the sections times z^-samples by shifting numerators, since scipy fills missing zeros up with zeros at the
+    """Return the sections times z^-samples by shifting numerators, since missing zeros are filled up with zeros at the
     origin.
     """
     for row in sos:
@@ -196,7 +195,7 @@ class SampledSystem(_System):
         """Return the second-order sections, shape (n, 6), of a proper system without its delay."""
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
-        sos = np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
+        sos = paired_sections(self.zeros, self.poles, self.gain)
         return _delayed(sos, self.poles.size - self.zeros.size)
 
     def fraction(self, frequency_hz: ArrayLike) -> Fraction:

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -125,15 +125,15 @@ class _Filter:
         top = 0.45 * rate_hz
         low = min(low_hz, top)
         if high_hz is None or high_hz >= top:
-            self._sections = signal.butter(order, low, "highpass", fs=rate_hz, output="sos")
+            self._sections = scipy.signal.butter(order, low, "highpass", fs=rate_hz, output="sos")
         elif low == 0.0:
-            self._sections = signal.butter(order, high_hz, "lowpass", fs=rate_hz, output="sos")
+            self._sections = scipy.signal.butter(order, high_hz, "lowpass", fs=rate_hz, output="sos")
         else:
-            self._sections = signal.butter(order, [low, high_hz], "bandpass", fs=rate_hz, output="sos")
+            self._sections = scipy.signal.butter(order, [low, high_hz], "bandpass", fs=rate_hz, output="sos")
         self._state = np.zeros((len(self._sections), 2))
 
     def push(self, block: FloatArray) -> FloatArray:
-        output, self._state = signal.sosfilt(self._sections, block, zi=self._state)
+        output, self._state = scipy.signal.sosfilt(self._sections, block, zi=self._state)
         return np.asarray(output)
 
 

@@ -1,7 +1,7 @@
 """Streams at another rate and through linear-phase filters, with no delay, in bounded memory.
 
-`scipy.signal.upfirdn` resamples (polyphase), with the history kept between blocks; output sample m lies at the time
-m / rate_out of the input's first sample. Band filters work in frames that are counted from the stream's first sample.
+Resampling is polyphase, with the history kept between blocks; output sample m lies at the time m / rate_out of the
+input's first sample. Band filters work in frames that are counted from the stream's first sample.
 Both give the same output, bit for bit, however the input is cut into blocks. Outside the stream the signal is zero.
 """
 
@@ -13,13 +13,16 @@ from itertools import chain
 from math import gcd
 
 import numpy as np
-from scipy import fft, signal
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
 ALIASES_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
+_TAPS_BY_HAND, _OUTPUTS_BY_HAND = 4000, 500_000
+"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its
+import."""
 
 
 @lru_cache(maxsize=8)
@@ -37,10 +40,9 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
     up, down = rate_out_hz // common, rate_in_hz // common
     inner_hz = float(rate_in_hz * up)
     stop_hz = slower - pass_hz
-    taps, beta = signal.kaiserord(ALIASES_DB, (stop_hz - pass_hz) / (0.5 * inner_hz))
-    half = down * int(np.ceil(taps / 2 / down))
-    kernel = signal.firwin(2 * half + 1, 0.5 * (pass_hz + stop_hz), window=("kaiser", beta), fs=inner_hz)
-    kernel = kernel * up
+    half = down * int(np.ceil(_kaiser_length(ALIASES_DB, stop_hz - pass_hz, inner_hz) / 2 / down))
+    kernel = _kaiser_band(0.0, 0.5 * (pass_hz + stop_hz), inner_hz, half, ALIASES_DB)
+    kernel = kernel / np.sum(kernel) * up
     kernel.flags.writeable = False  # it is kept for the next file
     return kernel, up, down
 
@@ -75,10 +77,19 @@ def _outputs(
     """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
     `origin`.
     """
-    if stop <= start:
-        return np.zeros(0)
-    filtered = signal.upfirdn(kernel, history, up, down)
-    return np.asarray(filtered[start - origin : stop - origin])
+    if len(kernel) > _TAPS_BY_HAND or stop > _OUTPUTS_BY_HAND:
+        return np.asarray(scipy.signal.upfirdn(kernel, history, up, down)[start - origin : stop - origin])
+    reach = -(-len(kernel) // up)
+    taps = np.append(kernel, np.zeros(reach * up - len(kernel))).reshape(reach, up)
+    after = max(0, (stop - origin) * down // up - len(history))
+    inputs = np.concatenate((np.zeros(reach), history, np.zeros(after)))
+    outputs = np.zeros(max(0, stop - start))
+    for first in range(min(up, len(outputs))):
+        alike = outputs[first::up]  # they meet the same taps, at inputs `down` apart; the oldest input is added first
+        newest, phase = divmod((start - origin + first) * down, up)
+        for back in range(reach - 1, -1, -1):
+            alike += inputs[reach + newest - back :: down][: len(alike)] * taps[back, phase]
+    return outputs
 
 
 ATTENUATION_DB = 84.0
@@ -99,15 +110,28 @@ def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: fl
             f"band {low_hz:g}..{high_hz:g} Hz with edges {transition_hz:g} Hz wide at {rate_hz:g} Hz",
             f"edges that do not overlap, within 0..{0.5 * rate_hz:g} Hz",
         )
-    taps, beta = signal.kaiserord(ATTENUATION_DB, transition_hz / (0.5 * rate_hz))
-    cutoff = high_hz if low_hz == 0.0 else [low_hz, high_hz]
-    kernel = signal.firwin(taps | 1, cutoff, window=("kaiser", beta), pass_zero=low_hz == 0.0, fs=rate_hz, scale=False)
-    return np.asarray(kernel)
+    half = _kaiser_length(ATTENUATION_DB, transition_hz, rate_hz) // 2
+    return _kaiser_band(low_hz, high_hz, rate_hz, half, ATTENUATION_DB)
+
+
+def _kaiser_length(attenuation_db: float, transition_hz: float, rate_hz: float) -> int:
+    """Return how many taps Kaiser's formula asks for (Oppenheim & Schafer 2010, section 7.6)."""
+    return int(np.ceil((attenuation_db - 7.95) / 2.285 / (np.pi * (transition_hz / (0.5 * rate_hz))) + 1.0))
+
+
+def _kaiser_band(low_hz: float, high_hz: float, rate_hz: float, half: int, attenuation_db: float) -> FloatArray:
+    """Return an ideal band's impulse response of 2 half + 1 taps under Kaiser's window."""
+    low, high = low_hz / (0.5 * rate_hz), high_hz / (0.5 * rate_hz)
+    beta, place = 0.1102 * (attenuation_db - 8.7), np.arange(-half, half + 1.0)
+    window = scipy.special.i0(beta * np.sqrt(1.0 - (place / half) ** 2.0)) / scipy.special.i0(beta)
+    return np.asarray((high * np.sinc(high * place) - low * np.sinc(low * place)) * window)
 
 
 def convolve_kernels(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return two odd linear-phase kernels in series."""
-    return np.asarray(signal.fftconvolve(first, second))
+    count = len(first) + len(second) - 1
+    size = scipy.fft.next_fast_len(count, real=True)
+    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(first, size) * scipy.fft.rfft(second, size), size)[:count])
 
 
 def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> Iterator[FloatArray]:
@@ -118,8 +142,8 @@ def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> 
     spectra = [_spectrum(kernel, half, size) for kernel in kernels]
 
     def filtered(frame: FloatArray) -> FloatArray:
-        spectrum = fft.rfft(frame)
-        return np.stack([fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
+        spectrum = scipy.fft.rfft(frame)
+        return np.stack([scipy.fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
 
     return _overlapped(blocks, half, size, filtered, np.zeros(2 * half))
 
@@ -131,7 +155,7 @@ def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator
 
     def filtered(frame: FloatArray) -> FloatArray:
         columns = np.ascontiguousarray(frame.T)
-        return np.asarray(fft.irfft(fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
+        return np.asarray(scipy.fft.irfft(scipy.fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
 
     stream = iter(blocks)
     first = next(stream, None)
@@ -143,7 +167,7 @@ def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator
 def _frame_of(kernels: Sequence[FloatArray]) -> tuple[int, int]:
     """Return half the longest kernel, and the length of a frame."""
     half = max(len(kernel) for kernel in kernels) // 2
-    return half, int(fft.next_fast_len(max(8 * half, 1 << 13), real=True))
+    return half, int(scipy.fft.next_fast_len(max(8 * half, 1 << 13), real=True))
 
 
 def _overlapped(
@@ -172,4 +196,4 @@ def _spectrum(kernel: FloatArray, half: int, size: int) -> ComplexArray:
     offset = half - len(kernel) // 2  # a shorter kernel is centred on the longest
     padded = np.zeros(size)
     padded[offset : offset + len(kernel)] = kernel
-    return np.asarray(fft.rfft(padded))
+    return np.asarray(scipy.fft.rfft(padded))

@@ -22,8 +22,8 @@ from functools import cached_property, lru_cache
 from itertools import compress
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, ndimage
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.error import ChannelPrediction
@@ -113,7 +113,7 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     comfort = float(from_db(min(designed.comfort_db_sl, COMFORT_DB_SL) - SAFETY_DB))
     keep = float(from_db(-SAFETY_DB))
     command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
-    frequency = fft.rfftfreq(size, 1.0 / controller.rate_hz)
+    frequency = scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz)
     heard = frequency <= QUIET_ABOVE_HZ
     constraints, gain = [], 1.0
     for load in (None, *(load.name for load in channel.loads)):
@@ -138,7 +138,7 @@ def _norm(response: ComplexArray, frequency: FloatArray, size: int) -> float:
     reference cannot tell the difference.
     """
     fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
-    kernel = fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
+    kernel = scipy.fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
     return float(np.abs(kernel).sum())
 
 
@@ -256,11 +256,11 @@ class Limiter:
             return False
         whole, rest = self._spectrum(signal)
         spectrum = whole[: self._size // COARSE_STRIDE // 2 + 1]
-        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE_STRIDE)  # float32 is plenty here
+        coarse = scipy.fft.irfft(spectrum * limits.coarse, self._size // COARSE_STRIDE)  # float32 is plenty here
         greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
         doubtful = self._between * greatest + rest * limits.beyond > limits.limit
         for constraint in compress(limits.constraints, doubtful):
-            fine = fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
+            fine = scipy.fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
             if max(float(fine.max()), -float(fine.min())) > BEYOND_SHARE * constraint.limit:
                 return False
         return True
@@ -268,7 +268,7 @@ class Limiter:
     def _spectrum(self, signal: FloatArray) -> tuple[NDArray[np.complex64], float]:
         """Return the spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
         if self._last is None or not np.array_equal(signal, self._last[0]):
-            spectrum = fft.rfft(signal.astype(np.float32), self._size)
+            spectrum = scipy.fft.rfft(signal.astype(np.float32), self._size)
             rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
             self._last = signal, spectrum, rest
         return self._last[1:]
@@ -292,14 +292,14 @@ class Limiter:
             missing = np.where(excess > 1.0, 20.0 * np.log10(np.maximum(excess, 1.0)) + OVERSHOOT_DB, 0.0)
             wanted = np.where(missing > 0.0, reduction + missing, 0.0)
             width = min(2 * round(reach) + 1, 2 * len(reference) - 1)
-            need = np.maximum(need, ndimage.maximum_filter1d(wanted, width, mode="constant"))
+            need = np.maximum(need, scipy.ndimage.maximum_filter1d(wanted, width, mode="constant"))
             reach *= 1.4
         raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
 
     def _excess(self, finger: _Finger, limited: FloatArray, fade: FloatArray) -> tuple[FloatArray, dict[str, float]]:
         """Return the greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
         memory = len(finger.history)
-        spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
+        spectrum = scipy.fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
         excess = np.abs(limited) / finger.limits.peak
         near = {
             "comfort": excess > 0.944,
@@ -307,7 +307,7 @@ class Limiter:
             "command": np.zeros(len(limited), bool),
         }
         for constraint in finger.limits.constraints:
-            share = np.abs(fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
+            share = np.abs(scipy.fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
             np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
             np.maximum(excess, share, out=excess)
         return excess, {kind: float(flags[: self._stretch].sum()) / self._rate for kind, flags in near.items()}

@@ -22,7 +22,7 @@ from itertools import product
 from math import exp, expm1, sin, sinh, sqrt
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -273,7 +273,7 @@ def _notches(
 
 def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:
     """Return Sobol points over all eleven parameters of a shape; the block's share of one sequence."""
-    sequence = qmc.Sobol(COUNT - 1, scramble=False)
+    sequence = scipy.stats.qmc.Sobol(COUNT - 1, scramble=False)
     skipped = 1 + sum(2**power for power in _SOBOL_LOG2[:block])
     sequence.fast_forward(skipped)
     share = sequence.random(2 ** _SOBOL_LOG2[block])

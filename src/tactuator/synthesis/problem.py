@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from itertools import chain, pairwise
 
 import numpy as np
-from scipy import optimize, special
-from scipy.stats import qmc
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.loop import FeedbackLoop, least_gain
@@ -247,11 +246,11 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
     with np.errstate(all="ignore"):
         point = problem.at(start)
         first = [float(np.max(aims(point)[0])), max(0.0, float(np.max(point.excess[~free], initial=0.0)))]
-        result = optimize.minimize(
+        result = scipy.optimize.minimize(
             lambda unknowns: float(cost @ unknowns),
             np.append(start, first),
             jac=lambda unknowns: cost,
-            bounds=optimize.Bounds(low, high),
+            bounds=scipy.optimize.Bounds(low, high),
             constraints=[{"type": "ineq", "fun": rooms, "jac": slopes}],
             method="SLSQP",
             options={"maxiter": 80, "ftol": 1e-3},
@@ -349,9 +348,9 @@ def hops(problem: LoopProblem, starts: Sequence[FloatArray]) -> Iterator[Solutio
 def _steps_away(starts: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
     """Yield steps away from members of `pool` as it then is; from the starts while it is empty. Sobol's points choose
     the member, and the step."""
-    sequence = qmc.Sobol(COUNT + 1, scramble=False)
+    sequence = scipy.stats.qmc.Sobol(COUNT + 1, scramble=False)
     sequence.fast_forward(1)  # the first point is zero
     for index, point in enumerate(sequence.random(_HOPS)):
         origins = [known.parameters for known in pool] or list(starts)
         origin = origins[min(int(-np.log2(point[0])), len(origins) - 1)]
-        yield origin + _SIZES[index % len(_SIZES)] * np.asarray(special.ndtri(point[1:]))
+        yield origin + _SIZES[index % len(_SIZES)] * np.asarray(scipy.special.ndtri(point[1:]))

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController, Controller, FeedForward
@@ -314,8 +314,8 @@ def _judged(
 ) -> Finding:
     """Return the finding that no more than `MAY_PASS` of the plants pass `allowed`."""
     passing = int(np.sum(~(values <= allowed)))
-    few = float(special.bdtr(passing, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
-    many = passing > 0 and float(special.bdtrc(passing - 1, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
+    few = float(scipy.special.bdtr(passing, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
+    many = passing > 0 and float(scipy.special.bdtrc(passing - 1, plants.count, MAY_PASS)) <= 1.0 - CONFIDENCE
     named, value = f"{quantity}, 95 % of plants", 100.0 * plants.unstable
     if quantity == _UNSTABLE:
         named, few, many = quantity, few and passing == 0, passing > 0

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logsumexp
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.curve_prior import CurvePrior
@@ -388,7 +388,7 @@ class CurveBelief:
             evidence = share + np.stack([each.log_evidence for each in refined], axis=1)
             settled = np.all([each.settled for each in refined], axis=0)
             evidences[part] = np.where(settled[:, None], evidence, -np.inf)
-        return np.asarray(logsumexp(evidences.reshape(self.runs, count, -1), axis=1))
+        return np.asarray(scipy.special.logsumexp(evidences.reshape(self.runs, count, -1), axis=1))
 
     def _keep(self, count: int) -> None:
         """Keep the `count` heaviest components of every run and drop the others."""

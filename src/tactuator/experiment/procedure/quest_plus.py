@@ -12,9 +12,9 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.special import entr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -155,7 +155,7 @@ class Tables:
         rise = weibull_rise(level, slopes[None, :, None, None], at_threshold[None, None, :, None])
         psi = rule.guess + (1.0 - rule.guess - lapses[:, None]) * rise
         self.psi = np.clip(psi.reshape(-1, self.levels.size), 1e-6, 1.0 - 1e-6)
-        self.entropy = entr(self.psi) + entr(1.0 - self.psi)
+        self.entropy = scipy.special.entr(self.psi) + scipy.special.entr(1.0 - self.psi)
         self._likelihood = np.stack([1.0 - self.psi.T, self.psi.T])  # of a wrong and of a right answer, by level
         weights = np.broadcast_to(np.array(rule.slope_weights)[None, :, None], self.shape).reshape(-1)
         self.parameter_threshold = np.repeat(self.thresholds, slopes.size * lapses.size)
@@ -168,7 +168,11 @@ class Tables:
         """Return the index of the level to try next in every run, (runs,); posterior: (runs, parameters)."""
         chance = posterior @ self.psi
         if self.aim == "parameters":
-            return np.asarray(np.argmax(entr(chance) + entr(1.0 - chance) - posterior @ self.entropy, axis=1))
+            return np.asarray(
+                np.argmax(
+                    scipy.special.entr(chance) + scipy.special.entr(1.0 - chance) - posterior @ self.entropy, axis=1
+                )
+            )
         return np.asarray(np.argmin(self._expected_variance(posterior, chance), axis=1))
 
     def _expected_variance(self, posterior: FloatArray, chance: FloatArray) -> FloatArray:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.procedure import Answering
@@ -66,7 +66,7 @@ def drift_test(answers: Answers, start_db: FloatArray, answering: Answering) -> 
     information_left = np.maximum((information * time**2).sum(axis=1) - held, 1e-12)
     z = -(weight * time).sum(axis=1) / np.sqrt(information_left)
     reach = POWER_DRIFT_DB * np.sqrt(information_left)
-    return Drift(z, np.asarray(ndtr(reach - CRITICAL_Z) + ndtr(-reach - CRITICAL_Z)))
+    return Drift(z, np.asarray(scipy.special.ndtr(reach - CRITICAL_Z) + scipy.special.ndtr(-reach - CRITICAL_Z)))
 
 
 def _linearised(answers: Answers, threshold: FloatArray, answering: Answering) -> tuple[FloatArray, FloatArray]:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
-from scipy.special import ndtr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -176,7 +176,7 @@ def _power(evidence: FloatArray) -> FloatArray:
     bend = np.take_along_axis(bends, peak, axis=0)[0]
     reach = np.sqrt(np.maximum(bend, _LEAST_INFORMATION))
     needed = (LEAST_LOG_ODDS + np.log(2.0)) / reach + 0.5 * reach
-    return np.asarray(ndtr(reach - needed) + ndtr(-reach - needed))
+    return np.asarray(scipy.special.ndtr(reach - needed) + scipy.special.ndtr(-reach - needed))
 
 
 def _likelihoods(belief: CurveBelief, trials: Trials, drift_db: float) -> PointLikelihoods:

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaln, gammaln
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -66,7 +66,10 @@ def _error_draws(right: FloatArray, wrong: FloatArray, draws: int, rng: np.rando
     mean = np.linspace(0.002, 0.998, 100)[:, None]
     weight = np.geomspace(1.0, 2000.0, 20)
     first, second = (mean * weight).ravel(), ((1.0 - mean) * weight).ravel()
-    fit = betaln(first[:, None] + wrong, second[:, None] + right) - betaln(first, second)[:, None]
+    fit = (
+        scipy.special.betaln(first[:, None] + wrong, second[:, None] + right)
+        - scipy.special.betaln(first, second)[:, None]
+    )
     log_posterior = fit.sum(axis=1)
     posterior = np.exp(log_posterior - log_posterior.max())
     picked = rng.choice(first.size, draws, p=posterior / posterior.sum())
@@ -168,7 +171,11 @@ def _log_negative_binomial(count: FloatArray, shape: FloatArray, mean: FloatArra
     """
     expected = mean[:, None] * exposure
     share = expected / (expected + shape[:, None])
-    ways = gammaln(count + shape[:, None]) - gammaln(shape)[:, None] - gammaln(count + 1.0)
+    ways = (
+        scipy.special.gammaln(count + shape[:, None])
+        - scipy.special.gammaln(shape)[:, None]
+        - scipy.special.gammaln(count + 1.0)
+    )
     return np.asarray(ways + count * np.log(share) + shape[:, None] * np.log1p(-share))
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import binom
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
@@ -37,7 +37,7 @@ def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
 
 def inattentive(missed: int, loud: int) -> bool:
     """Return whether more of the loud trials were missed than a lapse rate of 3 % explains."""
-    return bool(loud and binom.sf(missed - 1, loud, _LAPSE_RATE) < _FALSE_ALARM_RATE)
+    return bool(loud and scipy.stats.binom.sf(missed - 1, loud, _LAPSE_RATE) < _FALSE_ALARM_RATE)
 
 
 def attention(run: StoredRun) -> tuple[str, ...]:
@@ -50,7 +50,10 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     flags = []
     if inattentive(int(np.sum(~loud)), loud.size):
         flags.append("attention")
-    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.paradigm.guess) < _FALSE_ALARM_RATE:
+    if (
+        blank.size
+        and scipy.stats.binom.sf(np.sum(blank) - 1, blank.size, run.protocol.paradigm.guess) < _FALSE_ALARM_RATE
+    ):
         flags.append("cue")
     return tuple(flags)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy import signal as scipy_signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -67,8 +67,8 @@ class Masker:
             return tone(self.frequency_hz, amplitude, count / rate_hz, rate_hz, ramp_s=ramp_s)
         edge = 10.0 ** (1.0 / 20.0)
         band = [self.frequency_hz / edge, self.frequency_hz * edge]
-        noise = scipy_signal.sosfilt(
-            scipy_signal.butter(2, band, "bandpass", fs=rate_hz, output="sos"), rng.standard_normal(2 * count)
+        noise = scipy.signal.sosfilt(
+            scipy.signal.butter(2, band, "bandpass", fs=rate_hz, output="sos"), rng.standard_normal(2 * count)
         )[count:]
         return np.asarray(amplitude / np.sqrt(2.0) * noise / np.std(noise) * ramps(count, rate_hz, ramp_s))
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.io.display import parse_display
@@ -75,7 +75,7 @@ class RunningExciter:
             w = 2.0 * np.pi * hertz
             mode.drive, mode.damping, mode.stiffness = drive, w / q, w * w
         self._state.mode[0].hardening = exciter.hardening
-        self._high_pass = signal.butter(1, exciter.high_pass_hz, "highpass", fs=rate_hz)
+        self._high_pass = scipy.signal.butter(1, exciter.high_pass_hz, "highpass", fs=rate_hz)
         self._passed = np.zeros(1)
         self._late = np.zeros(round(exciter.delay_s * rate_hz))
         self._samples = 0
@@ -83,7 +83,7 @@ class RunningExciter:
     def answer(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the samples of the accelerometer and of the displacement, (n,), for samples of command (n,)."""
         exciter = self._exciter
-        passed, self._passed = signal.lfilter(*self._high_pass, exciter.volts * share, zi=self._passed)
+        passed, self._passed = scipy.signal.lfilter(*self._high_pass, exciter.volts * share, zi=self._passed)
         waiting = np.concatenate([self._late, passed])
         command, self._late = np.ascontiguousarray(waiting[: share.size]), waiting[share.size :]
         acceleration, moved = np.empty(share.size), np.empty(share.size)

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
@@ -338,10 +338,10 @@ class OpenLoop:
     def _channel(self, index: int, reference: FloatArray) -> tuple[FloatArray, Flags]:
         """Return the volts (n,) of one channel and where they were cut. Raises BadInput beyond the travel."""
         channel, cascade, states = self._channels[index], self._cascades[index], self._states[index]
-        wanted, states[0] = signal.sosfilt(cascade[0], reference, zi=states[0])
+        wanted, states[0] = scipy.signal.sosfilt(cascade[0], reference, zi=states[0])
         volts = moved = np.clip(wanted, -self._limits_v[index], self._limits_v[index])
         for k, sections in enumerate(cascade[1:], start=1):
-            moved, states[k] = signal.sosfilt(sections, moved, zi=states[k])
+            moved, states[k] = scipy.signal.sosfilt(sections, moved, zi=states[k])
         reach = float(np.max(np.abs(moved), initial=0.0))
         if reach > _ROUNDING * channel.travel_mm:
             raise BadInput(
