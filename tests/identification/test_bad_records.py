@@ -105,7 +105,7 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
 
 def test_identify__columns_swapped__is_said_and_not_trusted() -> None:
     found = identify(replace(GOOD, command=GOOD.position, position=GOOD.command), hold="band-limited", order=2)
-    assert any("look swapped" in remark for remark in found.remarks)
+    assert any("look swapped" in reason for reason in found.distrust)
 
 
 def sheet(folder: Path, head: str, row: str) -> Path:

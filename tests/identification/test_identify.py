@@ -196,7 +196,7 @@ def test_identify__swapped_or_reversed__is_said() -> None:
     chirp = log_chirp(4.0, RATE_HZ, 1.0, 300.0)
     clean = signal.lfilter(*PAPER.sampled(), chirp)
     swapped = identify(Record(RATE_HZ, clean, chirp), order=2)
-    assert any("swapped" in remark for remark in swapped.remarks)
+    assert any("swapped" in reason for reason in swapped.distrust)
 
 
 def short(count: int) -> Record:

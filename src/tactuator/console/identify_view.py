@@ -108,7 +108,7 @@ class IdentifyModel(_OfRecord):
             "remarks": list(fit.remarks),
             "order": fit.order,
             "zeros": fit.model.num.size - 1,
-            "text": identified_text(fit.model),
+            "text": identified_text(fit.model, fit.distrust),
             "command": command,
             **(_of_response(fit, path) if isinstance(fit, ResponseModelResult) else _of_record(fit, record)),
         }

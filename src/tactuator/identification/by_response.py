@@ -19,6 +19,7 @@ from tactuator.identification.standing import FixedAgainstOwn, beside_free, exac
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.model.plausibility import response_doubts
 from tactuator.signals.record import FrequencyResponse
 
 _STEPS = 40
@@ -191,7 +192,7 @@ def _judged(
     )
     if fit.form.pins or fit.form.known:
         model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, asked.fixed))}), asked.fixed)
-    reasons = []
+    reasons = [*response_doubts(given)]
     if np.any(np.roots(den).real > 0.0):
         reasons.append("the model is not stable")
     if departure > _WORST:

@@ -18,7 +18,7 @@ from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.motor import motor_identification
-from tactuator.identification.prepared import Prepared, Signals, prepared
+from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import BetweenSamples, Identification
@@ -102,7 +102,7 @@ _SHORT = 1.1
 def distrusted(result: Identification, common: Prepared) -> Identification:
     """Return the identification with the reasons, if any, for which its model must not be designed with."""
     model, record = result.model, common.records[0]
-    reasons = list(result.distrust)
+    reasons = [*result.distrust, *(str(doubt) for doubt in common.doubts if doubt.expected.impossible)]
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
     unstable = bool(np.any(poles.real > 1e-6 * size))
@@ -140,6 +140,8 @@ def distrusted(result: Identification, common: Prepared) -> Identification:
                 f"friction rules the record: it builds up between two samples, {100.0 * rest:.2g} % of the position's "
                 "size is left over, and how large it is cannot be told; a stronger command or a higher rate shows more"
             )
+    if reasons:  # where a model cannot be trusted anyway, the likely slip helps
+        reasons += [str(doubt) for doubt in check_rise(common.response)]
     remarks = list(result.remarks)
     if unstable and result.tests.feedback is True:
         remarks.append("the model is not stable (the record was made in a closed loop)")

@@ -14,6 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.lines import Spectrum
 from tactuator.model.plant_model import PlantModel
+from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
 from tactuator.signals.record import Record
 
 FEWEST = 100
@@ -65,24 +66,30 @@ def clipped_share(values: FloatArray) -> float:
     return total / values.size
 
 
-def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
+_FEWEST_BANDS = 6
+
+
+def check_direction(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     """Check whether what is called position follows what is called command: a mechanism falls with
     frequency, and lags.
     """
     trusted = response.trusted(0.5)
-    if trusted.frequency_hz.size < 6:
-        return ("command and position hardly depend on each other: little can be said",)
+    if trusted.frequency_hz.size < _FEWEST_BANDS:
+        return ()
     log_f = np.log(trusted.frequency_hz)
     upper = log_f >= np.median(log_f)
     slope = np.polyfit(log_f[upper], np.log(np.abs(trusted.value[upper])), 1)[0]
     phase = np.unwrap(np.angle(trusted.value))
-    leads = float(np.mean(phase[upper])) > 0.8 and phase[-1] > phase[0] - 0.2
-    if slope > 1.0 and leads:
-        return (
-            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
-            "output look swapped",
-        )
-    return ()
+    rises = slope > 1.0 and phase[-1] > phase[0] - 0.2
+    return tuple(EXPECTED["lead"].doubts(float(np.mean(phase[upper])))) if rises else ()
+
+
+def check_rise(response: EmpiricalResponse) -> tuple[Doubt, ...]:
+    """Check whether the phase rises over the band, as that of a mechanism's inverse does."""
+    trusted = response.trusted(0.5)
+    phase = np.unwrap(np.angle(trusted.value))
+    few = max(1, phase.size // 4)
+    return tuple(EXPECTED["rise"].doubts(float(np.median(phase[-few:]) - np.median(phase[:few]))))
 
 
 def check_polarity(num: FloatArray, den: FloatArray) -> tuple[str, ...]:
@@ -306,7 +313,7 @@ Signals = Sequence[tuple[FloatArray, FloatArray]]
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """Records of one mechanism, the liveliest first, and their signals in one unit size (scale: of command and
-    position); the first one's own response and excitation; what is asked.
+    position); the first one's own response and excitation; what is asked; what can hardly be.
     """
 
     records: tuple[Record, ...]
@@ -316,6 +323,7 @@ class Prepared:
     excitation: ExcitationReport
     asked: Asked
     remarks: tuple[str, ...]
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def rate_hz(self) -> float:
@@ -343,6 +351,12 @@ class Prepared:
         """Return the duration of the longest record."""
         return max(record.duration_s for record in self.records)
 
+    @staticmethod
+    def _figures(record: Record) -> dict[str, float]:
+        """Return what a model file tells of its record, by which a display's figures are compared with it."""
+        spans = {f"{name}_half_span": swing(getattr(record, name)) for name in ("command", "position")}
+        return {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | spans
+
     def model(self, num: FloatArray, den: FloatArray, covariance: FloatArray, **more: Any) -> PlantModel:
         """Return a model that tells what it comes from, and what is asked of it; its band is 0.4 .. 300 Hz as far as
         the record reaches, or all that it reaches where that is less than a decade.
@@ -358,7 +372,7 @@ class Prepared:
             band_hz=(low, high) if high >= 10.0 * low else (lowest, highest),
             command_unit=record.command_unit,
             position_unit=record.position_unit,
-            record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | about,
+            record=record.about | self._figures(record) | about,
             **whole,
         )
 
@@ -390,6 +404,9 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
     require_excitation(reports[liveliest])
     response = empirical_response(*signals[liveliest], rate_hz)
     order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
+    cannot_be = (*(doubt for part in parts for doubt in record_doubts(part)), *check_direction(response))
+    if response.trusted(0.5).frequency_hz.size < _FEWEST_BANDS:
+        remarks.append("command and position hardly depend on each other: little can be said")
     return Prepared(
         records=tuple(parts[k] for k in order),
         signals=[signals[k] for k in order],
@@ -397,7 +414,8 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
         response=response,
         excitation=reports[liveliest],
         asked=asked,
-        remarks=(*remarks, *check_direction(response)),
+        remarks=(*remarks, *(str(doubt) for doubt in cannot_be if not doubt.expected.impossible)),
+        doubts=cannot_be,
     )
 
 

@@ -30,6 +30,7 @@ from tactuator.model.description import (
     Environment,
     ForceSensor,
     MeasuredEnvironment,
+    Recorded,
     Threshold,
     keys_of,
 )
@@ -235,6 +236,7 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
         valid_hz=channel.valid_hz or plant.valid_hz,
         model_error_db=channel.model_error_db if "model_error_db" in mine else plant.error_db,
         model_error_hz=channel.model_error_hz or (None if "model_error_db" in mine else plant.unsure_hz),
+        recorded=channel.recorded or plant.recorded,
     )
     _require_travel_seen(finished, where)
     return finished
@@ -306,7 +308,8 @@ class _Plant:
     scale: the leading coefficient its file gave the denominator (loads are in its units). family: plants that
     identification cannot tell from it. model: the document of model.json, None where the plant is no such file.
     valid_hz: where it says something of the mechanism, None: not known. error_db: what its magnitude may be off there,
-    most of all between the two frequencies unsure_hz. is_response: whether it was made of a response by itself.
+    most of all between the two frequencies unsure_hz. recorded: what it came from.
+    is_response: whether it was made of a response by itself.
     """
 
     system: ContinuousSystem
@@ -316,6 +319,7 @@ class _Plant:
     valid_hz: tuple[float, float] | None = None
     error_db: float = 0.0
     unsure_hz: tuple[float, float] | None = None
+    recorded: Recorded | None = None
     is_response: bool = False
 
 
@@ -335,7 +339,22 @@ def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
     table: Document = {key: document[key] for key in ("num", "den", "delay_s") if key in document}
     family = tuple(system_of(member, where, "plant", "family") for member in document.get("family") or ())
     system = system_of(table, where, f"plant {path}")
-    return _Plant(system, _leading(table), family, document, _valid_hz(document, where))
+    recorded = _recorded(document, where)
+    return _Plant(system, _leading(table), family, document, _valid_hz(document, where), recorded=recorded)
+
+
+def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
+    """Return what a model file tells of its record; None where it tells nothing."""
+    record = document.get("record")
+    record = record if isinstance(record, Mapping) else {}
+    spans = {"command": "command_half_span", "position": "position_half_span", "rate_hz": "rate_hz"}
+    units = document.get("units")
+    said = {key: record[name] for key, name in spans.items() if name in record}
+    if isinstance(units, Mapping):
+        said["position_unit"] = units.get("position", "")
+    if document.get("distrust"):
+        said["distrust"] = document["distrust"]
+    return from_table(Recorded, said, where, "plant", "record") if said else None
 
 
 def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | None:
@@ -360,7 +379,15 @@ def _of_response(path: Path, where: str, looped: bool) -> _Plant:
         fit = _fitted(path, path.stat().st_mtime_ns)
     except BadInput as error:
         raise error.within(where, f"plant {path}") from None
-    return _Plant(fit.system, valid_hz=fit.valid_hz, error_db=fit.error_db, unsure_hz=fit.unsure_hz, is_response=True)
+    recorded = Recorded(distrust=fit.doubts) if fit.doubts else None
+    return _Plant(
+        fit.system,
+        valid_hz=fit.valid_hz,
+        error_db=fit.error_db,
+        unsure_hz=fit.unsure_hz,
+        recorded=recorded,
+        is_response=True,
+    )
 
 
 @lru_cache(maxsize=16)

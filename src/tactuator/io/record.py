@@ -263,12 +263,20 @@ def _assemble(
         rate_hz=float(known),
         command=u,
         position=y,
-        command_unit=columns.units.get(u_name, "V" if u_name.endswith("_v") else ""),
-        position_unit=columns.units.get(y_name, "V" if y_name.endswith("_v") else ""),
+        command_unit=columns.units.get(u_name, _unit(u_name)),
+        position_unit=columns.units.get(y_name, _unit(y_name)),
         reference=r,
         about=about,
         remarks=tuple(remarks),
     )
+
+
+_UNITS = {"v": "V", "mv": "mV", "mm": "mm", "um": "um", "m": "m", "nm": "nm"}
+
+
+def _unit(name: str) -> str:
+    """Return the unit that a column's name ends in, or none."""
+    return _UNITS.get(name.lower().rpartition("_")[2], "") if "_" in name else ""
 
 
 def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:

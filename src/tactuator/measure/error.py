@@ -12,6 +12,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
+from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.signals.decibels import db
@@ -159,7 +160,7 @@ class ResponseLevels:
 def response_verdict(responses: Sequence[Response], display: Display) -> Verdict:
     """Return the verdict on objective i of every response: not met where the error passes flatness_db by more than its
     confidence, not judged where the confidence leaves it open, a limit was reached, or a load was on."""
-    return verdict_of([_finding(response, display) for response in responses])
+    return verdict_of([*(_finding(response, display) for response in responses), *doubtful(display)])
 
 
 def _finding(response: Response, display: Display) -> Finding:

@@ -20,6 +20,7 @@ from tactuator.measure.options import LISTENED_S, MAINS_HZ
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
+from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db
@@ -308,4 +309,4 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
             level, at = heard.resonance_db_sl, heard.resonance_hz
         most = allowed.noise_max_db_sl
         findings.append(compared("iii", *judged, FELT_NOISE, level, most, "dB SL", at, remedy=NOISE_REMEDY))
-    return verdict_of(findings)
+    return verdict_of([*findings, *doubtful(display)])

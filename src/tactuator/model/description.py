@@ -67,7 +67,7 @@ def _own(table: Any) -> dict[str, Any]:
     return {key: plain(getattr(table, key)) for key in parameters(kind)}
 
 
-_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller")
+_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "recorded")
 """Keys of a channel that are left out where nothing is said."""
 
 
@@ -212,6 +212,17 @@ class ForceSensor:
     ]
 
 
+@table("recorded")
+class Recorded:
+    """The record that a plant was identified from, as far as it is known. command, position: half their spans."""
+
+    rate_hz: Positive | None = None
+    command: NotNegative | None = None
+    position: NotNegative | None = None
+    position_unit: str = ""
+    distrust: tuple[str, ...] = ()
+
+
 @table("[[channel]]")
 class Channel:
     """The actuator of one finger.
@@ -280,6 +291,14 @@ class Channel:
     ] = 0.0
     model_error_hz: Annotated[
         Band | None, Field(description="between which two frequencies it is off the most; a response brings them")
+    ] = None
+    recorded: Annotated[
+        Recorded | None,
+        Wording("a table", default="none"),
+        Field(
+            description="the record that the plant came from: `rate_hz`, half the span of `command` and `position`, "
+            "`position_unit`, and `distrust`: why the plant is not to be trusted; a `model.json` brings its own"
+        ),
     ] = None
 
     __repr__ = brief

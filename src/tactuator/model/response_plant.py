@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.model.plausibility import response_doubts
 from tactuator.signals.decibels import db
 from tactuator.signals.magnitude import MagnitudeGoal, fit_within
 from tactuator.signals.record import FrequencyResponse
@@ -39,12 +40,14 @@ _WITHIN = (1.0, 1.5, 2.5, 5.0, 10.0, 25.0)
 @dataclass(frozen=True)
 class ResponsePlant:
     """A plant of a response. error_db: what its magnitude may be off anywhere between first and last point. unsure_hz:
-    the two points between which it is the least sure. valid_hz: first and last frequency of the response."""
+    the two points between which it is the least sure. valid_hz: first and last frequency of the response. doubts:
+    what of its figures can hardly be."""
 
     system: ContinuousSystem
     error_db: float
     unsure_hz: tuple[float, float]
     valid_hz: tuple[float, float]
+    doubts: tuple[str, ...] = ()
 
     __repr__ = brief
 
@@ -68,7 +71,8 @@ def plant_of_response(given: FrequencyResponse) -> ResponsePlant:
                 others = [*_with_less(points, order, close_db), _with_more(points, order, orders, float(within_db))]
                 apart_db, unsure_hz = _farthest(points, system, others)
                 error_db = apart_db + _SURE_DEVIATIONS * float(np.median(own_db))
-                return ResponsePlant(system, error_db, unsure_hz, (float(frequency[0]), float(frequency[-1])))
+                valid_hz = float(frequency[0]), float(frequency[-1])
+                return ResponsePlant(system, error_db, unsure_hz, valid_hz, response_doubts(given))
     raise BadInput(
         f"no stable system of up to {orders[-1]} poles follows the magnitude within {close_db * _WITHIN[-1]:.3g} dB",
         "more points where it turns sharply",

@@ -19,6 +19,7 @@ OBJECTIVES = {
     "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
     "iv": "a finger's load does not change |H| at low frequencies",
     "build": "a board takes the controller as an image",
+    "numbers": "what the display and its plant's record say can be, and goes together (told where it does not)",
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
 

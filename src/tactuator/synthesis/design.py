@@ -18,6 +18,7 @@ from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, FeedForward, Limits
 from tactuator.model.description import KNOWN_EDGE, Channel, Display
 from tactuator.model.plant import DERIVATIVES
+from tactuator.model.plausibility import channel_reasons
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
@@ -57,7 +58,12 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
         if twin < len(designed):
             designed.append(replace(designed[twin], name=channel.name))
         else:
-            designed.append(design_channel(display, channel, poles, error_db))
+            try:
+                designed.append(design_channel(display, channel, poles, error_db))
+            except (BadInput, NoDesign) as error:
+                # what can hardly be comes first: it is the likely reason for which nothing can be designed
+                error.got = "; ".join([*channel_reasons(channel, display.rate_hz), error.got])
+                raise
     return Controller(display, tuple(designed), __version__)
 
 

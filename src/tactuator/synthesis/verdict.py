@@ -22,6 +22,7 @@ import scipy
 from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
+from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import OF_THE_LOOP, Finding, Outcome, Verdict, compared, rests_on, verdict_of
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop, margins
@@ -46,7 +47,9 @@ def whole_verdict(controller: Controller, display: Display | None = None, drawn:
     shown = controller if display is None else replace(controller, display=display)
     findings = [finding for objective in judged.objectives for finding in objective.findings]
     findings += judge_drawn(drawn, shown.display)
-    return verdict_of([*findings, buildable(shown)], (*judged.assumptions, *drawn_assumptions(drawn)))
+    return verdict_of(
+        [*findings, buildable(shown), *doubtful(shown.display)], (*judged.assumptions, *drawn_assumptions(drawn))
+    )
 
 
 def judge(controller: Controller, display: Display | None = None) -> Verdict:

@@ -16,6 +16,7 @@ from tactuator.identification.result import Identification, Validation, resonanc
 from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.io.model import write_identified
 from tactuator.model.plant_model import PlantModel
+from tactuator.model.plausibility import pairs_doubts
 from tactuator.report.tables import identification_rows, response_rows, with_error
 from tactuator.signals.decibels import db
 from tactuator.table import Chart, ChartLine, ResultTable
@@ -68,7 +69,7 @@ class _FittedResult(Result):
 
     def write(self, path: Place) -> None:
         """Write model.json, which a display file names as a channel's plant."""
-        write_identified(Path(path), self.model)
+        write_identified(Path(path), self.model, self.distrust)
 
     def _document(self) -> dict[str, Any]:
         """Return what `--json` prints of either."""
@@ -238,13 +239,16 @@ class CalibrationResult(Result, Calibration):
         }
 
     def notices(self) -> Sequence[str]:
-        return [f"refused: {pair}" for pair in self.refused]
+        doubts = pairs_doubts(self.displacement_mm, self.voltage_v)
+        return [*(f"refused: {pair}" for pair in self.refused), *(f"note: {doubt}" for doubt in doubts)]
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"{self.displacement_mm.size} pairs, {len(self.refused)} refused"
         rows = (
             ("gain (V/mm)", *with_error(self.gain_v_per_mm, self.gain_confidence_v_per_mm)),
             ("offset (V)", *with_error(self.offset_v, self.offset_confidence_v)),
+            ("displacements (mm)", f"{np.min(self.displacement_mm):.4g} to {np.max(self.displacement_mm):.4g}", ""),
+            ("voltages (V)", f"{np.min(self.voltage_v):.4g} to {np.max(self.voltage_v):.4g}", ""),
             ("largest departure from the line (% of span)", f"{self.linearity_percent:.2f}", ""),
         )
         return [ResultTable(title, ("what", "value", "±95 %"), rows)]
