@@ -22,7 +22,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
 from tactuator.table import ResultTable
-from tactuator.verbs.identified import IdentificationResult, ResponseModelResult
+from tactuator.verbs.identified import CoupledModels, IdentificationResult, ResponseModelResult
 from tactuator.verbs.model import identify
 
 _SPECTRUM_LINES = 700
@@ -88,6 +88,7 @@ class IdentifyModel(_OfRecord):
             hold=self.hold,
             validate=unseen,
         )
+        assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
         (table,) = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
             "identify",

@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
-from tactuator.signals.record import FrequencyResponse, Record
+from tactuator.signals.record import FrequencyResponse, JointRecord, Record
 
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
@@ -334,8 +334,41 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     return u, y
 
 
-def write_record(path: str | Path, record: Record) -> None:
-    """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
+def read_joint_record(path: Path) -> JointRecord | None:
+    """Return the record of several channels in a file, or None where there are not several: columns command.NAME and
+    position.NAME, or in HDF5 two-dimensional command and position with the names, one a line, as attribute `channels`.
+
+    Raises BadInput for a file that cannot be read.
+    """
+    columns = read_columns(path)
+    commands, positions = (
+        {
+            name.removeprefix(f"{what}."): values
+            for name, values in columns.values.items()
+            if name.startswith(f"{what}.")
+        }
+        for what in ("command", "position")
+    )
+    if len(commands) < 2:
+        return None
+    names = columns.attributes.get("channels", "\n".join(commands)).split("\n")
+    if list(commands) != list(positions) or len(names) != len(commands):
+        got = f"columns {', '.join(columns.values)} of channels {', '.join(names)}"
+        raise BadInput(f"record {path}: {got}", "command.NAME and position.NAME of each")
+    rate_hz = _known_rate(columns, None)
+    if rate_hz is None:
+        raise BadInput(f"record {path}: there is no rate", "an attribute rate_hz")
+    command, position = (np.stack(list(each.values()), axis=1) for each in (commands, positions))
+    about = {"file": path.name} | {key: value for key, value in columns.attributes.items() if key != "channels"}
+    try:
+        return JointRecord(rate_hz, tuple(names), command, position, about=about, remarks=columns.remarks)
+    except BadInput as error:
+        raise error.within(f"record {path}") from None
+
+
+def write_record(path: str | Path, record: Record | JointRecord) -> None:
+    """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes; of
+    several channels with a column for each, and their names."""
     with atomic_path(path) as beside, written_hdf5(beside) as written:
         file = written.file
         file.attrs["format"] = FORMAT
@@ -347,7 +380,9 @@ def write_record(path: str | Path, record: Record) -> None:
             ("command", record.command, record.command_unit),
             ("position", record.position, record.position_unit),
         ]
-        if record.reference is not None:
+        if isinstance(record, JointRecord):
+            file.attrs["channels"] = "\n".join(record.channels)
+        elif record.reference is not None:
             signals.append(("reference", record.reference, "1"))
         for name, values, unit in signals:
             file.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)

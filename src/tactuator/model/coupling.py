@@ -19,10 +19,7 @@ from tactuator.signals.systems import ContinuousSystem
 
 RADIUS = 1.73
 """Radius, in standard deviations of a complex number, of the disk that holds it with 95 %: the root of ln 20."""
-_WINDOW, _FEWEST = 0.15, 7
-_ROUGH = 2.0
-"""Share of frequency, and number of lines, over which a share is taken for straight; and chi squared over its degrees
-of freedom from which on it is not, and the line is left as it was measured."""
+_FEWEST = 4
 _NESTED: TypeAdapter[Any] = TypeAdapter(list[list[list[Number]]])
 
 
@@ -87,33 +84,10 @@ class CoupledResponse:
         return np.asarray(self.real + 1j * self.imag)
 
     def shares(self) -> tuple[ComplexArray, FloatArray]:
-        """Return K and its standard deviation at the measured frequencies, (m, out, in) each, straightened over
-        neighbouring lines where they allow it."""
+        """Return K and its standard deviation at the measured frequencies, (m, out, in) each."""
         ahead = self._diagonal()[:, :, None]
-        shares, deviation = self.value / ahead, self.deviation / np.abs(ahead)
-        for out in range(len(self.channels)):
-            shares[:, out, out] = deviation[:, out, out] = 0.0
-            for of in range(len(self.channels)):
-                if of != out:
-                    pair = shares[:, out, of], deviation[:, out, of]
-                    shares[:, out, of], deviation[:, out, of] = _straightened(np.log(self.frequency_hz), *pair)
-        return shares, deviation
-
-
-def _straightened(place: FloatArray, value: ComplexArray, deviation: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """Return values (m,) by a straight line through their neighbours at each place, and their deviations."""
-    smooth, less = value.copy(), deviation.copy()
-    weight = 1.0 / np.maximum(deviation, 1e-300)
-    for k in range(place.size):
-        away = np.abs(place - place[k])
-        near = np.flatnonzero(away <= max(_WINDOW, np.partition(away, _FEWEST - 1)[_FEWEST - 1]))
-        rows = np.stack([np.ones(near.size), place[near] - place[k]], axis=1) * weight[near, None]
-        inverse = np.linalg.inv(rows.T @ rows)
-        line = inverse @ (rows.T @ (weight[near] * value[near]))
-        rest = float(np.sum(np.abs(weight[near] * value[near] - rows @ line) ** 2)) / (near.size - 2)
-        if rest <= _ROUGH:
-            smooth[k], less[k] = line[0], np.sqrt(inverse[0, 0])
-    return smooth, less
+        off = 1.0 - np.eye(len(self.channels))
+        return off * self.value / ahead, off * self.deviation / np.abs(ahead)
 
 
 def measured_of(value: Any) -> CoupledResponse:

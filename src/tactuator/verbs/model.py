@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from tactuator.model.description import Channel, Display
     from tactuator.rig.rig import Rig
-    from tactuator.signals.record import Record
-    from tactuator.verbs.identified import CalibrationResult, IdentificationResult, ResponseModelResult
+    from tactuator.signals.record import JointRecord, Record
+    from tactuator.verbs.identified import CalibrationResult, CoupledModels, IdentificationResult, ResponseModelResult
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
@@ -77,7 +77,7 @@ class RecordingResult(Result):
     command_peak_v: float
     position_peak_v: float
     saturated: bool
-    taken: "Record" = field(repr=False)
+    taken: "Record | JointRecord" = field(repr=False)
 
     @property
     def title(self) -> str:
@@ -96,8 +96,9 @@ def record(
     seed: Seed = 0,
     periods: Annotated[int, Option("Of each multisine; the first one settles.")] = 3,
     realisations: Annotated[int, Option("Multisines of new phases.")] = 4,
+    together: Annotated[bool, Option("Drive all channels at once, by multisines that can be told apart.")] = False,
 ) -> RecordingResult:
-    """Drive one channel and record it. The excitation is planned within travel and range.
+    """Drive one channel, or all together, and record. The excitation is planned within travel and range.
 
     Raises BadInput for an excitation, a share or a load that there is not, and where the rig has no sensor.
 
@@ -108,40 +109,43 @@ def record(
 
     from tactuator.io.record import write_record
     from tactuator.rig.rig import require_sensors
-    from tactuator.signals.record import Record
+    from tactuator.signals.record import JointRecord
 
     described = chosen_display(display)
-    driven = described.channel(channel or described.channels[0].name)
-    command, plan = _planned(
-        driven, described.rate_hz, duration_s, excitation, travel_share, seed, periods, realisations
-    )
+    if together and (channel is not None or excitation not in ("mix", "multisine")):
+        raise BadInput("--together beside --channel or another excitation", "all channels, by multisines")
+    driven = described.channels if together else (described.channel(channel or described.channels[0].name),)
+    how = (duration_s, "multisine" if together else excitation, travel_share, seed, periods, realisations)
+    command, plan = _planned(driven, described.rate_hz, *how)
+    names = tuple(each.name for each in driven)
     with opened(rig, described, seed) as ready:
-        require_sensors(ready, [driven.name])
-        if load != "none":
-            _put(driven.load(load).name, driven.name, ready)
-        column = ready.channels.index(driven.name)
-        commands = np.zeros((command.size, len(ready.channels)))
-        commands[:, column] = command
+        require_sensors(ready, names)
+        for each in driven if load != "none" else ():
+            _put(each.load(load).name, each.name, ready)
+        columns = [ready.channels.index(name) for name in names]
+        commands = np.zeros((command.shape[0], len(ready.channels)))
+        commands[:, columns] = command
         with working(f"recording {duration_s:g} s"):
             trace = ready.drive(commands)
             ready.rest()
     spec = rig if isinstance(rig, str) else type(rig).__name__
-    about = {"rig": spec, "channel": driven.name, "load": load, "display": described.name, "excitation": excitation}
+    about = {"rig": spec, "load": load, "display": described.name, "excitation": how[1]}
     # a sound card's converters are band-limited, every other rig's hold the command between its samples
     about |= plan | {"hold": "band-limited" if spec.startswith("sound:") else "zero-order"}
     if spec != "simulated":
         about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
-    taken = Record(trace.rate_hz, trace.command_v[:, column], trace.position_v[:, column], about=about)
+    whole = JointRecord(trace.rate_hz, names, trace.command_v[:, columns], trace.position_v[:, columns], about=about)
+    taken = whole if together else whole.of(0)
     if out is not None:
         write_record(Path(out), taken)
     return RecordingResult(
         None if out is None else Path(out),
-        driven.name,
-        command.size / trace.rate_hz,
+        ", ".join(names),
+        command.shape[0] / trace.rate_hz,
         trace.rate_hz,
         float(np.max(np.abs(command))),
-        float(np.max(np.abs(taken.position))),
-        bool(np.any(trace.saturated[:, column])),
+        float(np.max(np.abs(whole.position))),
+        bool(np.any(trace.saturated[:, columns])),
         taken,
     )
 
@@ -154,7 +158,7 @@ def _put(load: str, channel: str, rig: "Rig") -> None:
 
 
 def _planned(
-    channel: "Channel",
+    driven: "Sequence[Channel]",
     rate_hz: float,
     duration_s: float,
     excitation: str,
@@ -163,8 +167,8 @@ def _planned(
     periods: int,
     realisations: int,
 ) -> "tuple[NDArray[np.float64], dict[str, str]]":
-    """Return the command (n,), volts, as large as the share of travel and 0.9 of the range allow by the display's
-    plant, and what the record has to say of it.
+    """Return the commands (n, channels), volts, each as large as the share of travel and 0.9 of the range allow by the
+    display's plant, and what the record has to say of them. Several channels get multisines.
     """
     import numpy as np
 
@@ -175,58 +179,72 @@ def _planned(
     if not 0.0 < travel_share <= 1.0:
         raise BadInput(f"travel share is {travel_share:g}", "above 0, at most 1")
     rng = np.random.default_rng(seed)
-    low, high = channel.threshold.band_hz
-    travel_v, range_v = travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm, channel.converter.range_v
+    low = max(channel.threshold.band_hz[0] for channel in driven)
+    high = min(channel.threshold.band_hz[1] for channel in driven)
+    limits = [(travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm, channel) for channel in driven]
     plan: dict[str, str] = {}
     if excitation == "mix":
         band = (low, min(high, 0.4 * rate_hz))
-        plant = channel.plant
-        return signals.paper_mix(duration_s, rate_hz, range_v, rng, plant=plant, travel_v=travel_v, band_hz=band), plan
+        ((travel_v, channel),) = limits
+        at_most, plant = channel.converter.range_v, channel.plant
+        mix = signals.paper_mix(duration_s, rate_hz, at_most, rng, plant=plant, travel_v=travel_v, band_hz=band)
+        return mix[:, None], plan
     if excitation == "multisine":
-        shape, plan = _multisines(channel, rate_hz, duration_s, rng, periods, realisations)
+        shapes, plan = _multisines(driven, (low, high), rate_hz, duration_s, rng, periods, realisations)
     elif excitation == "steps":
-        shape = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)
+        shapes = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)[:, None]
     elif excitation == "noise":
-        shape = signals.noise(duration_s, rate_hz, (low, 1.2 * high), rng)
+        shapes = signals.noise(duration_s, rate_hz, (low, 1.2 * high), rng)[:, None]
     elif excitation == "prbs":
-        shape = signals.prbs(duration_s, rate_hz, min(2.5 * high, rate_hz), rng)
+        shapes = signals.prbs(duration_s, rate_hz, min(2.5 * high, rate_hz), rng)[:, None]
     else:
-        shape = signals.log_chirp(duration_s, rate_hz, low, high)
-    return signals.plan_amplitude(shape, rate_hz, channel.plant, travel_v, 0.9 * range_v) * shape, plan
+        shapes = signals.log_chirp(duration_s, rate_hz, low, high)[:, None]
+    for column, (travel_v, channel) in zip(shapes.T, limits, strict=True):
+        range_v = 0.9 * channel.converter.range_v
+        column *= signals.plan_amplitude(column.copy(), rate_hz, channel.plant, travel_v, range_v)
+    return shapes, plan
 
 
 def _multisines(
-    channel: "Channel",
+    driven: "Sequence[Channel]",
+    band_hz: tuple[float, float],
     rate_hz: float,
     duration_s: float,
     rng: "np.random.Generator",
     periods: int,
     realisations: int,
 ) -> "tuple[NDArray[np.float64], dict[str, str]]":
-    """Return several odd multisines of random phases (n,), and what their record has to say.
+    """Return several odd multisines of random phases (n, channels), and what their record has to say.
 
     periods: of each multisine, the first of them to settle. Lines are the louder the less the plant answers (by the
-    root of it). Raises BadInput where a period shows too few lines of the channel's band.
+    root of it). Several channels get orthogonal ones, as many more as it takes. Raises BadInput where a period shows
+    too few lines of the band.
     """
     import numpy as np
 
     from tactuator.signals.excitation import sample_count
-    from tactuator.signals.multisine import Periods, multisine, odd_lines
+    from tactuator.signals.multisine import Periods, multisine, odd_lines, orthogonal_multisines
 
     if periods < 3 or realisations < 1:
         raise BadInput(f"{realisations} realisations of {periods} periods", "1 or more of 3 or more")
-    low, high = channel.threshold.band_hz
+    realisations = -(-realisations // len(driven)) * len(driven)
     period = sample_count(duration_s / (periods * realisations), rate_hz)
+    low, high = band_hz
     lines = odd_lines((low, min(high, 0.4 * rate_hz)), rate_hz, period, _LINES, rng)
-    answer = np.abs(channel.plant.response(lines * rate_hz / period))
-    peaks = np.sqrt(np.max(answer) / np.maximum(answer, 1e-4 * np.max(answer)))
-    parts = [multisine(rate_hz, period, lines, peaks, rng, rounds=1).samples(periods) for _ in range(realisations)]
-    return np.concatenate(parts), Periods(period, periods, realisations, lines).attributes()
+    answer = np.array([np.abs(channel.plant.response(lines * rate_hz / period)) for channel in driven])
+    most = np.max(answer, axis=1, keepdims=True)
+    peaks = np.sqrt(most / np.maximum(answer, 1e-4 * most))
+    plan = Periods(period, periods, realisations, lines).attributes()
+    if len(driven) == 1:
+        waves = [multisine(rate_hz, period, lines, peaks[0], rng, rounds=1).one_period() for _ in range(realisations)]
+        return np.concatenate([np.tile(wave, periods) for wave in waves])[:, None], plan
+    each = orthogonal_multisines(period, lines, peaks, realisations, rng)
+    return np.concatenate([np.tile(wave, periods).T for wave in each]), plan
 
 
 def identify(
     records: Annotated[
-        "Record | Place | Sequence[Record | Place]",
+        "Record | JointRecord | Place | Sequence[Record | Place]",
         Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
     ],
     input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
@@ -259,12 +277,12 @@ def identify(
     ] = None,
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
     figures: Figures = None,
-) -> "IdentificationResult | ResponseModelResult":
+) -> "IdentificationResult | ResponseModelResult | CoupledModels":
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
-    records: one, or several of one mechanism, or their files; or a file with a frequency response. Raises BadInput for
-    a record that says nothing.
+    records: one, or several of one mechanism, or their files; or a file with a frequency response; or one record of
+    several channels, which gives a model of each and their coupling. Raises BadInput for a record that says nothing.
 
     >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
@@ -280,6 +298,11 @@ def identify(
     fixed = tuple(map(Fixed.parse, fix))
     asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
+    joint = None if input_name or output_name else _joint(given[0])
+    if joint is not None:
+        if len(given) > 1 or unseen or figures or from_s is not None or to_s is not None:
+            raise BadInput("a record of several channels beside other files, or a part of it", "all of it by itself")
+        return _coupled_models(joint, asked, out)
     if not isinstance(given[0], Record) and is_response(Path(given[0])):
         if len(given) > 1 or unseen:
             raise BadInput("a frequency response beside other files", "one response by itself")
@@ -310,6 +333,35 @@ def identify(
 
         save_identification(fit, Path(figures))
     return model
+
+
+def _joint(source: "Record | JointRecord | Place") -> "JointRecord | None":
+    """Return the record of several channels that is given, or in a file of our own; None for any other."""
+    from tactuator.io.record import read_joint_record
+    from tactuator.signals.record import JointRecord, Record
+
+    if isinstance(source, Record | JointRecord):
+        return source if isinstance(source, JointRecord) else None
+    path = Path(source)
+    return read_joint_record(path) if path.suffix.lower() in (".h5", ".hdf5") and path.is_file() else None
+
+
+def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "CoupledModels":
+    """Identify the coupling of several channels, and the model of each without it."""
+    from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
+    from tactuator.identification.identify import identify as identified
+    from tactuator.verbs.identified import CoupledModels, IdentificationResult
+
+    response, models = coupled_response(record), []
+    with working("identifying") as step:
+        for place, name in enumerate(record.channels):
+            step(text=f"identifying: {name}")
+            alone = own_record(record, response, place)
+            models.append(promoted(IdentificationResult, identified(alone, **vars(asked)), about=alone.about))
+    result = CoupledModels(response, coupled_pairs(response), tuple(models), None if out is None else Path(out))
+    if out is not None:
+        result.write(out)
+    return result
 
 
 def _response_model(path: Path, asked: Any, out: Place | None) -> "ResponseModelResult":
