@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.identification.motor import _APART, _SLOW, _moving
+from tactuator.identification.inverse_dynamics import _APART, _SLOW, _moving
 
 
 @pytest.mark.parametrize(("count", "corner"), [(5000, 3.0), (4000, 40.0), (997, 20.0)])

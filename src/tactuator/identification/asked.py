@@ -215,7 +215,6 @@ class Asked:
             and self.zeros in (None, 0)
             and self.integrators <= 1
             and not self.delay_s
-            and not self.fixed
         )
 
 

@@ -28,6 +28,7 @@ from tactuator.identification.search import Choice
 from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
 from tactuator.identification.standing import beside_free, exact
 from tactuator.identification.uncertainty import (
+    FLOOR,
     fed_back,
     left_over,
     log_slopes,
@@ -38,8 +39,6 @@ from tactuator.identification.uncertainty import (
 from tactuator.model.plant_model import PlantModel
 
 _TABLE = 120
-_FLOOR = 5e-4
-"""Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
@@ -192,7 +191,7 @@ def _model(
         delay_s=fit.delay_s,
         method="spectral",
         record={"hold": choice.hold} | asked,
-        excess=beyond.joined((np.hypot(missing, _FLOOR)) * (1.0 + 1.0j)),
+        excess=beyond.joined((np.hypot(missing, FLOOR)) * (1.0 + 1.0j)),
     )
     return exact(model, common.asked.fixed) if fit.form.pins else model
 

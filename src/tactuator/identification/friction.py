@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.form import freedom
+from tactuator.identification.inverse_dynamics import low_passed, motion_corner
 from tactuator.identification.likelihood import SpectralFit, eliminated
 from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
-from tactuator.identification.motor import low_passed, motion_corner
 from tactuator.identification.prepared import Signals
 from tactuator.identification.residual import Residual, record_residual
 from tactuator.identification.spectral_estimate import SpectralEstimate, refitted
@@ -227,10 +228,13 @@ class _FrictionLines:
         states = level.states() if level.coulomb > 0.0 else []
         fit, columns_of, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
         self._spectra, self._weighted = now.spectra, list[ComplexArray]()
+        # values that are known stay as they are
+        self._free = freedom(fit.theta, fit.form, fit.rungs)
         for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
             weighted = residual.response * taken.ahead * residual.weight[1:]
             self._weighted.append(weighted)
-            columns_of.append(log_slopes(fit, taken.frequency_hz[1:]) * (weighted * taken.command[1:])[:, None])
+            slopes = log_slopes(fit, taken.frequency_hz[1:]) @ self._free
+            columns_of.append(slopes * (weighted * taken.command[1:])[:, None])
             taken_off = weighted * _lines(level.coulomb * states[k], taken) if states else 0.0
             rest.append(residual.lines[1:] * residual.weight[1:] - taken_off)
         self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)
@@ -249,9 +253,10 @@ class _FrictionLines:
         last = np.array([[float(pull @ pull), across], [across, self.power]])
         weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
         power, along = float(rest[0, 0]), float(rest[0, 1])
+        moves = self._free @ weights[:, 0]
         if not along > 0.0 or not power > 0.0:
-            return 0.0, 0.0, 0.0, weights[:, 0]
-        return along**2 / power, along / power, power, weights[:, 0]
+            return 0.0, 0.0, 0.0, moves
+        return along**2 / power, along / power, power, moves
 
 
 def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:

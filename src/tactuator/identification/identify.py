@@ -184,7 +184,7 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     if estimated.chosen.hold == "band-limited" and common.references is not None:
         note("fitting what follows the reference")
         estimated = following(estimated, common.references)
-    if asked.friction and not asked.fixed and estimated.before is None:
+    if asked.friction and estimated.before is None:
         note("looking for friction")
         rubbed = fit_friction(common.signals, estimated, estimate_of)
     if rubbed is not None:

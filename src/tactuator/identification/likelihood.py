@@ -219,7 +219,10 @@ class SpectralProblem:
         size[size == 0.0] = 1.0
         gram, downhill = rest[1:, 1:] / np.outer(size, size), rest[1:, 0] / size
         for _ in range(8):
-            scaled = np.linalg.solve(gram + damping * np.eye(size.size), downhill)
+            try:
+                scaled = np.linalg.solve(gram + damping * np.eye(size.size), downhill)
+            except np.linalg.LinAlgError:
+                break
             if not float(scaled @ downhill) >= least:
                 break
             step = scaled / size

@@ -163,6 +163,18 @@ class Identification:
         return hertz, value * self.model.response(hertz) / held, error
 
     @property
+    def mass_and_viscous(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Return mass (command over acceleration) and viscous damping (command over velocity) of a mechanism of two
+        poles and no zero, each with its 95 % half-width; None of any other.
+        """
+        if self.model.num.size != 1 or self.model.den.size != 3:
+            return None
+        gain, damping = float(self.model.num[0]), float(self.model.den[1])
+        slopes = np.array([[-1.0 / gain**2, 0.0], [-damping / gain**2, 1.0 / gain]])
+        half = 1.959964 * np.sqrt((slopes @ self.model.covariance[:2, :2] @ slopes.T).diagonal())
+        return (1.0 / gain, float(half[0])), (damping / gain, float(half[1]))
+
+    @property
     def poles_hz(self) -> FloatArray:
         """Return |pole| / 2 pi, ascending, (order,)."""
         return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)

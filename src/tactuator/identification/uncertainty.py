@@ -23,6 +23,8 @@ from tactuator.identification.lines import LocalResponse, Spectrum
 from tactuator.identification.search import Choice
 from tactuator.model.plant_model import Excess, PlantModel
 
+FLOOR = 5e-4
+"""Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _POOLED = 0.15

@@ -12,9 +12,9 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.inverse_dynamics import motor_estimate, motor_prediction
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import LocalResponse, local_response, spectrum
-from tactuator.identification.motor import motor_estimate, motor_prediction
 from tactuator.identification.prepared import check_record
 from tactuator.identification.residual import Residual, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
@@ -108,11 +108,8 @@ def _judged(
     failures, remarks_ = [], list(remarks)
     if points < _FEWEST:
         remarks_.append(f"{name} shows its response at {points} points alone: the share in the band is not judged")
-    elif share < _LEAST_SHARE:
-        failures.append(
-            f"on {name} {100.0 * share:.0f} % of the record's own response lie inside the band (95 % should, "
-            f"{100.0 * _LEAST_SHARE:.0f} % must)"
-        )
+    else:
+        failures += _outside(name, share, "record's own response")
     if tests.uncorrelated_p < _CHANCE and following > _BEYOND * allowed and following > 1e-6:
         failures.append(
             f"on {name} {100.0 * tests.unexplained:.2g} % of what the model leaves follow the command, "
@@ -121,6 +118,17 @@ def _judged(
     if not percent > 0.0:
         failures.append(f"on {name} the model explains nothing of the position")
     return Validation(name, percent, tests, share, points, tuple(failures), tuple(remarks_))
+
+
+def _outside(name: str, share: float, what: str) -> list[str]:
+    """Return why a model fails of which so small a share of what a record shows lies inside the 95 % band, if it does.
+
+    This one rule holds for responses and for a motor's parameters.
+    """
+    if not share < _LEAST_SHARE:
+        return []
+    must = f"95 % should, {100.0 * _LEAST_SHARE:.0f} % must"
+    return [f"on {name} {100.0 * share:.0f} % of the {what} lie inside the band ({must})"]
 
 
 def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> tuple[float, int]:
@@ -146,6 +154,7 @@ def _validate_motor(result: Identification, record: Record, name: str, remarks: 
     assert friction is not None
     assert model.valid_hz is not None
     is_held = _hold(result, record) != "band-limited"
+    holds = (is_held,) if result.between.certain or "hold" in record.about else (is_held, not is_held)
     theta = np.array([model.num[0], model.den[1], friction.coulomb, friction.offset])
     wanted, predicted = motor_prediction(
         record.command, record.position, record.rate_hz, theta, model.valid_hz[1], is_held=is_held
@@ -157,7 +166,7 @@ def _validate_motor(result: Identification, record: Record, name: str, remarks: 
     unexplained = float(rest @ rest) / max(spread, 1e-300)
     tests = ResidualTests(float("nan"), float("nan"), unexplained, feedback=None)
     failures, said, inside, points = [], list(remarks), float("nan"), 0
-    again = motor_estimate(record.command, record.position, record.rate_hz, is_held=is_held)
+    again = motor_estimate(record.command, record.position, record.rate_hz, holds=holds)
     if again is None:
         said.append(f"{name} alone does not tell the motor's parameters: they are not compared")
     else:
@@ -166,8 +175,7 @@ def _validate_motor(result: Identification, record: Record, name: str, remarks: 
         )
         agree = np.abs(again.theta - theta) <= np.hypot(half_widths, 1.959964 * np.sqrt(np.diag(again.covariance)))
         inside, points = float(np.mean(agree)), agree.size
-        if inside < 0.5:
-            failures.append(f"on {name} {int(np.sum(~agree))} of the motor's four parameters lie outside their bands")
+        failures += _outside(name, inside, "motor's four parameters")
     if unexplained > 0.1:
         failures.append(f"on {name} {100.0 * unexplained:.2g} % of the command's power stay unexplained")
     return Validation(name, 100.0 * (1.0 - unexplained**0.5), tests, inside, points, tuple(failures), tuple(said))

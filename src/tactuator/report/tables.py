@@ -110,8 +110,10 @@ def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterat
         yield name, f"damping ratio {mode.damping_ratio:.3g}, Q {mode.q:.3g}", ""
     for words, value in _circumstances(fit, about):
         yield words, value, ""
+    command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
+    for name, known_as in zip(("mass", "viscous damping"), fit.mass_and_viscous or (), strict=False):
+        yield f"{name} ({command}, {position}, s)", *with_error(*known_as)
     if fit.friction is not None:
-        command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
         level = with_error(fit.friction.coulomb, fit.friction.confidence)
         yield f"Coulomb friction ({command})", *level
         distance = fit.friction.presliding

@@ -155,10 +155,22 @@ class IdentificationResult(_FittedResult, Identification):
             "fit_percent": self.fit_percent,
             "validation": [_validation_document(validation) for validation in self.validations],
             "friction": self._friction_document(),
+            "mechanism": self._mechanism_document(),
             "distortion": None if self.distortion is None else _distortion_document(self.distortion),
             "tried": [vars(candidate) for candidate in self.tried],
             "columns": {name: about.get(name) for name in ("input", "output")},
             "out": self.out,
+        }
+
+    def _mechanism_document(self) -> dict[str, float] | None:
+        if self.mass_and_viscous is None:
+            return None
+        (mass, mass_half), (viscous, viscous_half) = self.mass_and_viscous
+        return {
+            "mass": mass,
+            "mass_confidence": mass_half,
+            "viscous": viscous,
+            "viscous_confidence": viscous_half,
         }
 
     def _friction_document(self) -> dict[str, Any]:
