@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 from unittest import mock
 
@@ -68,8 +68,9 @@ def main() -> int:
     print(f"{'':24}{'truth':>12}{'estimate':>12}{'±':>10}{'off %':>8}{'± %':>7}")
     held = []
     for name, record, truth in motors:
-        broken = {name: lambda *_: iter(()) for name in ("_stribeck", "_others") if given.plain}
-        with mock.patch.multiple(inverse_dynamics, **broken) if broken else nullcontext():
+        with ExitStack() as broken:
+            for part in ("_stribeck", "_others") if given.plain else ():
+                broken.enter_context(mock.patch.object(inverse_dynamics, part, lambda *_: iter(())))
             found = identify(record)
         if found.model.method != "inverse dynamics":
             print(f"{name:12}is not taken for a motor")

@@ -123,5 +123,6 @@ def _beside_free(result: Identification, alone: PlantModel, fixed: Sequence[Fixe
         return result
     said, is_wrong = said_of_disagreement(known, result.model, alone)
     result = replace(result, model=result.model.holding(alone))
-    where = "distrust" if is_wrong else "remarks"
-    return replace(result, **{where: (*getattr(result, where), said)})
+    if is_wrong:
+        return replace(result, distrust=(*result.distrust, said))
+    return replace(result, remarks=(*result.remarks, said))
