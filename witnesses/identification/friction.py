@@ -70,7 +70,7 @@ def main() -> int:
     for name, record, truth in motors:
         with ExitStack() as broken:
             for part in ("_stribeck", "_others") if given.plain else ():
-                broken.enter_context(mock.patch.object(inverse_dynamics, part, lambda *_: iter(())))
+                broken.enter_context(mock.patch.object(inverse_dynamics, part, return_value=()))
             found = identify(record)
         if found.model.method != "inverse dynamics":
             print(f"{name:12}is not taken for a motor")
