@@ -281,3 +281,13 @@ def test_design__noise_gain_that_the_motor_cannot_keep__is_told_with_one_that_it
     possible = re.search(r"all others kept: command_noise_gain_max (\S+)", str(refused.value))
     assert possible is not None
     assert design_controller(display(float(possible.group(1)))).channels
+
+
+def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits() -> None:
+    hard = replace(paper_alone().channels[0].feedback, rejection_max_db=(-60.0,))
+    ends = "band_hz is [0.4, 300], but the plant is known from 0.2 to {} Hz only (valid_hz)"
+    for last, asked, then in ((9.0, None, "; allowed: a model that is valid at 10 Hz"), (100.0, hard, "; nothing")):
+        one = replace(paper_alone().channels[0], valid_hz=(0.2, last))
+        one = one if asked is None else replace(one, feedback=asked)
+        with pytest.raises((BadInput, NoDesign), match=re.escape(ends.format(f"{last:g}") + then)):
+            design_controller(replace(paper_alone(), channels=(one,)), 4)

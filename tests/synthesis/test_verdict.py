@@ -18,9 +18,16 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_db_sl, felt_noise_rms_v
 from tactuator.synthesis.verdict import judge
-from tests.synthesis.displays import channel, paper_alone, paper_controller, three_finger_controller, three_fingers
+from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
+INTEGRATING = ContinuousSystem.from_polynomials([35530.0], [1.0, 50.0, 0.0])
+LATE_ZEROS = [
+    [3.6743915803758127, 0.8587773987189008, 0.12349773004586273, 1.0, -0.31354130145356096, 0.04567980925189082],
+    [6.909274769852398, -6.233145461864826, 0.04178211822763484, 1.0, -0.3314256209290082, 0.04933704714421541],
+    [1.0, -1.9756230388953753, 0.9760269877283236, 1.0, -1.9163271810016056, 0.9163271810016056],
+]
+"""What was once delivered for that plant by default requirements at 4 kHz."""
 
 
 def outcomes(verdict: Verdict) -> dict[str, str]:
@@ -161,6 +168,41 @@ def test_judge__tighter_tolerances__first_and_fourth_not_met() -> None:
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == ["i", "iv"]
 
 
+def test_judge__travel_too_short_for_threshold__first_not_met_and_why() -> None:
+    """At 2 Hz the threshold of the curve is 27 um: a travel of 20 um ends 2.7 dB below it."""
+    level_db = float(20.0 * np.log10(1e3 * channel().threshold.curve.displacement_mm(2.0)))
+    short = channel(loads=(), travel_mm=1e-3 * 10.0 ** ((level_db - 2.7) / 20.0))
+    made = paper_controller()
+    made = replace(made, channels=(replace(made.channels[0], limits=Limits(10.0, 1e-4, 55.0)),))
+    verdict = judge(made, replace(paper_alone(), channels=(short,)))
+    found = only(verdict, "i", "index", "none", "threshold less greatest level")
+    assert outcomes(verdict)["i"] == "not met"
+    assert found.value is not None
+    assert found.value >= 2.7 - 0.1
+    assert "travel stops at" in found.remark
+    assert "more travel_mm" in found.remark
+
+
+def test_judge__loop_that_lower_gain_makes_unstable__third_not_met() -> None:
+    """35530/(s^2 + 50 s) with a C whose zeros come late: the phase is -183 degrees from 1 to 10 Hz."""
+    made = design_controller(of(INTEGRATING))
+    late = replace(made.channels[0], feedback_sos=np.array(LATE_ZEROS))
+    found = only(judge(replace(made, channels=(late,))), "iii", "index", "none", "least stable gain")
+    assert found.outcome is Outcome.NOT_MET
+    assert found.value == pytest.approx(3.7151, abs=1e-3)
+    good = only(judge(made), "iii", "index", "none", "least stable gain")
+    assert (good.outcome, good.value) == (Outcome.MET, 0.0)
+
+
+def test_judge__plant_that_runs_away__least_gain_is_told() -> None:
+    maglev = ContinuousSystem([], [60.0, -60.0], 4000.0)
+    made = design_controller(of(maglev, feedback=FeedbackRequirements(sensitivity_peak=2.0, phase_margin_deg=30.0)))
+    found = only(judge(made), "iii", "index", "none", "least stable gain")
+    assert (found.outcome, found.counts) == (Outcome.NOT_JUDGED, False)
+    assert made.channels[0].report["margins"]["least_gain"] == pytest.approx(0.01 * (found.value or 0.0))
+    assert 0.0 < (found.value or 0.0) < 100.0
+
+
 def test_judge__load__worst_change_is_told_over_the_band() -> None:
     found = only(judge(three_finger_controller(), three_fingers()), "iv", "thumb", "finger", "change of |H|")
     assert found.value is not None
@@ -182,7 +224,7 @@ def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
 def test_worst__twenty_loads__one_row_for_each_channel_and_quantity() -> None:
     loads = tuple(Load(f"finger {k}", 0.01 * k, 3.0 * k, 30.0 * k) for k in range(20))
     verdict = judge(paper_controller(), replace(paper_alone(), channels=(channel(loads=loads),)))
-    assert sum(len(objective.worst()) for objective in verdict.objectives) == 5
+    assert sum(len(objective.worst()) for objective in verdict.objectives) == 7
     (told,) = verdict.objectives[3].worst()
     assert told.value == max(one.value or 0.0 for one in verdict.objectives[3].findings)
 

@@ -318,6 +318,19 @@ class Channel:
         low, high = self.valid_hz or (0.0, np.inf)
         return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
 
+    @property
+    def known_words(self) -> str:
+        """Return from where to where the plant is known, as a person reads it."""
+        low, high = self.valid_hz or (0.0, np.inf)
+        return f"the plant is known from {low:.4g} to {high:.4g} Hz only (valid_hz)"
+
+    @property
+    def unknown_words(self) -> str:
+        """Return what part of the band lies beyond what is known of the plant; empty where none does."""
+        low, high = self.threshold.band_hz
+        whole = np.all(self.is_known([low, high]))
+        return "" if whole else f"band_hz is [{low:g}, {high:g}], but {self.known_words}"
+
     def load(self, name: str) -> Load:
         """Return the load of that name. Raises BadInput if there is none."""
         for load in self.loads:

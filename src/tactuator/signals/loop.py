@@ -423,8 +423,8 @@ def phase_crossovers_hz(open_loop: System) -> FloatArray:
         factors = -1.0 / moving
         at_rest = signs[roots == 0.0]
         start = gain * _sign(-moving)
-        found = _crossed(factors, signs[roots != 0.0], at_rest, start, top, open_loop.delay_s)
-        return np.sort(found) / (2.0 * np.pi)
+        crossed = _crossed(factors, signs[roots != 0.0], at_rest, start, top, open_loop.delay_s)
+        return np.sort(crossed) / (2.0 * np.pi)
     parts, beside = [], float(np.sum(signs)) - 2.0 * open_loop.delay_samples
     for side in (1.0, -1.0):  # from rest upwards, from Nyquist downwards: L(-z) is the conjugate of L there
         stays = np.abs(1.0 - side * roots) < _AT_REST
@@ -464,8 +464,8 @@ def _crossed(
         before, after = before[holds], after[holds]
         if before.size == 0 or before.size > _INTERVALS_MAX or after[0] < before[0] * (1.0 + _NARROW):
             jumps = (most - least)[holds] > _STEP
-            found = np.sqrt(before * after)[~jumps]
-            return np.append(found, 0.0) if start < 0.0 and at_rest.size == 0 else found
+            places = np.sqrt(before * after)[~jumps]
+            return np.append(places, 0.0) if start < 0.0 and at_rest.size == 0 else places
         middle = np.sqrt(before * after)
         before, after = np.concatenate([before, middle]), np.concatenate([middle, after])
 

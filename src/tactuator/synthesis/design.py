@@ -16,7 +16,7 @@ from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, FeedForward, Limits
-from tactuator.model.description import KNOWN_EDGE, Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import channel_reasons
 from tactuator.signals.decibels import db
@@ -130,7 +130,8 @@ def feedback_candidates(
         candidates = synthesise(task)
         best = next(candidates, None)
         if best is None:
-            raise NoDesign(f"channel {channel.name!r}: {diagnosis(task)}")
+            beyond = f"{channel.unknown_words}; " if channel.unknown_words else ""
+            raise NoDesign(f"channel {channel.name!r}: {beyond}{diagnosis(task)}")
         yield best
         yield from candidates
 
@@ -293,8 +294,7 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     Whether a loop can be found for an unstable plant, or one with zeros right of the axis, is the synthesis's to say.
     """
     looped = channel.feedback.structure != "none"
-    if not looped:
-        _require_known(channel)
+    _require_known(channel, looped)
     for model, plant in enumerate((channel.plant, *channel.family)):
         where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
         _require_sound(plant, where, looped)
@@ -307,15 +307,15 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
         )
 
 
-def _require_known(channel: Channel) -> None:
-    """Raise BadInput where a prefilter would equalise what nobody measured: without a loop all rests on the plant."""
-    low, high = channel.threshold.band_hz
-    first, last = channel.valid_hz or (0.0, np.inf)
-    if low < first / KNOWN_EDGE or high > last * KNOWN_EDGE:
-        raise BadInput(
-            f"channel {channel.name!r}: band_hz is [{low:g}, {high:g}], but the plant is known from {first:.4g} to "
-            f"{last:.4g} Hz only (valid_hz); allowed without a loop: a band within that"
-        )
+def _require_known(channel: Channel, looped: bool) -> None:
+    """Raise BadInput where a prefilter would equalise what nobody measured: without a loop all rests on the plant. The
+    gain of a loop falls to one above the rejection band, and there at least it has to be known.
+    """
+    where, edge_hz = f"channel {channel.name!r}: {channel.unknown_words}", channel.feedback.rejection_band_hz[1]
+    if looped and not channel.is_known(edge_hz):
+        raise BadInput(where, f"a model that is valid at {edge_hz:g} Hz, the rejection band's edge, and over band_hz")
+    if not looped and channel.unknown_words:
+        raise BadInput(f"{where}; allowed without a loop: a band within that")
 
 
 def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:

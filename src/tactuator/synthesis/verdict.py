@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
@@ -27,7 +27,8 @@ from tactuator.model.verdict import OF_THE_LOOP, Finding, Outcome, Verdict, comp
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop, margins
 from tactuator.signals.spectra import third_octave_bands
-from tactuator.synthesis.family import UNLOADED, Member, plant_family
+from tactuator.synthesis.design import headroom, headroom_grid_hz
+from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.touch import fed_response
@@ -36,6 +37,15 @@ from tactuator.wordlength.assessment import buildable
 _POINTS = 600
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
+_WIDENS = {
+    "travel": "more travel_mm",
+    "command": "a stronger motor, a greater range_v",
+    "comfort": "more comfort_db_sl",
+}
+_LESS_GAIN = "another C: this one is unstable at lower gains, which is what a command at its limit comes to"
+_RUNS_AWAY = (
+    "told only: no loop around this plant is stable at every lower gain; below this one the guard has to end a run"
+)
 NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
 
 
@@ -105,7 +115,7 @@ class _Judge:
         return Finding(objective, self.channel.name, self.member.name, Outcome.NOT_JUDGED, quantity, remark=remark)
 
     def compared(
-        self, kind: tuple[str, str], figure: tuple[float, float, str], at_hz: float, remedy: str, *assumed: str
+        self, kind: tuple[str, str], figure: tuple[float, float, str], at_hz: float | None, remedy: str, *assumed: str
     ) -> Finding:
         """Return the finding on a figure (value, what is allowed, unit) of one kind (objective, quantity)."""
         (objective, quantity), (value, allowed, unit), rests = kind, figure, " and ".join(assumed)
@@ -119,7 +129,7 @@ class _Judge:
         frequency = _band(self.channel)
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
-            return self.open("i", "error of |H|", _known_words(self.channel))
+            return self.open("i", "error of |H|", self.channel.known_words)
         error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
@@ -130,14 +140,41 @@ class _Judge:
             return finding
         return replace(_open(finding, "told only: what a load changes is objective iv's"), counts=False)
 
+    def reach(self) -> Iterator[Finding]:
+        """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
+        grid = headroom_grid_hz(self.channel)
+        grid = grid[self.channel.is_known(grid)]
+        if grid.size:
+            room = headroom(self.channel, self.loop, grid, self.display.objectives.comfort_db_sl, self._fed(grid))
+            worst = int(np.argmin(room.level_db_sl))
+            at, level, stops = float(grid[worst]), float(room.level_db_sl[worst]), room.binding[worst]
+            remedy = f"{stops} stops at {level:.1f} dB SL: {_WIDENS[stops]}, or a band_hz without {at:.4g} Hz"
+            yield self.compared(("i", "threshold less greatest level"), (-level, 0.0, "dB"), at, remedy)
+
+    def _fed(self, frequency_hz: FloatArray) -> ComplexArray | None:
+        """Return H where a finger is fed forward, (n,), or None."""
+        fed, rate_hz = self.feed_forward, self.display.rate_hz
+        return fed_response(fed, self.channel, self.nominal, self.loop, self.member.load, frequency_hz, rate_hz)
+
+    def lower_gain(self, bears_less: bool) -> Iterator[Finding]:
+        """Judge objective iii: a command at its limit is a loop of lower gain, which has to be stable as well. Where
+        the plant does not allow that, it is told."""
+        if self.loop.feedback is not None:
+            kind, least = ("iii", "least stable gain"), 100.0 * margins(self.loop.feedback).least_gain
+            finding = self.compared(kind, (least, 0.0, "%"), None, _LESS_GAIN)
+            if bears_less or least == 0.0:
+                yield finding
+            else:
+                yield replace(_open(finding, _RUNS_AWAY), counts=False)
+
     def unknown(self) -> Iterator[Finding]:
         """Tell where band and crossover leave the frequencies at which the plant is known."""
-        if _is_beyond(self.channel):
-            yield self.open("i", "error of |H| beyond the known band", _known_words(self.channel))
+        if self.channel.unknown_words:
+            yield self.open("i", "error of |H| beyond the known band", self.channel.known_words)
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
             if not (np.isnan(crossover_hz) or self.channel.is_known(crossover_hz)):
-                words = f"the crossover is at {crossover_hz:.4g} Hz; {_known_words(self.channel)}"
+                words = f"the crossover is at {crossover_hz:.4g} Hz; {self.channel.known_words}"
                 yield self.open("iii", RESONANCE, words)
 
     def mains(self) -> Iterator[Finding]:
@@ -183,12 +220,9 @@ class _Judge:
         """Judge objective iv; the worst change over the band is told beside it. A controller that feeds forward for a
         finger is judged over the whole band, with the weights that it finds.
         """
-        asked, rate_hz = self.display.objectives, self.display.rate_hz
-        frequency = _band(self.channel)
-        response = fed_response(
-            self.feed_forward, self.channel, self.nominal, self.loop, self.member.load, frequency, rate_hz
-        )
-        response = self.loop.position_response(frequency) if response is None else response
+        asked, frequency = self.display.objectives, _band(self.channel)
+        fed = self._fed(frequency)
+        response = self.loop.position_response(frequency) if fed is None else fed
         change = db(np.abs(response) / np.abs(self.nominal.position_response(frequency)))
         edge_hz = asked.load_band_hz if self.feed_forward is None else np.inf
         low = (frequency <= edge_hz) & self.channel.is_known(frequency)
@@ -218,6 +252,7 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
     prefilter, feedback = controller.prefilter(display.rate_hz), controller.feedback(display.rate_hz)
     loops = [TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family]
     stable = [loop.feedback is None or loop.feedback.is_stable for loop in loops]
+    bears_less = bears_any_lower_gain(family)
     for member, loop, is_stable in zip(family, loops, stable, strict=True):
         judge = _Judge(channel, display, member, loop, loops[0], controller.feed_forward)
         if not is_stable:
@@ -226,9 +261,11 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
                 unstable = judge.open(number, "the closed loop is unstable", remedy)
                 yield replace(unstable, outcome=Outcome.NOT_MET)
             continue
-        yield judge.flatness()
         if member is family[0]:
             yield from judge.unknown()
+        yield judge.flatness()
+        yield from judge.reach()
+        yield from judge.lower_gain(bears_less)
         yield from judge.mains()
         yield from judge.noise()
         if member.load != UNLOADED and stable[0]:
@@ -258,16 +295,6 @@ def _band(channel: Channel) -> FloatArray:
     low, high = channel.threshold.band_hz
     points = channel.threshold.curve.frequency_hz
     return np.unique(np.append(np.geomspace(low, high, _POINTS), points[(points >= low) & (points <= high)]))
-
-
-def _is_beyond(channel: Channel) -> bool:
-    """Tell whether the band reaches beyond the frequencies at which the plant is known."""
-    return not all(channel.is_known(edge) for edge in channel.threshold.band_hz)
-
-
-def _known_words(channel: Channel) -> str:
-    low, high = channel.valid_hz or (0.0, np.inf)
-    return f"the plant is known from {low:.4g} to {high:.4g} Hz only (valid_hz)"
 
 
 def _guessed(channel: Channel, frequency_hz: float) -> list[str]:
@@ -305,7 +332,7 @@ def _findings(plants: DrawnPlants, channel: Channel, display: Display) -> Iterat
         errors = plants.flatness_db + channel.model_error_db
         flat = _judged(plants, "i", "error of |H|", errors, asked.flatness_db, "dB")
         flat = _unsure(flat, channel) if channel.model_error_db > 0.0 else flat
-        yield _open(flat, "the plant is not known over the whole band (valid_hz)") if _is_beyond(channel) else flat
+        yield _open(flat, "the plant is not known over the whole band (valid_hz)") if channel.unknown_words else flat
     if np.any(np.isfinite(plants.felt_hum_db_sl)):
         hum = _judged(plants, "ii", FELT_HUM, plants.felt_hum_db_sl, asked.mains_max_db_sl, "dB SL")
         assumed = [what for what in ("hum", "friction") if what in channel.environment.assumed]

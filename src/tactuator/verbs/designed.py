@@ -63,7 +63,9 @@ class ControllerResult(Result, Controller):
 
     def tables(self) -> Sequence[ResultTable | str]:
         columns = ("figure (worst over the loads)", *(channel.name for channel in self.channels))
+        beyond = {channel.name: channel.unknown_words for channel in self.display.channels}
         return [
+            *(f"{name}: {words}" for name, words in beyond.items() if words),
             ResultTable("Design", columns, tuple(design_rows(self.channels))),
             *self._factors(),
             *verdict_tables(self.verdict),
