@@ -9,6 +9,7 @@ from typing import Any
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.display import parse_display
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_json
 from tactuator.model.controller import FORMAT, ChannelController, Controller
 from tactuator.model.description import document_hash
@@ -28,6 +29,7 @@ def controller_text(controller: Controller) -> str:
 def read_controller(path: str | Path) -> Controller:
     """Read controller.json; BadInput, one line, if it is not one, or was changed by hand."""
     path = Path(path)
+    require_kind(path, "controller")
     try:
         document = read_json(path)
     except BadInput as error:

@@ -15,6 +15,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_text, table_rows
 from tactuator.perception.curve import (
     Provenance,
@@ -81,6 +82,7 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
+    require_kind(path, "curve")
     with _read("threshold curve", path) as (lines, rows):
         header = rows[0] if rows else []
         if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
@@ -112,6 +114,7 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path, names = Path(path), ("frequency_hz", "level_db_sl")
+    require_kind(path, "loss")
     with _read("curve", path) as (_, rows):
         if not rows or not set(names) <= set(rows[0]) or len(rows) < 2:
             got = f"columns {', '.join(rows[0]) if rows else 'nothing'}, {max(len(rows) - 1, 0)} rows"
@@ -161,6 +164,7 @@ class Pairs:
 def read_pairs(path: str | Path) -> Pairs:
     """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
     needed = ("displacement_mm", "voltage_v")
+    require_kind(Path(path), "pairs")
     with _read("pairs", Path(path)) as (_, rows):
         header = [cell.lower() for cell in rows[0]] if rows else []
         for column in needed:
@@ -194,6 +198,7 @@ def read_matrix(path: str | Path) -> NamedMatrix:
 
     Raises BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts.
     """
+    require_kind(Path(path), "matrix")
     with _read("matrix", Path(path)) as (_, rows):
         if not rows:
             raise BadInput("no rows", "a row of counts for each stimulus")

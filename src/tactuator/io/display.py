@@ -16,6 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.coupling import read_coupling
 from tactuator.io.csv_tables import resolve_curve
+from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
 from tactuator.io.record import is_response, read_foreign_response
 from tactuator.io.text import parse_toml, read_finite_json, read_text
@@ -69,6 +70,7 @@ def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
 
     Raises BadInput for a file that cannot be read, another format, a channel that is not in it, a figure out of range.
     """
+    require_kind(Path(path), "environment")
     document = read_finite_json(Path(path))
     if not isinstance(document, dict) or document.get("format") != ENVIRONMENT_FORMAT:
         raise BadInput(f"format is not {ENVIRONMENT_FORMAT!r}", "a file that `noise --write` wrote")
@@ -129,6 +131,7 @@ def read_display(path: str | Path) -> Display:
     Raises BadInput, one line, for a file that cannot be read, a key that is not known, a figure out of its range.
     """
     path = Path(path)
+    require_kind(path, "display")
     try:
         document = parse_toml(read_text(path))
     except BadInput as error:
@@ -333,6 +336,10 @@ def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
     if not isinstance(plant, str):
         return _Plant(system_of(plant, where, "plant"), _leading(plant))
     path = beside / plant
+    try:
+        require_kind(path, "model", "response")
+    except BadInput as error:
+        raise error.within(where, "plant") from None
     if path.suffix.lower() != ".json" and is_response(path):
         return _of_response(path, where, looped)
     document = _model_document(path, where)

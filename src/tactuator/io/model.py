@@ -14,6 +14,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_finite_json
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.parameters import from_table, plain
@@ -61,6 +62,7 @@ def _text(model: PlantModel, family: Sequence[ContinuousSystem], distrust: Seque
 def read_model(path: str | Path) -> PlantModel:
     """Read model.json; BadInput, one line, if it is not one."""
     path = Path(path)
+    require_kind(path, "model")
     try:
         document = read_finite_json(path)
     except BadInput as error:

@@ -14,6 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
+from tactuator.io.kinds import require_kind
 from tactuator.signals.record import FrequencyResponse, JointRecord, Record
 
 _MOST_DROPPED = 0.02
@@ -220,6 +221,7 @@ def read_record(
     first as command. The rate comes from rate_hz, the file, or the time stamps, which must agree. Raises BadInput.
     """
     path = Path(path)
+    require_kind(path, "record", "response", "sound")
     columns = read_columns(path)
     try:
         return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)

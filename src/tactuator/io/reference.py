@@ -29,6 +29,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path, write_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
+from tactuator.io.kinds import require_kind
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.parameters import Number, Positive, plain, table
@@ -194,6 +195,7 @@ class ReferenceFile:
 def open_reference(path: str | Path) -> ReferenceFile:
     """Look at a reference; BadInput, one line, if it is missing, not one, or does not say its scale."""
     path = Path(path)
+    require_kind(path, "reference", "sound")  # of a sound without a scale it is told what is missing
     check_suffix(path)
     try:
         if not path.is_file():

@@ -14,6 +14,7 @@ from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
+from tactuator.io.kinds import require_kind
 from tactuator.signals.record import Response
 
 FORMAT = "tactuator-response/1"
@@ -79,6 +80,7 @@ def _cell(value: object) -> str:
 def read_responses(path: str | Path) -> tuple[Response, ...]:
     """Read what `write_responses` wrote as HDF5; BadInput, one line, if it is not that."""
     path = Path(path)
+    require_kind(path, "measured")
     try:
         with opened_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:

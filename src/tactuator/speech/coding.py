@@ -21,6 +21,7 @@ from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import parse_toml, read_text, toml_text
 from tactuator.speech.options import CODING
 
@@ -71,6 +72,7 @@ def coding_of(name_or_path: str) -> Coding:
         coding: Coding = declared() if isinstance(declared, type) else declared
         return coding
     if not name_or_path.endswith(".toml"):
+        require_kind(Path(name_or_path), "coding")
         names = ", ".join(coding_names())
         raise BadInput(f"coding {name_or_path!r} is not known", f"{names}, or a file ending in .toml")
     return read_coding(Path(name_or_path))
@@ -78,6 +80,7 @@ def coding_of(name_or_path: str) -> Coding:
 
 def read_coding(path: Path) -> Coding:
     """Read a coding; BadInput, one line, for a file that cannot be read or lacks, doubles or mistypes a parameter."""
+    require_kind(path, "coding")
     try:
         return parse_coding(parse_toml(read_text(path)))
     except BadInput as error:

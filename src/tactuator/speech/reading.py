@@ -16,6 +16,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.io.kinds import require_kind
 from tactuator.io.sound import require_whole, without_remarks
 
 BLOCK_FRAMES = 1 << 16
@@ -63,6 +64,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
     DC), or that holds NaN or infinite samples.
     """
     path = Path(path)
+    require_kind(path, "sound")
     _check_bytes(path)
     try:
         with without_remarks(path), soundfile.SoundFile(path) as file:

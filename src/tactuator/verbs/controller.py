@@ -301,9 +301,11 @@ def image(
     >>> tt.image("image.bin", controller).is_of_controller
     True
     """
+    from tactuator.io.kinds import require_kind
     from tactuator.io.text import read_content
     from tactuator.runtime.image import REASONS, ImageRefusal, check_image
 
+    require_kind(Path(file), "image")
     try:
         content = read_content(Path(file))
     except BadInput as error:

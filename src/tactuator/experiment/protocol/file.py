@@ -10,6 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import parse_toml, read_text
 from tactuator.parameters import from_table
 
@@ -63,6 +64,7 @@ def protocol_hash(text: str) -> str:
 
 
 def _text(path: str | Path) -> str:
+    require_kind(Path(path), "protocol")
     try:
         return read_text(Path(path))
     except BadInput as error:

@@ -16,6 +16,7 @@ from sqlalchemy.exc import DatabaseError, OperationalError
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
+from tactuator.io.kinds import require_kind
 
 
 @contextmanager
@@ -125,6 +126,7 @@ class Store:
         self.path = Path(path)
         if must_exist and not self.path.is_file():
             raise BadInput(f"store {path} is not there", "the file of an experiment's database")
+        require_kind(self.path, "store")
         if not self.path.parent.is_dir():
             raise BadInput(f"store {path}: its folder is not there", "a place in a folder that exists")
         if not must_exist:
