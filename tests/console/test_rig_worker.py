@@ -119,7 +119,7 @@ def test_rest__after_live__is_idle_and_live_goes_on_with_the_next_number(ordered
     ordered.until(lambda: len(ordered.rows) > before)
 
 
-def test_measure__is_told_point_by_point_against_what_the_model_expects(ordered, controller):
+def test_measure__is_told_point_by_point_as_felt_less_asked_and_what_of_it_the_model_expects(ordered, controller):
     order = rig_orders.MeasureOrder(
         controller,
         rig_orders.MeasureSettings(
@@ -134,7 +134,11 @@ def test_measure__is_told_point_by_point_against_what_the_model_expects(ordered,
     assert len(points[-1].csv.splitlines()) == 4
     ordered.until(lambda: ordered.standing.mode == "idle")
     shown = points[-1].document["responses"][0]
-    assert np.abs(np.subtract(shown["level_db_sl"], shown["expected_db_sl"])).max() < 1.5
+    felt_less_asked = np.subtract(shown["level_db_sl"], shown["asked_db_sl"])
+    np.testing.assert_allclose(shown["error_db"], felt_less_asked, atol=1e-12)
+    np.testing.assert_allclose(np.add(shown["model_db"], shown["unpredicted_db"]), shown["error_db"], atol=1e-12)
+    assert shown["worst_first"] == np.argsort(-np.abs(felt_less_asked)).tolist()
+    assert np.abs(shown["unpredicted_db"]).max() < 1.5
 
 
 def test_measurement__that_is_stopped__ends_within_a_point_and_leaves_what_it_has(ordered, controller):

@@ -26,7 +26,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
-from tactuator.perception.curve import check_level
+from tactuator.perception.curve import AMPLITUDE_JND_DB, check_level
 from tactuator.signals.decibels import db
 from tactuator.synthesis.design import design_controller
 
@@ -239,7 +239,8 @@ class RigSession:
         high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
         curves = expected_curves(self.loaded_controller(), level_db_sl, frequency_hz)
-        return {"frequency_hz": frequency_hz.tolist(), "curves": curves}
+        asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB}
+        return {"frequency_hz": frequency_hz.tolist(), "curves": curves} | asked
 
     def _record(self, request: Save) -> Answer:
         """Return the samples of a channel as the text of a record, which `identify` reads."""

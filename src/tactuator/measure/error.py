@@ -147,6 +147,12 @@ class ResponseLevels:
         return np.abs(self.error_db) / AMPLITUDE_JND_DB
 
     @property
+    def worst_first(self) -> list[int]:
+        """Return the places of the points, the one with the greatest error first."""
+        places: list[int] = np.argsort(-np.abs(self.error_db), kind="stable").tolist()
+        return places
+
+    @property
     def model_db(self) -> FloatArray:
         """Return the part of the error that the model expects, dB: predicted less asked."""
         return self.predicted_db_sl - self.asked_db_sl

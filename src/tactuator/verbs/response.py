@@ -329,7 +329,7 @@ class MeasuredResponses(Result):
         import numpy as np
 
         rows: list[tuple[str, ...]] = []
-        for k in np.argsort(-np.abs(levels.error_db), kind="stable"):
+        for k in levels.worst_first:
             magnitude_v = response.magnitude_v[k]
             ratio = response.distortion_v[k] / magnitude_v if magnitude_v > 0.0 else np.inf
             cells = (

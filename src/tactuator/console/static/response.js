@@ -1,4 +1,4 @@
-// The response, measured at the rig point by point, against the level that the controller's model expects.
+// The response, measured at the rig point by point: what is felt, less what was asked; what of it the model expects.
 import { Chart } from "./chart.js";
 import { command, digits, make, say } from "./dom.js";
 import { Loader } from "./loader.js";
@@ -30,7 +30,7 @@ export default class Response {
     this.begin = make("button", { type: "button", id: "measure", class: "first", onclick: () => this.measure() }, "Measure");
     this.save = make("a", { id: "save-response", download: "response.csv", hidden: "" }, "Save response.csv");
     this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }) };
-    this.chart = new Chart("Level (dB SL) over frequency (Hz): expected as lines, measured as points", { height: 300, log: true, unit: "dB SL" });
+    this.chart = new Chart("Felt level (dB SL) over frequency (Hz): asked as a line within a just-noticeable difference, measured as points, what the model expects dashed", { height: 300, log: true, unit: "dB SL" });
     this.view.replaceChildren(make("h1", {}, `Response of ${display}`), this.rig.bar, this.loader.box,
       make("div", { class: "panel" }, make("h2", {}, "Measure"), make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains),
         make("div", { class: "bar" }, make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
@@ -81,14 +81,22 @@ export default class Response {
   draw() {
     const channel = this.shown.value, curves = (this.expected?.curves ?? []).filter((one) => one.channel === channel), loads = curves.map((one) => one.load);
     const hue = (load) => LOADS[Math.max(0, loads.indexOf(load)) % LOADS.length], named = (load) => (load === "none" ? "free" : load);
-    const lines = curves.map((one) => ({ name: `expected, ${named(one.load)}`, hue: hue(one.load), x: this.expected.frequency_hz, y: one.level_db_sl, dash: one.load === "none" ? [] : [7, 4] }));
+    const lines = curves.map((one) => ({ name: `the model expects, ${named(one.load)}`, hue: hue(one.load), x: this.expected.frequency_hz, y: one.level_db_sl, dash: one.load === "none" ? [3, 3] : [7, 4] }));
     const found = [...this.kept, this.points].filter(Boolean).flatMap((one) => one.document.responses).filter((one) => one.channel === channel);
-    const points = found.map((one) => ({ name: `measured, ${named(one.load)}`, hue: hue(one.load), x: one.frequency_hz, y: one.level_db_sl, points: true }));
-    this.chart.show([...lines, ...points]);
+    const points = found.map((one) => ({ name: `felt, ${named(one.load)}`, hue: hue(one.load), x: one.frequency_hz, y: one.level_db_sl, points: true }));
+    this.chart.show([...this.asked(found), ...lines, ...points]);
     const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2));
-    this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}`),
-      make("thead", {}, make("tr", {}, ...["Hz", "dB SL", "expected", "difference, dB", "± dB", "cut"].map((text) => make("th", { scope: "col", class: "number" }, text)))),
-      make("tbody", {}, ...rows.frequency_hz.map((hz, k) => make("tr", {}, cell(digits(hz)), cell(told(rows.level_db_sl[k])), cell(told(rows.expected_db_sl[k])), cell(told(rows.level_db_sl[k] === null || rows.expected_db_sl[k] === null ? null : rows.level_db_sl[k] - rows.expected_db_sl[k])), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
+    this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}, ${digits(rows.asked_db_sl)} dB SL asked: the largest error first`),
+      make("thead", {}, make("tr", {}, ...["Hz", "felt, dB SL", "felt less asked, dB", "JND", "± dB", "of this, from the model", "cut"].map((text) => make("th", { scope: "col", class: "number" }, text)))),
+      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(told(rows.model_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
+  }
+
+  // the level that was asked for, of the points or else of the input, with what can just be told from it
+  asked(found) {
+    if (!this.expected) return [];
+    const { frequency_hz, asked_db_sl, jnd_db } = this.expected, level = found.at(-1)?.asked_db_sl ?? asked_db_sl, all = (value) => frequency_hz.map(() => value);
+    return [{ name: `within a just-noticeable difference (${digits(jnd_db)} dB)`, x: frequency_hz, y: all(level), hue: "load", band: [all(level - jnd_db), all(level + jnd_db)] },
+      { name: `asked, ${digits(level)} dB SL`, x: frequency_hz, y: all(level), hue: "faint", width: 1.2 }];
   }
 
   resize() { this.chart?.draw(); }
