@@ -1,6 +1,6 @@
-"""The site's tutorials, run when it is built: what a block printed stands beneath it, and its figures are shown.
+"""Tutorials and gallery of the site, run when it is built: what a block printed stands beneath it, as do its figures.
 
-A tutorial is run again when its text, the package or the core changed; else what it said before is taken.
+A page is run again when its text, the package or the core changed; else what it said before is taken.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from tools.pages.run import PageFault, Said, make_folder, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / "out" / "site-cache" / "tutorials"
-TUTORIALS = "docs/tutorials/"
+SHOWN = ("docs/tutorials/", "docs/gallery")
 LONGEST = 60  # lines of an output; the rest is left out, and said
 
 
@@ -88,7 +88,7 @@ def _shown(output):
 
 
 def _run_tutorial(app, page, source):
-    if app.config.run_tutorials and page.startswith(TUTORIALS) and not page.endswith("README"):
+    if app.config.run_tutorials and page.startswith(SHOWN) and not page.endswith("README"):
         said, folder = executed(page, app.tactuator_sources)
         source[0] = with_outputs(source[0], said, folder)
 
