@@ -55,7 +55,14 @@ class TactuatorError(Exception):
 
 
 class BadInput(TactuatorError, ValueError):
-    """Input that cannot be used."""
+    """Input that cannot be used. The message says what was got and what is allowed.
+
+    >>> try:
+    ...     tt.read_display("model.json")
+    ... except tt.BadInput as error:
+    ...     print(type(error).__name__)
+    BadInput
+    """
 
 
 class NoDesign(TactuatorError, ValueError):

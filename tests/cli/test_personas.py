@@ -96,7 +96,7 @@ def test_open_loop_lra__with_a_finger__seven_db_off_is_told_and_never_met(tmp_pa
         "build": "met",
     }
     only_told, reached = told(found, "i", "finger")
-    assert only_told == ("not judged", "told only: what a load changes is objective iv's")
+    assert only_told == ("not judged", "for information only: objective iv judges what a load changes")
     assert reached == ("met", "")
     loaded = next(one for one in found["objectives"]["i"]["findings"] if one["load"] == "finger")
     assert loaded["value"] == pytest.approx(7.04, abs=0.05)
@@ -126,7 +126,7 @@ def test_open_loop_lra__measured_under_the_finger__told_only(tmp_path: Path, ans
     assert (status, found["outcome"]) == (0, "not judged")
     ((outcome, remark),) = told(found, "i", "finger")
     assert outcome == "not judged"
-    assert remark.startswith("told only")
+    assert remark.startswith("for information only")
 
 
 def test_open_loop_lra__measured_off_its_curve__not_met_and_status_1(tmp_path: Path, answers: Answers) -> None:

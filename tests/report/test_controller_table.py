@@ -2,8 +2,10 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.report.tables import design_rows, finding_row, remark_lines
+from tactuator.report.tables import design_rows, finding_row, load_words, remark_lines
 
 REPORT = {
     "margins": {
@@ -52,7 +54,18 @@ def test_finding_row__with_a_value__prints_two_digits_and_four_of_the_frequency(
 
 def test_finding_row__without_a_value__has_empty_cells():
     found = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
-    assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "none")
+    assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "free")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("none", "free"), ("finger", "finger"), ("none, model 2", "free, plant 2 of the family"),
+        ("finger, model 3", "finger, plant 3 of the family"),
+    ],
+)  # fmt: skip
+def test_load_words__load_and_member_of_a_family__are_plain(name: str, words: str):
+    assert load_words(name) == words
 
 
 def test_remark_lines__the_same_of_three_objectives__one_line():

@@ -56,7 +56,7 @@ def test_judge__flatness_under_a_load__told_and_not_judged() -> None:
     assert found.outcome is Outcome.NOT_JUDGED
     assert found.value is not None
     assert found.value > 1.0
-    assert "told only" in found.remark
+    assert "for information only" in found.remark
 
 
 def test_judge__hum__felt_through_t() -> None:

@@ -179,7 +179,7 @@ def _finding(response: Response, display: Display) -> Finding:
     value, at = float(error[worst]), float(response.frequency_hz[worst])
     finding = compared("i", response.channel, response.load, "error of |H|", value, allowed, "dB", at)
     if response.load != "none":
-        remark = "told only: what a load changes is objective iv's"
+        remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)
     beside = f"confidence {doubt[worst]:.2g} dB"
     if bool(np.any(response.saturated)):

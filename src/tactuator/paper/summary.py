@@ -191,7 +191,11 @@ def _person_rows(study: PaperStudy) -> list[Row]:
     speech = study.spoken.report
     return [
         ("trials a run", "60-90", f"{trials.mean():.0f} (5-95 %: {low:.0f}-{high:.0f})"),
-        ("threshold less the observers' truth", "unknown", f"{bias:+.2f} dB, standard deviation {spread:.2f} dB"),
+        (
+            "measured minus true threshold of the simulated subjects",
+            "unknown",
+            f"{bias:+.1f} dB, standard deviation {spread:.1f} dB",
+        ),
         (
             "new curve against the library's",
             "higher at low, lower at high frequencies",

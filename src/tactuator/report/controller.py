@@ -32,6 +32,7 @@ from tactuator.report.style import (
     line_style,
     phase_deg,
 )
+from tactuator.report.tables import load_words
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
@@ -80,7 +81,7 @@ def headroom_plate(rooms: Mapping[str, Headroom]) -> Plate:
     rows: list[tuple[object, ...]] = []
     seen: set[str] = set()
     for index, (load, room) in enumerate(rooms.items()):
-        style = {"color": INK, "linewidth": 0.9, "linestyle": line_style(index), "label": _load_words(load)}
+        style = {"color": INK, "linewidth": 0.9, "linestyle": line_style(index), "label": load_words(load)}
         axes.plot(room.frequency_hz, room.level_db_sl, **style, zorder=2)
         for limit, colour in _LIMIT_COLOURS.items():
             bound = np.array(room.binding) == limit
@@ -143,7 +144,7 @@ def sensitivity_plate(
         curves = (("S", BLUE, FeedbackLoop.sensitivity), ("T", RED, FeedbackLoop.complementary))
         for symbol, colour, response in curves:
             levels = np.array([db(response(loops[name], frequency)) for name in names])
-            label = f"|{symbol}|, {_load_words(load)}"
+            label = f"|{symbol}|, {load_words(load)}"
             axes.plot(frequency, levels[0], color=colour, linestyle=line_style(index), label=label)
             table[f"{symbol} {load} dB"] = levels[0].tolist()
             if len(names) > 1:
@@ -309,7 +310,3 @@ def _by_load(names: Sequence[str]) -> dict[str, list[str]]:
     for name in names:
         loads.setdefault(name.split(", model ")[0], []).append(name)
     return loads
-
-
-def _load_words(load: str) -> str:
-    return "no load" if load == "none" else load

@@ -51,7 +51,14 @@ def finding_row(finding: Finding) -> tuple[str, ...]:
     value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.value:.2f}{unit}"
     allowed = "" if finding.allowed is None else f"{finding.allowed:g}{unit}"
     at = "" if finding.frequency_hz is None else f"{finding.frequency_hz:.4g} Hz"
-    return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, finding.load
+    return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, load_words(finding.load)
+
+
+def load_words(name: str) -> str:
+    """Return a load, or a plant of the family under it (`finger, model 2`), as a person reads it."""
+    load, _, model = name.partition(", model ")
+    words = "free" if load == "none" else load
+    return f"{words}, plant {model} of the family" if model else words
 
 
 def remark_lines(findings: Iterable[Finding]) -> list[str]:
@@ -90,7 +97,12 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
-_SAID_BY = {"data": "by the data", "file": "by the record's own file", "asked": "as asked for"}
+_BETWEEN = {
+    "zero-order": "held constant (zero-order hold)",
+    "first-order": "joined by straight lines (first-order hold)",
+    "band-limited": "smooth, through a filter (band-limited)",
+}
+_SAID_BY = {"data": "as the data show", "file": "as the record's file says", "asked": "as you said"}
 
 
 def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
@@ -124,12 +136,12 @@ def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterat
 def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield what is to be known of the record, and how well the model follows it."""
     model = fit.model
-    sure = "" if fit.between.certain else " (cannot be told; the band holds both)"
-    yield "command between samples", f"{fit.between.hold}, {_SAID_BY[fit.between.source]}{sure}"
+    sure = "" if fit.between.certain else "; not certain, so the band covers the other as well"
+    yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {_SAID_BY[fit.between.source]}{sure}"
     yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[fit.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
-    yield "order of excitation by the command", str(fit.excitation.order)
+    yield "coefficients that the command can tell apart", str(fit.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
     yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(fit.frequency_hz()))):.2g}"

@@ -28,6 +28,10 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     spec: NAME or NAME:REST; for `board` REST is a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises
     BadInput for another name, or for what is missing (the emulator, the cross-compiler, pyserial, PortAudio, the card),
     and DeviceFault where a port or a card cannot be opened.
+
+    >>> with tt.open_rig("in-process", controller.display, seed=1) as board:
+    ...     print(board.channels)
+    ('index', 'thumb', 'middle')
     """
     name, _, rest = spec.partition(":")
     if name not in plugins(RIGS):

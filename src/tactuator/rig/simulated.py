@@ -104,7 +104,11 @@ class ComputedRig(Rig):
 
 
 class SimulatedRig(ComputedRig):
-    """The simulated `display` as a rig, blind but for its sensor. The same seed gives the same numbers."""
+    """The simulated `display` as a rig, blind but for its sensor. The same seed gives the same numbers.
+
+    >>> tt.SimulatedRig(controller.display, seed=1)
+    <SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, no controller yet>
+    """
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)

@@ -126,7 +126,7 @@ class _Judge:
 
     def flatness(self) -> Finding:
         """Judge objective i, with what the plant's magnitude may be off, over the frequencies where the plant is known;
-        under a load, where feedback cannot help above its bandwidth, the figure is told only.
+        under a load, where feedback cannot help above its bandwidth, the figure is for information only.
         """
         frequency = _band(self.channel)
         frequency = frequency[self.channel.is_known(frequency)]
@@ -140,7 +140,7 @@ class _Judge:
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
             return finding
-        return replace(_open(finding, "told only: what a load changes is objective iv's"), counts=False)
+        return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
