@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
-
-import h5py
+from typing import TYPE_CHECKING, Any
 
 from tactuator.errors import BadInput
+
+if TYPE_CHECKING:
+    import h5py
 
 _CPU_S, _WALL_S = 4, 9
 _MEMORY_BYTES = 640 << 20
@@ -36,6 +37,8 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     Raises BadInput, without the file's name, for one on which the library crashes or comes to no end; OSError and
     whatever else the library raises on a file that is not sound.
     """
+    import h5py
+
     require_survivable(lambda: _look_through(path))
     with h5py.File(path, "r") as file:
         yield file
@@ -119,6 +122,8 @@ def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
     Left to itself the library ends in a segmentation fault on a full disk, and takes a write that Ctrl-C has kept from
     being made for one that was: an end is held until the next check.
     """
+    import h5py
+
     with EndsHeld() as ends, _Disk(path, "w+") as disk:
         with h5py.File(disk, "w") as file:
             written = WrittenHdf5(file, disk, ends)
@@ -171,6 +176,8 @@ def _limit_memory() -> None:
 
 
 def _look_through(path: Path) -> None:
+    import h5py
+
     with h5py.File(path, "r") as file:
         _look(file)
         file.visititems(lambda _, item: _look(item))
@@ -191,6 +198,8 @@ def _look_at_attributes(item: Any) -> None:
 
 
 def _look_at_ends(item: Any) -> None:
+    import h5py
+
     if isinstance(item, h5py.Dataset):
         item[(slice(0, 1),) * item.ndim]
         item[(slice(-1, None),) * item.ndim]

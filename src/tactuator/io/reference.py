@@ -17,9 +17,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import h5py
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
@@ -34,6 +33,9 @@ from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.parameters import Number, Positive, plain, table
 from tactuator.table import brief
+
+if TYPE_CHECKING:
+    import h5py
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
@@ -187,6 +189,8 @@ class ReferenceFile:
                 if read < self.frames:
                     raise BadInput(f"reference {self.path}: {read} of {self.frames} frames", "a whole file")
         else:
+            import h5py
+
             with h5py.File(self.path) as file:
                 for start in range(0, self.frames, block_frames):
                     yield _finite(_rows(file["reference"], start, block_frames, self.path), self.path)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from tactuator import __version__
@@ -16,6 +15,9 @@ from tactuator.io.atomic import atomic_path
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.signals.record import Response
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "tactuator-response/1"
 MOST_POINTS = 1_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,14 @@ def _delayed(sos: FloatArray, samples: int) -> FloatArray:
             row[:3] = np.roll(row[:3], 1)
             samples -= 1
     return sos
+
+
+@lru_cache(maxsize=8)
+def _on_circle(frequency_hz: bytes, shape: tuple[int, ...], rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
+    """Return z at the frequencies, and z - 1: the systems of a loop are asked at the same ones, one after the other."""
+    frequency = np.frombuffer(frequency_hz).reshape(shape)
+    z = np.exp(2j * np.pi * frequency / rate_hz)
+    return z, backward_difference(frequency, rate_hz) * z
 
 
 class _System:
@@ -201,11 +210,9 @@ class SampledSystem(_System):
     def fraction(self, frequency_hz: ArrayLike) -> Fraction:
         """Return the numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
-        z = np.exp(2j * np.pi * frequency / self.rate_hz)
-        # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
-        step = backward_difference(frequency, self.rate_hz) * z
+        z, step = _on_circle(frequency.tobytes(), frequency.shape, self.rate_hz)
         numerator = self.gain * z ** (-float(self.delay_samples))
-        for zero in self.zeros:
+        for zero in self.zeros:  # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
             numerator = numerator * ((1.0 - zero) + step)
         denominator = np.ones(z.shape, dtype=np.complex128)
         for pole in self.poles:

@@ -114,18 +114,19 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     keep = float(from_db(-SAFETY_DB))
     command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
     frequency = scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz)
-    heard = frequency <= QUIET_ABOVE_HZ
-    constraints, gain = [], 1.0
+    heard, quiet = frequency <= QUIET_ABOVE_HZ, _quiet(frequency)
+    constraints, gain, weight = [], 1.0, channel.threshold.curve.displacement_mm(frequency)
     for load in (None, *(load.name for load in channel.loads)):
         prediction = ChannelPrediction.of(controller, name, load)
-        felt = prediction.felt(frequency)
+        displacement = prediction.displacement(frequency)
+        felt = displacement / weight
         gain = max(gain, float(np.abs(felt[heard]).max()))
         for kind, response, limit in (
             ("comfort", felt, comfort),
-            ("travel", prediction.displacement(frequency), keep * channel.travel_mm),
+            ("travel", displacement, keep * channel.travel_mm),
             ("command", prediction.command(frequency), command_v),
         ):
-            norm = _norm(response, frequency, size)
+            norm = float(np.abs(scipy.fft.irfft(response * quiet, size)).sum())
             coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
             constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
     peak = 0.25 * np.pi * comfort / gain
@@ -133,13 +134,10 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     return ChannelLimits(name, peak, tuple(binding))
 
 
-def _norm(response: ComplexArray, frequency: FloatArray, size: int) -> float:
-    """Return the sum of absolute values of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet
-    reference cannot tell the difference.
-    """
+def _quiet(frequency: FloatArray) -> FloatArray:
+    """Return a low-pass that is 1 up to 320 Hz: a quiet reference cannot tell the difference."""
     fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
-    kernel = scipy.fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
-    return float(np.abs(kernel).sum())
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * fall))
 
 
 ATTACK_DB_PER_MS = 0.25
