@@ -259,6 +259,31 @@ def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit],
     return Choice(choice.hold, best, near, problem)
 
 
+def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bool]) -> Choice:
+    """Return the choice with a form of fewest parameters whose response cannot be told from that of the chosen one:
+    those that were fitted, then those that are simpler by a pole, a zero or a dead time, one after the other.
+
+    is_within: whether a fit's response lies within the band of the chosen one.
+    """
+    alike = [fit for fit in choice.fits.values() if is_within(fit)]
+    now = min([choice.fit, *alike], key=lambda fit: (fit.form.count, fit.cost))
+    simpler: SpectralFit | None = now
+    while simpler is not None:
+        now = simpler
+        simpler = next(filter(is_within, _fitted_simpler(choice.problem, now, known)), None)
+    return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now})
+
+
+def _fitted_simpler(problem: SpectralProblem, fit: SpectralFit, known: Known) -> Iterator[SpectralFit]:
+    """Yield fits of the forms of fewer parameters beside the fit's."""
+    for form, theta in _simpler(fit):
+        if form.count < fit.form.count and known.allows(form):
+            delay = fit.delay if form.dead_time or known.delay_s is not None else 0.0
+            fitted = problem.descend(form, theta, delay, most=12)
+            if fitted is not None:
+                yield fitted
+
+
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
     """Return the other fits that are not far behind, gone on with for the problem's weights."""
     near = [fit for fit in fits.values() if _score(problem, fit) < _score(problem, best) + 60.0]
@@ -324,10 +349,10 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
         yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(cancelled)
     without_far, without_slow = fewer_poles(free_poles(fit.theta, form))
     if without_far is not None and without_slow is not None and form.poles > 1:
-        less = replace(form, poles=form.poles - 1) if form.zeros <= form.poles - 1 else None
-        if less is not None and form.zeros <= form.poles - 2:
-            yield less, sections_of(without_far)
-            yield replace(less, dead_time=True), sections_of(without_far)
+        if form.zeros < form.poles:
+            yield replace(form, poles=form.poles - 1), sections_of(without_far)
+        if form.zeros < form.poles - 1:
+            yield replace(form, poles=form.poles - 1, dead_time=True), sections_of(without_far)
         if form.zeros > form.origin_zeros:
             yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(without_slow)
     if form.zeros > form.origin_zeros:

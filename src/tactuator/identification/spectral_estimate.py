@@ -31,7 +31,8 @@ from tactuator.identification.lines import (
     weights,
 )
 from tactuator.identification.residual import Residual, joint_misfit, record_residual
-from tactuator.identification.search import COMPARED, Choice, choose, propose
+from tactuator.identification.search import COMPARED, Choice, choose, propose, simplest
+from tactuator.identification.uncertainty import indistinct
 
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
@@ -111,7 +112,7 @@ def estimate(
         for hold in sorted(holds, key=lambda choice: starts[choice][0].cost):
             note(f"fitting the record as {hold}")
             judged.append(_searched(given, taken, starts[hold], hold, wanted, judged))
-        return _decided(judged, holds, local, taken)
+        return _simplest(_decided(judged, holds, local, taken), wanted)
 
     free = best_of(proposals, known.without_values)
     if known == known.without_values:
@@ -198,7 +199,7 @@ def estimate_lines(
         proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
         choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
         judged = [_Judged(choice, (), 2.0 * choice.fit.cost + choice.price) for choice in choices]
-        return _decided(judged, holds, local, taken)
+        return _simplest(_decided(judged, holds, local, taken), wanted)
 
     free = best_of(known.without_values)
     return free if known == known.without_values else replace(best_of(known, free), free=free)
@@ -268,6 +269,15 @@ def _decided(
     return SpectralEstimate(
         best.choice, other.choice, certain, advantage, local, taken, best.residuals, other.residuals, flanks=flanks
     )
+
+
+def _simplest(estimated: SpectralEstimate, known: Known) -> SpectralEstimate:
+    """Return the estimate with the simplest form whose response lies within the band of the best one's."""
+    chosen = simplest(estimated.chosen, known, indistinct(estimated.chosen, estimated.local))
+    if chosen is estimated.chosen:
+        return estimated
+    residuals = record_residual(chosen, estimated.spectra) if estimated.residuals else ()
+    return replace(estimated, chosen=chosen, residuals=residuals)
 
 
 def _flanks(taken: Sequence[Spectrum], residuals: Sequence[Residual]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +70,24 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
 def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     variances = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
     return np.maximum(variances[0], 0.0), np.maximum(variances[1], 0.0)
+
+
+def indistinct(choice: Choice, local: LocalResponse) -> Callable[[SpectralFit], bool]:
+    """Return what tells whether a fit's response lies within the band of the chosen one wherever the record shows its
+    own response: the noise, other forms, and what the form does not follow; no band is narrower than `FLOOR`.
+    """
+    hertz, best = local.frequency_hz, choice.fit
+    wanted, beyond = best.response(hertz), other_forms(choice, hertz)
+    rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, hertz), hertz))
+    own = _variances(log_slopes(best, hertz), information(choice.problem, best))
+    pairs = zip(own, (beyond.magnitude, beyond.phase_rad), strict=True)
+    reach = [1.959964 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
+
+    def is_within(fit: SpectralFit) -> bool:
+        away = np.log(fit.response(hertz) / wanted)
+        return bool(np.all(np.abs(away.real) <= reach[0]) and np.all(np.abs(away.imag) <= reach[1]))
+
+    return is_within
 
 
 def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, frequency_hz: FloatArray) -> FloatArray:
