@@ -101,6 +101,68 @@ def test_read_display__what_a_response_cannot_be__refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
+def model(folder: Path, name: str, gain: float, **other: object) -> None:
+    table = {
+        "num": [gain],
+        "den": [1.0, 94.0, 290.0],
+        "delay_s": 0.0,
+        "quantity": "displacement",
+        "valid_hz": [0.2, 400],
+    }
+    table |= {"units": {"command": "V", "position": "V"}, "record": {"rate_hz": 4000.0}} | other
+    (folder / f"{name}.json").write_text(json.dumps(table))
+
+
+def read_list(folder: Path, plants: str) -> Display:
+    text = TEXT.replace('"{plant}"', plants).format(structure="integrator-lead-lag", low=0.4, high=300, more="")
+    (folder / "display.toml").write_text(text.replace("1.0\ntravel_mm", "0.2\ntravel_mm"))
+    return read_display(folder / "display.toml")
+
+
+def test_read_display__several_models__designed_for_all_and_each_named(tmp_path: Path) -> None:
+    model(tmp_path, "cold", 2500.0, family=[{"num": [2510.0], "den": [1.0, 94.0, 290.0]}])
+    model(tmp_path, "hot", 3100.0, valid_hz=[0.1, 350])
+    display = read_list(tmp_path, '["cold.json", "hot.json"]')
+    one = display.channels[0]
+    assert one.models == ("cold", "cold", "hot")
+    assert one.valid_hz == (0.2, 350.0)
+    assert parse_display(display_document(display)) == display
+    controller = design_controller(display)
+    names = ("none, cold", "none, cold, model 1", "none, hot")
+    assert controller.channels[0].designed_for == names
+    flatness = judge(controller).objectives[0]
+    assert {finding.load for finding in flatness.findings} == set(names)
+    rows = [finding for finding in flatness.worst() if finding.quantity == "error of |H|"]
+    assert [finding.model for finding in rows] == ["cold", "hot"]
+    hot = next(finding for finding in flatness.of("tip", "none, hot") if finding.quantity == "error of |H|")
+    alone = judge(controller, read_list(tmp_path, '["hot.json"]')).objectives[0].findings[0]
+    assert hot.value == pytest.approx(alone.value)
+
+
+@pytest.mark.parametrize(
+    ("plants", "other", "words"),
+    [
+        ("[]", {}, r"plant is \[\]; allowed: paths of model files, each name once"),
+        ('["cold.json", "cold.json"]', {}, "each name once"),
+        ('["cold.json", 7]', {}, "paths of model files"),
+        ('["cold.json", "response.csv"]', {}, "a response, for which no loop"),
+        ('["cold.json", "hot.json"]', {"quantity": "velocity"}, "quantity is 'velocity'; allowed: that of cold"),
+        ('["cold.json", "hot.json"]', {"units": {"command": "V", "position": "mm"}}, "'mm'}; allowed: that of cold"),
+        ('["cold.json", "hot.json"]', {"record": {"rate_hz": 8000.0}}, "rate_hz is 8000.0; allowed: that of cold"),
+        ('["cold.json", "hot.json"]', {"valid_hz": [500, 600]}, "valid at no frequency in common"),
+    ],
+    ids=["none", "twice", "a number", "a response", "quantity", "unit", "rate", "band"],
+)
+def test_read_display__models_that_are_not_of_one_display__refused(
+    folder: Path, plants: str, other: dict[str, object], words: str
+) -> None:
+    model(folder, "cold", 2500.0)
+    model(folder, "hot", 3100.0, **other)
+    with pytest.raises(BadInput, match=words) as refused:
+        read_list(folder, plants)
+    assert "\n" not in str(refused.value)
+
+
 def test_design__band_beyond_the_response__refused(folder: Path) -> None:
     with pytest.raises(BadInput, match=r"known from 7.9 to 305 Hz only \(valid_hz\); allowed without a loop"):
         design_controller(read(folder, low=4.0))

@@ -18,6 +18,7 @@ from tactuator.signals.loop import (
     closed_poles,
     closed_roots,
     is_stable,
+    least_gain,
     margins,
 )
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -102,6 +103,40 @@ def test_margins__conditionally_stable_loop__gain_may_fall_only_so_far() -> None
     found = margins(FeedbackLoop(ContinuousSystem([-1.0, -1.0], [0.0, 0.0, 0.0], 2.0), UNITY))
     assert found.gain_reduction_db == pytest.approx(-12.0412, abs=1e-3)
     assert found.gain_margin_db == np.inf
+
+
+@given(
+    natural=st.floats(2e-3, 1.0),
+    damping=st.floats(0.01, 1.0),
+    zeros=st.floats(2e-3, 0.5),
+    integrators=st.integers(1, 3),
+    delay=st.integers(0, 2),
+    crossover=st.floats(2e-3, 0.05),
+)
+def test_least_gain__any_stable_loop__is_where_roots_leave_the_circle(
+    natural: float, damping: float, zeros: float, integrators: int, delay: int, crossover: float
+) -> None:
+    """Against the closed poles at 60 gains, and just above and below the least gain itself."""
+    pair = np.exp(natural * (-damping + 1j * np.array([1.0, -1.0]) * np.sqrt(1.0 - damping**2)))
+    unit = SampledSystem([np.exp(-zeros)] * 2, [*pair, *[1.0] * integrators], 1.0, 1.0, delay)
+    loop = SampledSystem(unit.zeros, unit.poles, 1.0 / abs(complex(unit.response(crossover))), 1.0, delay)
+
+    def is_stable_at(gain: float) -> bool:
+        return is_stable(SampledSystem(loop.zeros, loop.poles, loop.gain * gain, 1.0, delay))
+
+    if not is_stable(loop):
+        return
+    least = least_gain(loop)
+    assert all(is_stable_at(gain) for gain in np.geomspace(max(1.001 * least, 1e-4), 1.0, 60))
+    if least > 1e-4:
+        assert not is_stable_at(0.999 * least)
+
+
+def test_least_gain__plant_that_falls_over__is_the_gain_that_holds_it() -> None:
+    """L(0) = -2.5 of g / (s^2 - a^2) with a lead: below 0.4 of its gain the spring wins."""
+    loop = ContinuousSystem([-20.0], [10.0, -10.0, -400.0], 2.5 * 100.0 * 400.0 / 20.0)
+    assert least_gain(loop) == pytest.approx(0.4)
+    assert least_gain(zero_order_hold(loop, 4000.0)) == pytest.approx(0.4, rel=1e-6)
 
 
 def test_margins__dead_time__delay_margin_of_an_integrator() -> None:

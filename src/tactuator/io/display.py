@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -235,6 +235,7 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
         finger=channel.finger or channel.name,
         loads=tuple(_scaled(load, plant.scale) for load in channel.loads),
         family=channel.family + plant.family,
+        models=channel.models or plant.models,
         covariance=covariance,
         valid_hz=channel.valid_hz or plant.valid_hz,
         model_error_db=channel.model_error_db if "model_error_db" in mine else plant.error_db,
@@ -309,10 +310,10 @@ class _Plant:
     """A plant with what its file says of it.
 
     scale: the leading coefficient its file gave the denominator (loads are in its units). family: plants that
-    identification cannot tell from it. model: the document of model.json, None where the plant is no such file.
-    valid_hz: where it says something of the mechanism, None: not known. error_db: what its magnitude may be off there,
-    most of all between the two frequencies unsure_hz. recorded: what it came from.
-    is_response: whether it was made of a response by itself.
+    identification cannot tell from it, and of a list of files all others; models: whose each is then. model: the
+    document of model.json, None where the plant is no such file. valid_hz: where it says something of the mechanism,
+    None: not known. error_db: what its magnitude may be off there, most of all between the two frequencies unsure_hz.
+    recorded: what it came from. is_response: whether it was made of a response by itself.
     """
 
     system: ContinuousSystem
@@ -324,6 +325,12 @@ class _Plant:
     unsure_hz: tuple[float, float] | None = None
     recorded: Recorded | None = None
     is_response: bool = False
+    models: tuple[str, ...] = ()
+
+    @property
+    def systems(self) -> tuple[ContinuousSystem, ...]:
+        """Return the plant and its family."""
+        return self.system, *self.family
 
 
 def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
@@ -333,6 +340,8 @@ def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
     """
     if plant is None:
         raise BadInput("missing", "a table, or the path of a file", where=(where,), key="plant")
+    if isinstance(plant, list):
+        return _of_several(plant, beside, where)
     if not isinstance(plant, str):
         return _Plant(system_of(plant, where, "plant"), _leading(plant))
     path = beside / plant
@@ -362,6 +371,41 @@ def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
     if document.get("distrust"):
         said["distrust"] = document["distrust"]
     return from_table(Recorded, said, where, "plant", "record") if said else None
+
+
+def _of_several(paths: Sequence[Any], beside: Path, where: str) -> _Plant:
+    """Return the first of several models with all others as its family, known where every one is. Raises BadInput for
+    files of one name, and for models that are not of one kind.
+    """
+    names = [Path(path).stem if isinstance(path, str) else "" for path in paths]
+    if not names or "" in names or len(set(names)) < len(names):
+        raise BadInput(f"{paths!r}", "paths of model files, each name once", where=(where,), key="plant")
+    plants = [_plant(path, beside, where, looped=True) for path in paths]
+    kinds = [_kind(plant.model or {}) for plant in plants]
+    for name, kind in zip(names, kinds, strict=True):
+        for what, value in kind.items():
+            if value != kinds[0][what]:
+                allowed = f"that of {names[0]}, {kinds[0][what]!r}, for every model of a list"
+                raise BadInput(f"{value!r}", allowed, where=(where, f"plant {name}"), key=what)
+    ranges = [plant.valid_hz for plant in plants if plant.valid_hz]
+    low, high = max((low for low, _ in ranges), default=0.0), min((high for _, high in ranges), default=float("inf"))
+    if low >= high:
+        got = f"{', '.join(names)} are valid at no frequency in common"
+        raise BadInput(got, "models of one band", where=(where,), key="plant")
+    systems = [(name, system) for name, plant in zip(names, plants, strict=True) for system in plant.systems]
+    return replace(
+        plants[0],
+        family=tuple(system for _, system in systems[1:]),
+        models=tuple(name for name, _ in systems),
+        valid_hz=(low, high) if ranges else None,
+    )
+
+
+def _kind(model: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the models of one display have in common."""
+    record = model.get("record")
+    rate_hz = record.get("rate_hz") if isinstance(record, dict) else None
+    return {"quantity": model.get("quantity"), "units": model.get("units"), "rate_hz": rate_hz}
 
 
 def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | None:

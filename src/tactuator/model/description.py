@@ -67,7 +67,7 @@ def _own(table: Any) -> dict[str, Any]:
     return {key: plain(getattr(table, key)) for key in parameters(kind)}
 
 
-_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "recorded")
+_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "models", "recorded")
 """Keys of a channel that are left out where nothing is said."""
 
 
@@ -239,11 +239,13 @@ class Channel:
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
         System,
-        Wording("`{ num, den }`, `{ zeros, poles, gain }`, or the path of a file"),
+        Wording("`{ num, den }`, `{ zeros, poles, gain }`, the path of a file, or a list of paths"),
         Field(
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
             "in rad/s (complex roots as `[re, im]`), each with an optional `delay_s`; or a `model.json` that "
-            '`tactuator identify` wrote; with `structure = "none"` also a frequency response (`frequency_hz` with '
+            "`tactuator identify` wrote, or a list of them (fingers, persons, hot and cold): the design holds for all, "
+            "the verdict names each, and the first is the nominal one; "
+            'with `structure = "none"` also a frequency response (`frequency_hz` with '
             "`magnitude` or `magnitude_db`, a phase is not used)"
         ),
     ]
@@ -269,6 +271,11 @@ class Channel:
     family: Annotated[
         tuple[System, ...],
         Field(description="other plants that identification cannot tell from `plant`; a design must hold for them too"),
+    ] = ()
+    models: Annotated[
+        tuple[str, ...],
+        Wording(default="the names of the files, where `plant` is a list"),
+        Field(description="whose `plant` and whose each of `family` is; the same name for what cannot be told apart"),
     ] = ()
     covariance: Annotated[
         tuple[tuple[Number, ...], ...],
@@ -307,6 +314,8 @@ class Channel:
         size = self.plant.zeros.size + self.plant.poles.size + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
             raise BadInput(f"of {len(self.covariance)} rows", f"{size} rows of {size}", key="covariance")
+        if self.models and len(self.models) != 1 + len(self.family):
+            raise BadInput(f"{len(self.models)} names", f"{1 + len(self.family)}, of plant and family", key="models")
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput("two loads have the same name", "each name once")
 

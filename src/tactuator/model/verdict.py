@@ -42,7 +42,7 @@ class Finding:
 
     value and allowed in `unit`; frequency_hz: where the value was found. remark: why it was not judged, what it rests
     on, or what to change. counts: whether an objective stays open if this was not judged; what is told for
-    information only does not.
+    information only does not. model: whose plant it is about, where a display was measured several times.
     """
 
     objective: str
@@ -56,6 +56,7 @@ class Finding:
     frequency_hz: float | None = None
     remark: str = ""
     counts: bool = True
+    model: str = ""
 
     __repr__ = brief
 
@@ -120,13 +121,13 @@ class Objective:
         return tuple(finding for finding in self.findings if (finding.channel, finding.load) == (channel, load))
 
     def worst(self) -> tuple[Finding, ...]:
-        """Return one finding for each channel and quantity: what is not met before what is open before what is met, and
-        of those the one with the greatest excess. This is what fits a screen at any number of loads and models."""
-        worst: dict[tuple[str, str], Finding] = {}
+        """Return one finding for each channel, measured plant and quantity: what is not met before what is open before
+        what is met, and of those the one with the greatest excess. This fits a screen at any number of loads."""
+        worst: dict[tuple[str, str, str], Finding] = {}
         for finding in self.findings:
-            known = worst.get((finding.channel, finding.quantity))
+            known = worst.get((finding.channel, finding.model, finding.quantity))
             if known is None or _rank(finding) > _rank(known):
-                worst[finding.channel, finding.quantity] = finding
+                worst[finding.channel, finding.model, finding.quantity] = finding
         return tuple(worst.values())
 
 

@@ -36,7 +36,7 @@ from tactuator.report.tables import load_words
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
-from tactuator.synthesis.family import UNLOADED, plant_family
+from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
@@ -268,12 +268,12 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
     prefilter, feedback = designed.prefilter(display.rate_hz), designed.feedback(display.rate_hz)
     loops = {member.name: TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family}
     closed = {name: loop.feedback for name, loop in loops.items() if loop.feedback is not None}
+    free = loops[family[0].name]
     low, high = channel.threshold.band_hz
     wide = (low / 2.0, min(2.0 * high, 0.45 * display.rate_hz))
     plates = []
     if feedback is not None:
-        nominal = closed[UNLOADED]
-        others = [loop for name, loop in closed.items() if name != UNLOADED]
+        nominal, *others = closed.values()
         plates.append(nichols_plate(nominal, channel.plant, family=others, band_hz=wide))
         systems = {"P": family[0].sampled, "C": feedback, "C P": nominal.open_loop, "F": prefilter}
         plates += [bode_plate(systems, wide), sensitivity_plate(closed, channel.feedback, wide)]
@@ -283,11 +283,11 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
     rooms = {}
     for member in family:
         loop = loops[member.name]
-        answer = fed_response(designed.feed_forward, channel, loops[UNLOADED], loop, member.load, grid, display.rate_hz)
+        answer = fed_response(designed.feed_forward, channel, free, loop, member.load, grid, display.rate_hz)
         rooms[member.name] = headroom(channel, loop, grid, display.objectives.comfort_db_sl, answer)
     plates.append(headroom_plate(_lowest(rooms)))
     fine = np.geomspace(low, high, 400)
-    plates.append(equality_plate(channel, fine, loops[UNLOADED].position_response(fine)))
+    plates.append(equality_plate(channel, fine, free.position_response(fine)))
     if designed.feed_forward is not None:
         plates.append(landing_plate(landing(controller, channel_name)))
     return tuple(

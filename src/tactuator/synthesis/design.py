@@ -296,7 +296,8 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     looped = channel.feedback.structure != "none"
     _require_known(channel, looped)
     for model, plant in enumerate((channel.plant, *channel.family)):
-        where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
+        whose = f" of {channel.models[model]}" if channel.models else ""
+        where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family") + whose
         _require_sound(plant, where, looped)
         _require_below_nyquist(plant, where, rate_hz)
     if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):

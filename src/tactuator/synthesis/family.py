@@ -18,28 +18,33 @@ UNLOADED = "none"
 @dataclass(frozen=True)
 class Member:
     """One plant of a family: the load on it ("none", or its name), which model (0 is the nominal one), and the plant
-    as the processor sees it, computing delay included."""
+    as the processor sees it, computing delay included. measured: whose plant it is, where several were measured;
+    variant: which of those that identification cannot tell apart."""
 
     load: str
     model: int
     continuous: ContinuousSystem
     sampled: SampledSystem
+    measured: str = ""
+    variant: int = 0
 
     @property
     def name(self) -> str:
-        """Return the member's name as a person reads it: `finger`, or `finger, model 2`."""
-        return self.load if self.model == 0 else f"{self.load}, model {self.model}"
+        """Return the member's name as a person reads it: `finger`, `finger, model 2`, or `finger, hot, model 2`."""
+        return ", ".join(filter(None, (self.load, self.measured, f"model {self.variant}" if self.variant else "")))
 
 
 def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[Member, ...]:
     """Return every model of the channel, without and under each load; the nominal unloaded plant first."""
     loads: tuple[Load | None, ...] = (None, *channel.loads)
     members = []
-    for model, plant in enumerate((channel.plant, *channel.family)):
+    names = channel.models or ("",) * (1 + len(channel.family))
+    for model, (name, plant) in enumerate(zip(names, (channel.plant, *channel.family), strict=True)):
         for load in loads:
             loaded = plant if load is None else load.applied_to(plant, channel.quantity)
             sampled = zero_order_hold(loaded, rate_hz, delay_samples)
-            members.append(Member(UNLOADED if load is None else load.name, model, loaded, sampled))
+            on = UNLOADED if load is None else load.name
+            members.append(Member(on, model, loaded, sampled, name, model - names.index(name)))
     return tuple(members)
 
 

@@ -104,18 +104,20 @@ def hum_remedy(line_hz: float) -> str:
 
 @dataclass(frozen=True)
 class _Judge:
-    """One channel under one member of its family."""
+    """One channel under one member of its family; free: the loop of the same model without load."""
 
     channel: Channel
     display: Display
     member: Member
     loop: TwoDegreeLoop
     nominal: TwoDegreeLoop
+    free: TwoDegreeLoop
     feed_forward: FeedForward | None = None
 
     def open(self, objective: str, quantity: str, remark: str) -> Finding:
         """Return a finding that was not judged, and why."""
-        return Finding(objective, self.channel.name, self.member.name, Outcome.NOT_JUDGED, quantity, remark=remark)
+        channel, load, whose = self.channel.name, self.member.name, self.member.measured
+        return Finding(objective, channel, load, Outcome.NOT_JUDGED, quantity, remark=remark, model=whose)
 
     def compared(
         self, kind: tuple[str, str], figure: tuple[float, float, str], at_hz: float | None, remedy: str, *assumed: str
@@ -123,7 +125,8 @@ class _Judge:
         """Return the finding on a figure (value, what is allowed, unit) of one kind (objective, quantity)."""
         (objective, quantity), (value, allowed, unit), rests = kind, figure, " and ".join(assumed)
         channel, load = self.channel.name, self.member.name
-        return compared(objective, channel, load, quantity, value, allowed, unit, at_hz, assumed=rests, remedy=remedy)
+        judged = compared(objective, channel, load, quantity, value, allowed, unit, at_hz, assumed=rests, remedy=remedy)
+        return replace(judged, model=self.member.measured)
 
     def flatness(self) -> Finding:
         """Judge objective i, with what the plant's magnitude may be off, over the frequencies where the plant is known;
@@ -226,7 +229,7 @@ class _Judge:
         asked, frequency = self.display.objectives, _band(self.channel)
         fed = self._fed(frequency)
         response = self.loop.position_response(frequency) if fed is None else fed
-        change = db(np.abs(response) / np.abs(self.nominal.position_response(frequency)))
+        change = db(np.abs(response) / np.abs(self.free.position_response(frequency)))
         edge_hz = asked.load_band_hz if self.feed_forward is None else np.inf
         low = (frequency <= edge_hz) & self.channel.is_known(frequency)
         worst = int(np.argmax(np.abs(change)))
@@ -257,7 +260,8 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
     stable = [loop.feedback is None or loop.feedback.is_stable for loop in loops]
     bears_less = bears_any_lower_gain(family)
     for member, loop, is_stable in zip(family, loops, stable, strict=True):
-        judge = _Judge(channel, display, member, loop, loops[0], controller.feed_forward)
+        bare = member.model * (1 + len(channel.loads))  # the same model without load
+        judge = _Judge(channel, display, member, loop, loops[0], loops[bare], controller.feed_forward)
         if not is_stable:
             remedy = "a design for this display: the loop of this controller is unstable on it"
             for number in OF_THE_LOOP:
@@ -271,10 +275,10 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
         yield from judge.lower_gain(bears_less)
         yield from judge.mains()
         yield from judge.noise()
-        if member.load != UNLOADED and stable[0]:
+        if member.load != UNLOADED and stable[0] and stable[bare]:
             yield judge.load()
     if not channel.loads:
-        nominal = _Judge(channel, display, family[0], loops[0], loops[0])
+        nominal = _Judge(channel, display, family[0], loops[0], loops[0], loops[0])
         yield nominal.open("iv", "change of |H|", "the display file describes no load (loads)")
 
 

@@ -1,0 +1,1 @@
+"""What a designed loop does in time, on plants that are drawn."""
