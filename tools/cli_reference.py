@@ -10,23 +10,16 @@ from tactuator.cli.main import build_app
 
 SHARED = 3
 """An option that so many commands spell alike stands in the first table."""
-TABLE = ("| | | default |", "|---|---|---|")
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
 HEAD = """# The commands
 
-Written by `make docs` from the commands themselves; a test keeps it current.
+Written by `make docs` from the commands themselves: each argument and option, what it says, and its default.
 
-Every verb keeps the same promises:
-
-- `--json` prints exactly one JSON object on standard output and nothing else. Progress goes to standard error, and
-  only to a terminal. Numbers that JSON cannot say (infinite, not a number) are `null`.
-- Exit status 0: done. 1: done, and the verdict is no. 2: bad input, told in one line on standard error that names
-  what was got and what is allowed. 3: a device failed, or its port cannot be opened. 130: interrupted, told in one
-  line (a Ctrl-C in the first hundredths of a second, while Python itself starts, ends as Python ends it). 70: a
-  fault of tactuator's own, with its traceback.
-- Output is written beside its final name and renamed when whole: no half-written file under a final name.
-
-`tactuator --version` tells the version.
+- `--json` prints exactly one JSON object on standard output. Progress goes to standard error, and only to a
+  terminal. Numbers that JSON cannot say (infinite, not a number) are `null`.
+- Exit status 0: done. 1: done, and the verdict is no. 2: bad input, told in one line on standard error. 3: a
+  device failed, or its port cannot be opened. 130: interrupted. 70: a fault of tactuator's own, with its traceback.
+- Output is written beside its final name and renamed when whole.
 """
 
 
@@ -36,7 +29,7 @@ def reference():
     tables = {path: rows_of(path, command) for path, command in commands}
     count = Counter(row for rows in tables.values() for row in rows)
     shared = [row for row in count if count[row] >= SHARED]
-    table = ["## Options of several verbs", "", *TABLE, *shared, ""]
+    table = ["## Options of several verbs", "", *shared, ""]
     parts = [HEAD, "\n".join(table)]
     return "\n".join([*parts, *(section(path, command, tables[path], shared) for path, command in commands)])
 
@@ -51,7 +44,7 @@ def sorted_commands(command, path):
 
 
 def rows_of(path, command):
-    """Return a table row for each argument and option of a command."""
+    """Return a line for each argument and option of a command."""
     context = typer.Context(command, info_name=" ".join(path))
     return [row(parameter, context) for parameter in command.params if not getattr(parameter, "hidden", False)]
 
@@ -62,24 +55,24 @@ def section(path, command, rows, shared):
     names = [each.split("`")[1].split()[0] for each in rows if each in shared]
     also = f" Also: {', '.join(f'`{name}`' for name in names)}." if names else ""
     special = [each for each in rows if each not in shared]
-    table = [*TABLE, *special, ""] if special else []
-    return "\n".join(["## " + " ".join(path), "", text + also, "", *table])
+    return "\n".join(["## " + " ".join(path), "", text + also, "", *special, *([""] if special else [])])
 
 
 def row(parameter, context):
-    """Return one table row: names, meaning, default."""
+    """Return one line: names, meaning, default."""
     argument = parameter.param_type_name == "argument"
     names = parameter.display_name_raw if argument else ", ".join([*parameter.opts, *parameter.secondary_opts])
     kind = "" if getattr(parameter, "is_flag", False) else " " + parameter.display_type(context)
     shown = f"`{names}`" if argument else f"`{names}{kind}`"
     meaning = " ".join((getattr(parameter, "help", None) or "").split())
-    return "| {} | {} | {} |".format(*(cell.replace("|", "\\|") for cell in (shown, meaning, default_of(parameter))))
+    default = default_of(parameter)
+    return f"- {shown}: {meaning}" + (f" ({default})" if default else "")
 
 
 def default_of(parameter):
     """Return the default as a person would write it."""
     if parameter.required:
-        return "(must be given)"
+        return "must be given"
     value = parameter.default
     if value is None or value is False or callable(value) or value == ():
         return ""

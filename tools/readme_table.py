@@ -7,7 +7,7 @@ from tactuator.paper.plan import LEVELS_DB_SL, Plan, paper_display
 from tactuator.paper.report import plates
 from tactuator.paper.response import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.run import run_study
-from tactuator.paper.summary import comparison, markdown
+from tactuator.paper.summary import comparison, markdown, upper_db
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 PICTURES = {"fig02": "equality.svg", "default-finger": "felt-touched.svg"}
@@ -35,9 +35,8 @@ def sentence(responses):
         max(worst_error_db(responses, load, level) for load in (UNLOADED, LOADED) for level in LEVELS_DB_SL[first:])
         for first in (1, 2)
     )
-    return (
-        f"{SENTENCE}within {all_levels:.1f} dB from 10 dB SL up, and within {from_30:.1f} dB from 30 dB SL up{SENTENCE}"
-    )
+    words = f"within {upper_db(all_levels)} dB from 10 dB SL up, and within {upper_db(from_30)} dB from 30 dB SL up"
+    return f"{SENTENCE}{words}{SENTENCE}"
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from typing import Any
 
@@ -163,19 +164,27 @@ def _loop_rows(study: PaperStudy) -> list[Row]:
     ]
 
 
+def upper_db(value: float) -> str:
+    """Return a figure of the default design, rounded up to half a decibel: its last digits hang on the processor, whose
+    linear algebra rounds otherwise.
+    """
+    return f"{math.ceil(2.0 * value) / 2.0:.1f}"
+
+
 def _response_rows(study: PaperStudy) -> list[Row]:
     levels = [level for level in LEVELS_DB_SL if level > 0.0]
     named = " / ".join(f"{level:g}" for level in levels)
     rows = []
-    for points, design in ((study.responses, "the paper's design"), (study.default, "the default")):
+    printed = ((study.responses, "the paper's design", "{:.2f}".format), (study.default, "the default", upper_db))
+    for points, design, spell in printed:
         for load, words in ((UNLOADED, "free"), (LOADED, "under a finger")):
-            errors = " / ".join(f"{worst_error_db(points, load, level):.2f}" for level in levels)
+            errors = " / ".join(spell(worst_error_db(points, load, level)) for level in levels)
             paper = {UNLOADED: "“closely”", LOADED: "“essentially the same”"}[load]
             rows.append((f"felt less asked, {words}, {named} dB SL: {design}", paper, f"within {errors} dB"))
     zero = [point for point in study.responses if (point.load, point.level_db_sl) == (UNLOADED, 0.0)]
     low = min(point.unpredicted_db for point in zero if point.frequency_hz <= 50.0)
     smooth = max(abs(point.unpredicted_db) for point in study.without_friction if point.frequency_hz <= 50.0)
-    here = f"friction takes up to {-low:.2f} dB below 50 Hz (without it {smooth:.2f} dB)"
+    here = f"friction takes up to {-low:.2f} dB below 50 Hz (without it {smooth:.1f} dB)"
     rows.append(("felt less predicted at 0 dB SL, free", "deviations at a few frequencies", here))
     for objective in study.verdict.objectives:
         rows.append((f"objective {objective.number}", "asked", objective.outcome.value))

@@ -1,6 +1,6 @@
 """Sensors that lie, tried on the guard: whether it notices, how soon, how far the motor had gone.
 
-`python -m tests.rig.guard.lying_sensor` writes the table of docs/safety.md anew.
+`python -m tests.rig.guard.lying_sensor` writes the table of decision 0706 anew.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LIES: tuple[tuple[str, str, float], ...] = (
 )  # fmt: skip
 BEFORE, AFTER, MOMENTS, RATE_HZ = 900, 6000, 1, 4000.0
 AFTER_S = AFTER / RATE_HZ
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "safety.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "decisions" / "0706-rest-by-the-model-and-by-the-reading.md"
 BEGIN, END = "<!-- lies: begin -->\n", "<!-- lies: end -->\n"
 
 
@@ -85,7 +85,7 @@ def table() -> str:
 
 
 def main() -> None:
-    """Write the table into docs/safety.md."""
+    """Write the table into decision 0706."""
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     after = rest.split(END)[1]
     DOCS.write_text(before + BEGIN + "\n" + table() + "\n" + END + after, encoding="utf-8")
