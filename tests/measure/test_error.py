@@ -45,7 +45,7 @@ def test_response_verdict__errors_with_confidence__the_point_that_decides(
 ) -> None:
     one = finding(errors, confidence)
     assert (one.outcome.value, one.frequency_hz) == (outcome, at_hz)
-    assert one.remark.startswith("confidence 0.0023 dB" if outcome == "met" else "confidence 0.")
+    assert f"differences of 1.65 dB; {'confidence 0.0023 dB' if outcome == 'met' else 'confidence 0.'}" in one.remark
 
 
 def test_response_verdict__under_a_load__told_only() -> None:

@@ -52,7 +52,7 @@ def test_judge__three_fingers__all_four_met() -> None:
 
 
 def test_judge__flatness_under_a_load__told_and_not_judged() -> None:
-    found = only(judge(three_finger_controller(), three_fingers()), "i", "index", "finger", "error of |H|")
+    found = only(judge(three_finger_controller(), three_fingers()), "i", "index", "finger", "felt less asked")
     assert found.outcome is Outcome.NOT_JUDGED
     assert found.value is not None
     assert found.value > 1.0
@@ -116,10 +116,13 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     ("valid_hz", "open_ones"),
     [
         ((0.2, 400.0), set()),
-        ((2.0, 400.0), {"error of |H| beyond the known band"}),
-        ((0.2, 100.0), {"error of |H| beyond the known band", "felt hum", "felt noise"}),
-        ((0.2, 15.0), {"error of |H| beyond the known band", "felt hum", "felt noise", "max|T|"}),
-        ((500.0, 600.0), {"error of |H| beyond the known band", "error of |H|", "felt hum", "felt noise", "max|T|"}),
+        ((2.0, 400.0), {"felt less asked beyond the known band"}),
+        ((0.2, 100.0), {"felt less asked beyond the known band", "felt hum", "felt noise"}),
+        ((0.2, 15.0), {"felt less asked beyond the known band", "felt hum", "felt noise", "max|T|"}),
+        (
+            (500.0, 600.0),
+            {"felt less asked beyond the known band", "felt less asked", "felt hum", "felt noise", "max|T|"},
+        ),
     ],
     ids=["all known", "low end", "above 100 Hz", "crossover", "nothing"],
 )
@@ -142,7 +145,9 @@ def test_judge__load_where_nothing_is_known__not_judged() -> None:
 def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_decides() -> None:
     unsure_channel = channel(loads=(), model_error_db=0.8, model_error_hz=(31.0, 35.5))
     sure, unsure, little = (
-        only(judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "error of |H|")
+        only(
+            judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "felt less asked"
+        )
         for one in (channel(loads=()), unsure_channel, channel(loads=(), model_error_db=0.2))
     )
     assert sure.outcome is little.outcome is Outcome.MET
@@ -153,7 +158,7 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
     little_bit = channel(loads=(), model_error_db=0.1)
     surely = replace(paper_alone(), channels=(little_bit,), objectives=Objectives(flatness_db=0.05))
-    assert only(judge(paper_controller(), surely), "i", "index", "none", "error of |H|").outcome is Outcome.NOT_MET
+    assert only(judge(paper_controller(), surely), "i", "index", "none", "felt less asked").outcome is Outcome.NOT_MET
 
 
 def test_judge__much_noise__third_objective_not_met() -> None:

@@ -18,6 +18,12 @@ def test_verbs__files_with_a_slip__name_it_and_none_ends_in_met(slip: Slip, tmp_
     assert faults(slip, list(said_of(slip, tmp_path))) == []
 
 
-@pytest.mark.parametrize("slip", RIGHT, ids=lambda slip: slip.name)
+_LONG = [pytest.mark.slow]  # a model is made first, which takes its second
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [pytest.param(each, id=each.name, marks=_LONG if each.written.plant != "inline" else []) for each in RIGHT],
+)
 def test_verbs__right_files__raise_no_alarm(slip: Slip, tmp_path: Path) -> None:
     assert alarms(list(said_of(slip, tmp_path))) == []

@@ -128,6 +128,7 @@ class Written:
             "friction_v": 0.0,
             "hum_hz": [60.0],
             "hum_v_peak": [1e-5],
+            **self.environment,
         }
         lines = [
             "[display]", f"rate_hz = {self.rate * setup.rate_hz}", "delay_samples = 1",
@@ -273,7 +274,7 @@ RIGHT = (
                           (EXCITER, "position_v"), (METRES, "position_m"), (MICROMETRES, "position_um"),
                           (BIG_PIEZO, "position_v"), (PIN, "position_v"), (GAMEPAD, "position_v"))),
     *(Slip(f"{setup.name}: response, {'/'.join(units)}", setup, Written(plant="response", response=units))
-      for setup in (COIL, PIEZO, EXCITER, LRA) for units in (("Hz", "dB", "deg"), ("Hz", "linear", "rad"))),
+      for setup in (COIL, PIEZO, EXCITER, GAMEPAD) for units in (("Hz", "dB", "deg"), ("Hz", "linear", "rad"))),
     *(Slip(f"{setup.name}: response without phase", setup, Written(plant="response", phased=False))
       for setup in (COIL, PIEZO, EXCITER, PIN)),
     *(Slip(f"{setup.name}: own curve, pairs", setup, Written(level="dB", pairs=(1.0, 1.0)))

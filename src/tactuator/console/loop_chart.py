@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.verdict import Finding, Verdict, verdict_of
+from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, verdict_of
 from tactuator.report.envelope import hull
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.decibels import db
@@ -23,7 +23,7 @@ from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
 from tactuator.wordlength.assessment import buildable
 
-_TILES = ("error of |H|", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
+_TILES = (FELT_LESS_ASKED, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that stand in large figures."""
 _BUILD = "build"
 

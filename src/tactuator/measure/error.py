@@ -13,7 +13,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
@@ -177,11 +177,11 @@ def _finding(response: Response, display: Display) -> Finding:
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
-    finding = compared("i", response.channel, response.load, "error of |H|", value, allowed, "dB", at)
+    finding = compared("i", response.channel, response.load, FELT_LESS_ASKED, value, allowed, "dB", at)
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)
-    beside = f"confidence {doubt[worst]:.2g} dB"
+    beside = f"{in_jnd(value)}; confidence {doubt[worst]:.2g} dB"
     if bool(np.any(response.saturated)):
         limited = response.frequency_hz[response.saturated]
         more = f" and {limited.size - 1} more" if limited.size > 1 else ""

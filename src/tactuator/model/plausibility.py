@@ -107,7 +107,7 @@ EXPECTED: Mapping[str, Plausible] = {
         "kilovolts where volts are read", "millivolts where volts are read",
     ),
     "acceleration": Plausible(
-        "the acceleration by full command", "m/s²", 0.3, 5e3,
+        "the acceleration by full command", "m/s²", 0.3, 1.5e4,
         "sensor_gain_v_per_mm per metre, a plant in mm or m per volt, or range_v in kilovolts",
         "sensor_gain_v_per_mm per micrometre, a plant in millivolts per volt, or range_v in millivolts",
     ),

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.table import brief
 
 OBJECTIVES = {
-    "i": "|H| follows the threshold curve over the band, without load",
+    "i": "what is felt is what was asked: |H| follows the threshold curve over the band, without load",
     "ii": "every mains line is felt below threshold",
     "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
     "iv": "a finger's load does not change |H| at low frequencies",
@@ -24,6 +25,8 @@ OBJECTIVES = {
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
 
+FELT_LESS_ASKED = "felt less asked"
+"""What objective i is judged by: the level that is felt, less the level that was asked for."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""
 
@@ -90,6 +93,11 @@ def compared(
     outcome = Outcome.NOT_JUDGED if assumed else Outcome.MET if met else Outcome.NOT_MET
     remark = rests_on(assumed) if assumed else "" if met else remedy
     return Finding(objective, channel, load, outcome, quantity, value, allowed, unit, frequency_hz, remark)
+
+
+def in_jnd(error_db: float) -> str:
+    """Return the remark that tells an error of level in just-noticeable differences of amplitude."""
+    return f"{error_db / AMPLITUDE_JND_DB:.1f} just-noticeable differences of {AMPLITUDE_JND_DB:g} dB"
 
 
 def rests_on(assumed: str) -> str:

@@ -12,7 +12,7 @@ from tactuator.identification.calibration import Calibration
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
-from tactuator.model.verdict import Finding, Verdict, compared, verdict_of
+from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, compared, verdict_of
 from tactuator.paper.device import (
     IdentifiedMotor,
     NoiseProbe,
@@ -75,7 +75,7 @@ def _follows(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
         ]
         value, worst = max(errors, key=lambda pair: pair[0])
         allowed = plan.display.objectives.flatness_db
-        finding = compared("i", channel.name, UNLOADED, "error of |H|", value, allowed, "dB", worst.frequency_hz)
+        finding = compared("i", channel.name, UNLOADED, FELT_LESS_ASKED, value, allowed, "dB", worst.frequency_hz)
         yield replace(finding, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
 
 

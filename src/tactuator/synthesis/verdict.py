@@ -23,7 +23,17 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import OF_THE_LOOP, Finding, Outcome, Verdict, compared, rests_on, verdict_of
+from tactuator.model.verdict import (
+    FELT_LESS_ASKED,
+    OF_THE_LOOP,
+    Finding,
+    Outcome,
+    Verdict,
+    compared,
+    in_jnd,
+    rests_on,
+    verdict_of,
+)
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop, margins
 from tactuator.signals.spectra import third_octave_bands
@@ -135,12 +145,13 @@ class _Judge:
         frequency = _band(self.channel)
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
-            return self.open("i", "error of |H|", self.channel.known_words)
+            return self.open("i", FELT_LESS_ASKED, self.channel.known_words)
         error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         remedy = "more poles in [prefilter], or a wider flatness_db"
-        finding = self.compared(("i", "error of |H|"), figure, float(frequency[worst]), remedy)
+        finding = self.compared(("i", FELT_LESS_ASKED), figure, float(frequency[worst]), remedy)
+        finding = replace(finding, remark="; ".join(filter(None, [in_jnd(figure[0]), finding.remark])))
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
             return finding
@@ -176,7 +187,7 @@ class _Judge:
     def unknown(self) -> Iterator[Finding]:
         """Tell where band and crossover leave the frequencies at which the plant is known."""
         if self.channel.unknown_words:
-            yield self.open("i", "error of |H| beyond the known band", self.channel.known_words)
+            yield self.open("i", f"{FELT_LESS_ASKED} beyond the known band", self.channel.known_words)
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
             if not (np.isnan(crossover_hz) or self.channel.is_known(crossover_hz)):
@@ -337,7 +348,7 @@ def _findings(plants: DrawnPlants, channel: Channel, display: Display) -> Iterat
             yield _judged(plants, "iii", "max|S|", plants.sensitivity_peak, peak, "")
     if plants.load == UNLOADED:
         errors = plants.flatness_db + channel.model_error_db
-        flat = _judged(plants, "i", "error of |H|", errors, asked.flatness_db, "dB")
+        flat = _judged(plants, "i", FELT_LESS_ASKED, errors, asked.flatness_db, "dB")
         flat = _unsure(flat, channel) if channel.model_error_db > 0.0 else flat
         yield _open(flat, "the plant is not known over the whole band (valid_hz)") if channel.unknown_words else flat
     if np.any(np.isfinite(plants.felt_hum_db_sl)):
