@@ -103,6 +103,8 @@ class ThresholdCurve:
 AMPLITUDE_JND_DB = 1.65
 """Smallest just-noticeable difference of amplitude at an index fingerpad on this kind of display, dB: the least of the
 1.65 to 2.98 dB of Israr, Tan and Reed (2006), JASA 120:2789."""
+FREQUENCY_JND = 0.13
+"""Smallest just-noticeable difference of frequency there, as a share of it: the least of 0.13 to 0.38 (the same)."""
 COMFORT_DB_SL = 55.0
 """The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
 LOWEST_DB_SL = -60.0

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes as Axes
+from matplotlib.figure import Figure
 
 from tactuator.arrays import FloatArray
+from tactuator.report.plate import Plate, labelled, table_of
 from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, RED, frequency_axis, house, legend
 from tactuator.table import Chart, ChartLine
 
@@ -37,6 +39,14 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
         above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2, "columnspacing": 1.2}
         legend(axes, handles=handles, ncols=2 if len(handles) in (2, 4) else 3, **above)
     return axes
+
+
+def chart_plate(chart: Chart, name: str, caption: str = "") -> Plate:
+    """Return the chart as a figure of its own, with the numbers of every curve."""
+    figure = Figure(figsize=(6.6, 3.6), layout="constrained")
+    draw(chart, figure.add_subplot())
+    rows = (row for curve in chart.curves for row in labelled((curve.label,), np.asarray(curve.x), np.asarray(curve.y)))
+    return Plate(name, name, caption, figure, table_of(("curve", chart.x_label, chart.y_label), rows))
 
 
 def span(columns: list[FloatArray]) -> tuple[float, float]:

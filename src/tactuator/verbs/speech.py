@@ -27,6 +27,7 @@ from tactuator.verbs.parameters import (
     RigOption,
     Seed,
 )
+from tactuator.verbs.pattern import LEGACY_HELP, MOST_LOSS_DB, ClipResult, render_pattern
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, columns_of, figure
 
@@ -165,11 +166,13 @@ def _limited(entry: Any) -> str:
 
 
 def render(
-    speech: Annotated[Place, Argument("Speech file: WAV, FLAC, Ogg, AIFF, ...", file=True)],
+    speech: Annotated[Place, Argument("Speech: WAV, FLAC, Ogg, ...; or a clip: .haptic, .ahap, .xml.", file=True)],
     controller: ControllerOption,
     out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5.", writes=True)],
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
-    level_db_sl: Annotated[float, Option("Level of the utterance, dB SL.", ("--level",))] = LEVEL_DB_SL,
+    level_db_sl: Annotated[
+        float, Option("Of the utterance; of a clip's strength 1; dB SL.", ("--level",))
+    ] = LEVEL_DB_SL,
     *,
     display: DisplayOption = None,
     felt: Annotated[Place | None, Option("What the simulated display's fingers feel, to write.", writes=True)] = None,
@@ -178,18 +181,32 @@ def render(
         Place | None, Option("TOML to write: the coding, every parameter in it.", writes=True)
     ] = None,
     seed: Seed = 0,
-) -> SpokenResult:
+    most_loss_db: Annotated[
+        float, Option("Of a clip: shortfall that is allowed, dB.", ("--most-loss",), ge=0)
+    ] = MOST_LOSS_DB,
+    legacy: Annotated[bool, Option(LEGACY_HELP)] = False,
+) -> SpokenResult | ClipResult:
     """Code speech onto the fingers and write the reference. Its level is set in dB SL, and the display's limits are
-    kept.
+    kept. A haptic clip (.haptic, .ahap, Android's .xml) is rendered as well, and its loss told.
 
-    Raises BadInput for what is no speech, another coding, or a display without the coding's fingers.
+    A clip holds where the display falls short by no more than `most_loss_db`. Raises BadInput for what is no speech and
+    no clip, another coding, or a display without the coding's fingers.
 
     >>> tt.render("speech.wav", controller, "reference.wav").path.name
     'reference.wav'
     """
+    from tactuator.patterns.clip import is_clip
     from tactuator.speech.coding import coding_of, write_coding
     from tactuator.speech.render import RenderJob, render_file
 
+    if is_clip(speech):
+        if coding != CODING or felt is not None or save_coding is not None:
+            raise BadInput(
+                f"{speech} is a clip: it has no coding, and is not felt by simulation", "--level, --most-loss"
+            )
+        folder = None if figures is None else Path(figures)
+        chosen = chosen_controller(display, controller)
+        return render_pattern(Path(speech), chosen, Path(out), level_db_sl, most_loss_db, legacy, folder)
     if figures is not None and felt is None:
         raise BadInput("--figures without --felt", "both, since they show what was felt")
     source, chosen = Path(speech), coding_of(coding)

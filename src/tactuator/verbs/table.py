@@ -57,6 +57,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
     "Speech": {
         "waveforms": "verbs.speech:waveforms",
         "render": "verbs.speech:render",
+        "pattern": "verbs.pattern:pattern",
         "play": "verbs.speech:play",
         "corpus": "corpus.verb:render_corpus",
     },
