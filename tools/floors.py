@@ -13,6 +13,7 @@ TASKS = {
     "paper": "the paper's run; many files; pages in a browser",
     "verbs": "one function for each verb; one result for every face",
     "report": "figures and pages from results",
+    "patterns": "clips of other formats",
     "speech": "coding and limiting; protocol, session, store, result",
     "measure": "responses, noise, disturbance, felt levels",
     "rig": "runs an image and can be touched",

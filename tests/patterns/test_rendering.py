@@ -11,14 +11,14 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import display_template
-from tactuator.patterns.clip import Clip, Course, Tap, Tone
+from tactuator.patterns.clip import Clip, Breakpoints, Tap, Tone
 from tactuator.patterns.rendering import MAPS, PatternMap, render_clip
 from tactuator.synthesis.design import design_controller
 from tests.patterns.test_clip import ADVANCED, HAPTIC
 
 
 def steady(strength, pitch, taps=(), format="haptic", pitch_in_hz=False, duration_s=1.0):
-    courses = [Course(np.zeros(1), np.array([float(value)])) for value in (strength, pitch)]
+    courses = [Breakpoints(np.zeros(1), np.array([float(value)])) for value in (strength, pitch)]
     return Clip("steady", format, duration_s, (Tone(0.0, duration_s, *courses),), tuple(taps), pitch_in_hz)
 
 

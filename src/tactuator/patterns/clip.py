@@ -28,7 +28,7 @@ LONGEST_S, MOST_POINTS = 600.0, 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Breakpoints:
     """A quantity over time: straight between its points, held before the first and after the last; (n,) each."""
 
     time_s: FloatArray
@@ -47,8 +47,8 @@ class Tone:
 
     start_s: float
     end_s: float
-    strength: Course
-    pitch: Course
+    strength: Breakpoints
+    pitch: Breakpoints
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,8 @@ def _haptic(text: str, legacy: bool) -> Clip:
         end = f"up to the amplitude's end, {times[-1]:g} s; older players take it, and so does --legacy"
         raise BadInput(f"a point at {at[-1]:g} s", end, where=("frequency",))
     pitch = [_number(row, "frequency", 0.0, 1.0, f"frequency[{k}]") for k, row in enumerate(rows)]
-    course = Course(np.array(at), np.array(pitch)) if at else Course(np.zeros(1), np.array([0.5]))
-    tone = Tone(times[0], times[-1], Course(np.array(times), np.array(strength)), course)
+    course = Breakpoints(np.array(at), np.array(pitch)) if at else Breakpoints(np.zeros(1), np.array([0.5]))
+    tone = Tone(times[0], times[-1], Breakpoints(np.array(times), np.array(strength)), course)
     return Clip("", "haptic", times[-1], (tone,), tuple(taps))
 
 
@@ -218,8 +218,8 @@ def _ahap(text: str) -> Clip:
             loud, sharp = (float(course.at(np.array(time_s))) for course in (strength, pitch))
             taps.append(Tap(time_s, clamp(level * loud), clamp(sharpness + sharp)))
         else:
-            loudness = Course(strength.time_s, np.array([clamp(level * each) for each in strength.value]))
-            sharper = Course(pitch.time_s, np.array([clamp(sharpness + each) for each in pitch.value]))
+            loudness = Breakpoints(strength.time_s, np.array([clamp(level * each) for each in strength.value]))
+            sharper = Breakpoints(pitch.time_s, np.array([clamp(sharpness + each) for each in pitch.value]))
             tones.append(Tone(time_s, time_s + lasts_s, loudness, sharper))
     end_s = max([*(tone.end_s for tone in tones), *(tap.time_s for tap in taps)])
     return Clip("", "ahap", end_s, tuple(tones), tuple(taps), clamped=clamp.count, ignored=tuple(clamp.ignored))
@@ -266,14 +266,14 @@ def _curve(curve: Mapping[str, Any], where: str, curves: dict[str, list[tuple[fl
         curves[name].append((start_s + _number(row, "Time", 0.0, LONGEST_S, place), inside))
 
 
-def _control(points: list[tuple[float, float]], rest: float) -> Course:
+def _control(points: list[tuple[float, float]], rest: float) -> Breakpoints:
     """Return a control over time: at rest before its first point, held after its last."""
     if not points:
-        return Course(np.zeros(1), np.array([rest]))
+        return Breakpoints(np.zeros(1), np.array([rest]))
     points = sorted(points, key=lambda point: point[0])
     if points[0][0] > 0.0:
         points = [(points[0][0], rest), *points]
-    return Course(*(np.array(column) for column in zip(*points, strict=True)))
+    return Breakpoints(*(np.array(column) for column in zip(*points, strict=True)))
 
 
 _ANDROID: Mapping[str, tuple[Format, str, str, str, float]] = {
@@ -317,7 +317,7 @@ def _android(text: str) -> Clip:
     if times[-1] > LONGEST_S:
         raise BadInput(f"{times[-1]:g} s", f"up to {LONGEST_S:g} s", where=(effect.tag,))
     at = np.array(times)
-    tone = Tone(0.0, times[-1], Course(at, np.array(strengths)), Course(at, np.array([begins, *pitches])))
+    tone = Tone(0.0, times[-1], Breakpoints(at, np.array(strengths)), Breakpoints(at, np.array([begins, *pitches])))
     return Clip("", kind, times[-1], (tone,), (), pitch_in_hz=kind == "android-advanced")
 
 
