@@ -15,7 +15,7 @@ from tactuator.perception.curve import check_level
 from tactuator.speech.coding import coding_names
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.speech.reading import scan_speech
-from tactuator.verbs.speech import render
+from tactuator.verbs.speech import SpokenResult, render
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0
@@ -38,8 +38,10 @@ class SpeechRendered(ViewRequest):
         controller = state.file_controller(self.display)
         coding = self.coding if self.coding in coding_names() else "?"  # a file of the server is none of the page's
         key, folder = state.uploads.new_folder()
-        rendered = render(speech, controller, folder / _REFERENCE, coding, self.level, felt=folder / _FELT).rendered
+        result = render(speech, controller, folder / _REFERENCE, coding, self.level, felt=folder / _FELT)
         state.uploads.keep(key, folder / _REFERENCE)
+        assert isinstance(result, SpokenResult)
+        rendered = result.rendered
         assert rendered.felt is not None
         figures = rendered.felt.figures()
         return {

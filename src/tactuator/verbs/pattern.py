@@ -80,7 +80,7 @@ def pattern(
     """
     from tactuator.patterns.clip import read_clip
 
-    result = PatternResult(Path(clip), read_clip(clip, legacy))
+    result = PatternResult(Path(clip), read_clip(Path(clip), legacy))
     if figures is not None:
         _draw(result.chart(), Path(figures), Path(clip).stem)
     return result

@@ -199,17 +199,18 @@ def render(
     from tactuator.speech.coding import coding_of, write_coding
     from tactuator.speech.render import RenderJob, render_file
 
-    if is_clip(speech):
+    source = Path(speech)
+    if is_clip(source):
         if coding != CODING or felt is not None or save_coding is not None:
             raise BadInput(
                 f"{speech} is a clip: it has no coding, and is not felt by simulation", "--level, --most-loss"
             )
         folder = None if figures is None else Path(figures)
-        chosen = chosen_controller(display, controller)
-        return render_pattern(Path(speech), chosen, Path(out), level_db_sl, most_loss_db, legacy, folder)
+        loaded = chosen_controller(display, controller)
+        return render_pattern(source, loaded, Path(out), level_db_sl, most_loss_db, legacy, folder)
     if figures is not None and felt is None:
         raise BadInput("--figures without --felt", "both, since they show what was felt")
-    source, chosen = Path(speech), coding_of(coding)
+    chosen = coding_of(coding)
     job = RenderJob(chosen_controller(display, controller), chosen, level_db_sl, felt is not None, seed)
     with working("render", 1.0) as step:
         rendered = render_file(source, Path(out), job, None if felt is None else Path(felt), step)
