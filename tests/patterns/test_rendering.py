@@ -11,7 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import display_template
-from tactuator.patterns.clip import Clip, Breakpoints, Tap, Tone
+from tactuator.patterns.clip import Breakpoints, Clip, Tap, Tone
 from tactuator.patterns.rendering import MAPS, PatternMap, render_clip
 from tactuator.synthesis.design import design_controller
 from tests.patterns.test_clip import ADVANCED, HAPTIC
