@@ -27,7 +27,7 @@ def peer(controller: Controller) -> None:
         except BadInput:
             continue
         if holds(controller, 0, written):
-            for step in (written.start(), double_step(written.prefilter, written.feedback, 10.0)):
+            for step in (written.start(), double_step(written.prefilter, written.feedback)):
                 run_loop(channel, display, step, reference)
 
 

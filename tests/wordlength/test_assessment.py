@@ -112,6 +112,15 @@ def test_assess__delta_form_at_8_khz__is_safe(name: str) -> None:
     assert found.response_error_db < 1e-3
 
 
+@pytest.mark.parametrize("name", ["float32", "q31"])
+def test_assess__command_too_weak_for_the_tone__round_off_alone_is_judged(name: str) -> None:
+    """What is corrected at a limit was once told as a round-off of 16 dB SL."""
+    weak = changed(MADE, limits=replace(MADE.channels[0].limits, command_v=0.2))
+    strong_db, weak_db = (report(made, name).roundoff_db_sl or 0.0 for made in (MADE, weak))
+    assert report(weak, name).safe
+    assert weak_db == pytest.approx(strong_db, abs=12.0)
+
+
 def test_assess__loop_that_does_not_close__is_stable_in_no_format() -> None:
     found = assess(louder(MADE, 60.0))
     assert not any(each.stable or each.safe for each in found)

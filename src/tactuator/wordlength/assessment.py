@@ -29,6 +29,7 @@ from tactuator.wordlength.roundoff import exact_loop, felt_db_sl, roundoff_refer
 ERROR_MAX_DB = 0.1
 FELT_MAX_DB_SL = -6.0
 _TEST_LEVEL = 30.0
+_OF_LIMIT = 0.9
 
 
 @dataclass(frozen=True)
@@ -139,12 +140,16 @@ def _response(
 
 
 def _levels(controller: Controller, index: int, written: Written) -> tuple[float, float]:
-    """Return the felt round-off while something plays, and that of the limit cycles after it has gone."""
+    """Return the felt round-off while something plays, and that of the limit cycles after it has gone.
+
+    It plays softly enough for the command to stay within its limit: what is corrected there is no round-off.
+    """
     display, channel = controller.display, controller.display.channels[index]
     reference, during, after = roundoff_reference(display.rate_hz, _TEST_LEVEL)
-    most_v = controller.channels[index].limits.command_v
-    exact = exact_loop(channel, display, written.prefilter, written.feedback, most_v, reference)
-    error = run_loop(channel, display, written.start(), reference) - exact
+    within_v = _OF_LIMIT * controller.channels[index].limits.command_v
+    exact, command_v = exact_loop(channel, display, written.prefilter, written.feedback, reference)
+    share = within_v / max(command_v, within_v)
+    error = run_loop(channel, display, written.start(), share * reference) - share * exact
     roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
     return roundoff, cycle
 

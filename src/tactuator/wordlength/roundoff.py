@@ -1,9 +1,9 @@
 """Round-off and limit cycles: one channel's loop stepped in the arithmetic of a number format.
 
 The plant is the sampled one in double precision, without noise, friction or converters, and the same loop is run in
-double precision with the format's own rounded coefficients: what is left over is the arithmetic's alone. As long as no
-command comes to its limit the exact loop is linear, and its states are run at once, in the difference from sample to
-sample, which keeps the digits of slow poles. Where a command reaches the limit, it is stepped.
+double precision with the format's own rounded coefficients: what is left over is the arithmetic's alone. The reference
+is one whose command stays within its limit, so that the exact loop is linear: its states are run at once, in the
+difference from sample to sample, which keeps the digits of slow poles.
 """
 
 from __future__ import annotations
@@ -25,16 +25,14 @@ _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
 _TONE_HZ = 37.0
 
 
-def double_step(prefilter: FloatArray, feedback: FloatArray | None, most_v: float) -> Step:
-    """Return a function (reference, position) -> command in double precision, of rows in d, within most_v volts."""
+def double_step(prefilter: FloatArray, feedback: FloatArray | None) -> Step:
+    """Return a function (reference, position) -> command in double precision, of rows in d."""
     first = _Double(prefilter)
     second = None if feedback is None else _Double(feedback)
 
     def step(reference: float, position: float) -> float:
         wanted = first(reference)
-        if second is not None:
-            wanted = second(wanted - position)
-        return max(-most_v, min(most_v, wanted))
+        return wanted if second is None else second(wanted - position)
 
     return step
 
@@ -136,17 +134,24 @@ def exact_loop(
     display: Display,
     prefilter: FloatArray,
     feedback: FloatArray | None,
-    most_v: float,
     reference: FloatArray,
-) -> FloatArray:
-    """Return y (n,), volts, of `run_loop` with `double_step` of these rows, within most_v volts."""
+) -> tuple[FloatArray, float]:
+    """Return y (n,), volts, of `run_loop` with `double_step` of these rows, and the greatest command, volts."""
     whole, fraction = whole_delay(channel, display)
     plant = held_state_space(channel.plant, 1.0 / display.rate_hz, fraction)
     loop = _Loop(prefilter, feedback, plant, whole)
     states = loop.run(reference)
-    if states is None or np.max(np.abs(states @ loop.command[:-1] + loop.command[-1] * reference)) >= most_v:
-        return run_loop(channel, display, double_step(prefilter, feedback, most_v), reference)
-    return np.asarray(states @ loop.position)
+    if states is not None:
+        commands = states @ loop.command[:-1] + loop.command[-1] * reference
+        return np.asarray(states @ loop.position), float(np.max(np.abs(commands)))
+    step, greatest = double_step(prefilter, feedback), [0.0]
+
+    def noted(wanted: float, position: float) -> float:
+        command = step(wanted, position)
+        greatest[0] = max(greatest[0], abs(command))
+        return command
+
+    return run_loop(channel, display, noted, reference), greatest[0]
 
 
 class _Loop:
