@@ -26,6 +26,7 @@ FILES = {
     "reference": "reference.wav", "reference in HDF5": "reference.h5", "sound": "speech.wav",
     "protocol": "protocol.toml", "store": "store.sqlite", "curve": "curve.csv", "loss": "loss.csv",
     "pairs": "pairs.csv", "environment": "environment.json", "matrix": "confusion.csv", "coding": "coding.toml",
+    "coupling": "coupling.json",
 }  # fmt: skip
 VERBS = {
     "design FILE": {"display"},
@@ -79,6 +80,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             writer.write(np.zeros((400, 1)))
     Store(lab / "store.sqlite").close()
     write_environment(lab / "environment.json", {"index": {}})
+    (lab / "coupling.json").write_text('{"format": "tactuator-coupling/1"}')
     return lab
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
+from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_finite_json
 from tactuator.model.coupling import CoupledResponse, measured_of
 from tactuator.parameters import plain
@@ -23,6 +24,7 @@ def write_coupling(path: str | Path, response: CoupledResponse) -> None:
 
 def read_coupling(path: str | Path) -> CoupledResponse:
     """Read a coupling file. Raises BadInput for a file that cannot be read, or is none."""
+    require_kind(Path(path), "coupling")
     document = read_finite_json(Path(path))
     if not isinstance(document, dict) or document.get("format") != COUPLING_FORMAT:
         raise BadInput(f"coupling {path}: format is not {COUPLING_FORMAT!r}", "a file that `identify` wrote")

@@ -38,13 +38,14 @@ KINDS: Mapping[str, Kind] = {
     "pairs": Kind("the pairs of a calibration", "`tactuator calibrate` takes them"),
     "environment": Kind("a measured environment", "a display file names it as measured under [environment]"),
     "matrix": Kind("a confusion matrix", "`tactuator experiment information --matrix` takes it"),
+    "coupling": Kind("a coupling", "a display file names it as measured under [coupling]"),
     "coding": Kind("a coding of speech", "`tactuator render --coding` takes it"),
 }
 """Kinds of files by name."""
 
 _HEAD = 1 << 16
 _FORMAT = re.compile(rb'"format"\s*:\s*"tactuator-(\w+)/')
-_FORMATS = {name: name for name in ("record", "model", "controller", "reference", "environment")} | {
+_FORMATS = {name: name for name in ("record", "model", "controller", "reference", "environment", "coupling")} | {
     "response": "measured"
 }
 _TABLES = {
