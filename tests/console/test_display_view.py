@@ -47,11 +47,18 @@ def test_judge__of_every_example__has_its_display_and_form():
     for name in DISPLAYS:
         text = DisplayRead(display=f"example:{name}").answer(state)["text"]
         found = DisplayJudge(text=text, display=f"example:{name}").answer(state)
-        assert found["fault"] is None, name
+        assert (found["fault"], found["doubts"]) == (None, []), name
         assert state.display(found["key"]) == state.display(f"example:{name}")
         channels = tomllib.loads(text)["channel"]
         assert [one["name"] for one in found["sketch"]["channels"]] == [one["name"] for one in channels]
         assert [one["place"] for one in found["form"] if one["table"] == "channel"] == list(range(len(channels)))
+
+
+def test_judge__of_a_travel_in_metres__is_doubted_and_says_so_of_each_channel():
+    found = judged(EXAMPLE.replace("travel_mm = 12.5", "travel_mm = 0.0125"))
+    assert found["fault"] is None
+    assert {one.partition(":")[0] for one in found["doubts"]} == {"index", "thumb", "middle"}
+    assert any("travel_mm in metres" in one for one in found["doubts"])
 
 
 def test_set__of_a_value__changes_that_line_alone_and_keeps_its_comment():

@@ -17,6 +17,7 @@ from tactuator.io.display import where_of
 from tactuator.io.shipped import display_template
 from tactuator.io.text import parse_toml, read_text
 from tactuator.model.description import SHARED_TABLES, Channel, keys_of
+from tactuator.model.plausibility import channel_reasons
 from tactuator.parameters import choices, default, parameters
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
@@ -147,7 +148,7 @@ class DisplayJudge(ViewRequest):
 
     def answer(self, state: ConsoleState) -> Answer:
         """Return the form, with a sketch and the key of the display, or with the refusal and its line."""
-        judged: Answer = {"form": _form(self.text), "fault": None, "line": None}
+        judged: Answer = {"form": _form(self.text), "fault": None, "line": None, "doubts": []}
         try:
             key = state.take_text(self.text, self.display)
         except TactuatorError as error:
@@ -159,7 +160,9 @@ class DisplayJudge(ViewRequest):
             "delay_samples": display.delay_samples,
             "channels": [_channel(channel) for channel in display.channels],
         }
-        return judged | {"key": key, "sketch": sketch}
+        reasons = {channel.name: channel_reasons(channel, display.rate_hz) for channel in display.channels}
+        doubts = [f"{name}: {reason}" for name, said in reasons.items() for reason in said]
+        return judged | {"key": key, "sketch": sketch, "doubts": doubts}
 
 
 @dataclass(frozen=True)

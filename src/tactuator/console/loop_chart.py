@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
+from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, verdict_of
 from tactuator.report.envelope import hull
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
@@ -52,7 +53,7 @@ def channel_figures(plants: ChannelPlants, controller: ChannelController) -> dic
     figures: name, value and limit as texts, and what came of them.
     """
     alone = Controller(replace(plants.display, channels=(plants.channel,)), (controller,))
-    findings = [*judge_channel(controller, plants.channel, plants.display), buildable(alone)]
+    findings = [*judge_channel(controller, plants.channel, plants.display), buildable(alone), *doubtful(alone.display)]
     return {
         "design": [list(row) for row in design_rows([controller])],
         "verdict": verdict_rows(verdict_of(findings)),

@@ -63,6 +63,7 @@ export default class Display {
       if (text !== this.text.value) return;
       if (found.form.length) this.fields(found.form);
       this.fault(found.fault, found.line);
+      this.told.append(...found.doubts.map((one) => make("span", { class: "doubt" }, one)));
       this.actions(found);
       if (found.sketch) this.sketch.replaceChildren(make("h2", {}, "Channels of ", found.sketch.name), ...found.sketch.channels.map((one) => sketched(one, found.sketch)));
     } catch (error) { if (!error.lost) this.fault(error.message, null); }
@@ -88,13 +89,13 @@ export default class Display {
     this.text.scrollTop = Math.max(0, (line - 6) * (this.text.scrollHeight / lines.length));
   }
 
-  actions({ key, fault }) {
+  actions({ key, fault, doubts }) {
     const [undo, redo] = this.buttons;
     undo.disabled = !this.past.length; redo.disabled = !this.future.length;
     this.bar.replaceChildren(undo, redo, saved("Save display.toml", "display.toml", this.text.value, "text/plain"),
       ...(fault ? [] : [make("a", { id: "use", href: address({ view: "loop", display: key }) }, "Shape its loop")]), make("span", { class: "gap" }),
       command("tactuator design display.toml --out controller.json"));
-    if (!fault) say("the display file is right");
+    if (!fault) say(doubts.length ? "the display file can be read; its numbers are doubted" : "the display file is right");
   }
 
   fields(form) {
