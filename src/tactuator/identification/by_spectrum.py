@@ -170,7 +170,11 @@ def _model(
     rubbed: FrictionFit | None = None,
 ) -> PlantModel:
     fit = choice.fit
-    covariance = information(choice.problem, fit) * (1.0 if rubbed is None else BENT)
+    covariance = information(choice.problem, fit)
+    if rubbed is not None:
+        covariance *= BENT
+        if choice is estimate.chosen:
+            covariance += rubbed.shifts.T @ rubbed.shifts
     asked = {"fixed": " ".join(map(str, common.asked.fixed))} if fit.form.pins or fit.form.known else {}
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
@@ -179,9 +183,9 @@ def _model(
         beyond = beyond.joined(REMAINS * np.log(estimate.before.response(table) / fit.response(table)))
     elif bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
-    if rubbed is not None:
-        beyond = beyond.joined(log_slopes(estimate.chosen.fit, table) @ rubbed.shift)
-        beyond = beyond.joined(np.log(rubbed.other.response(table) / estimate.chosen.fit.response(table)))
+    if rubbed is not None and choice is not estimate.chosen:
+        for away in rubbed.shifts @ log_slopes(estimate.chosen.fit, table).T:
+            beyond = beyond.joined(away)
     if distortion is not None:
         bent = _BENT * distortion.distortion / np.abs(distortion.value)
         beyond = beyond.joined(np.interp(np.log(table), np.log(distortion.frequency_hz), bent) * (1.0 + 1.0j))

@@ -13,8 +13,8 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import freedom
-from tactuator.identification.inverse_dynamics import low_passed, motion_corner
-from tactuator.identification.likelihood import SpectralFit, eliminated
+from tactuator.identification.inverse_dynamics import FADING, low_passed, motion_corner
+from tactuator.identification.likelihood import eliminated
 from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
 from tactuator.identification.prepared import Signals
 from tactuator.identification.residual import Residual, record_residual
@@ -32,6 +32,9 @@ _POOR = 0.02
 BENT = 4.0
 """Variance beside friction over what the likelihood has: what friction leaves is at each frequency alike in sign, and
 was up to 1.5 half-widths on records of another generator."""
+_BEYOND = 1.5
+"""Half-width over the first-order departure by another law of friction: on records of another generator, whose law was
+none of these, the truth lay up to 1.2 departures away."""
 _SAMPLED = 0.0025
 """Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
 _ESTIMATES, _ROUNDS = 4, 12
@@ -43,8 +46,8 @@ _STILL = 0.05
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
     """An estimate of records with friction taken off their commands. signals: with it. coulomb, its
-    standard deviation, and the presliding distance, in the signals' units. shift: what one deviation of the level
-    changes in (numerator, theta, dead time). other: the chosen form where friction acts otherwise between samples.
+    standard deviation, and the presliding distance, in the signals' units. shifts: deviations of (numerator, theta,
+    dead time), each independent of the others, by the level and by other laws of friction, (k, parameters).
     """
 
     estimate: SpectralEstimate
@@ -52,8 +55,7 @@ class FrictionFit:
     coulomb: float
     deviation: float
     presliding: float
-    shift: FloatArray
-    other: SpectralFit
+    shifts: FloatArray
 
 
 def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
@@ -130,10 +132,10 @@ def fit_friction(
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
-    deviation = float(np.hypot(np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb))
-    beside = replace(level, held=not level.held)
-    other = _again(now, beside.off(signals)).chosen.fit
-    return FrictionFit(now, level.off(signals), level.coulomb, deviation, level.presliding, -weights * deviation, other)
+    by_law, by_level = lines.other_laws(level)
+    deviation = float(np.linalg.norm([np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb, *by_level]))
+    shifts = np.vstack([-weights * deviation, by_law])
+    return FrictionFit(now, level.off(signals), level.coulomb, deviation, level.presliding, shifts)
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
@@ -242,21 +244,65 @@ class _FrictionLines:
         self._products, self._along = self._rows @ self._rows.T, self._rows @ self._rest
         self.power = float(self._rest @ self._rest)
 
-    def explained(self, states: Sequence[FloatArray]) -> tuple[float, float, float, FloatArray]:
+    def explained(self, *columns: Sequence[FloatArray]) -> tuple[float, float, float, FloatArray]:
         """Return by how much the sum of squares falls with friction of those states (n,), the level that brings it (0,
         0 where it would be negative), the power of its lines, and what of the fit's parameters makes up for one unit.
+
+        columns: states of every record; further ones are other parts of friction beside them.
         """
-        parts = zip(self._weighted, states, self._spectra, strict=True)
-        pull = np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts]).view(np.float64)
-        beside = np.stack([self._rows @ pull, self._along], axis=1)
-        across = float(pull @ self._rest)
-        last = np.array([[float(pull @ pull), across], [across, self.power]])
+        gain, level, powers, moves, _ = self._together(columns)
+        if not level[0] > 0.0 or not powers[0] > 0.0:
+            return 0.0, 0.0, 0.0, moves[:, 0]
+        return gain, float(level[0]), float(powers[0]), moves[:, 0]
+
+    def _together(
+        self, columns: Sequence[Sequence[FloatArray]]
+    ) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return by how much the sum of squares falls with states (n,) of k columns, the level of each, their powers,
+        what of the fit's parameters makes up for one unit of each, (parameters, k), and how these then move.
+        """
+        rows = np.stack([self._pull(states) for states in columns])
+        beside = np.column_stack([self._rows @ rows.T, self._along])
+        across = rows @ self._rest
+        last = np.block([[rows @ rows.T, across[:, None]], [across[None, :], np.array([[self.power]])]])
         weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
-        power, along = float(rest[0, 0]), float(rest[0, 1])
-        moves = self._free @ weights[:, 0]
-        if not along > 0.0 or not power > 0.0:
-            return 0.0, 0.0, 0.0, moves
-        return along**2 / power, along / power, power, moves
+        moves = self._free @ weights
+        powers, along = rest[:-1, :-1], rest[:-1, -1]
+        level, left = eliminated(rest, len(columns))
+        gain = float(rest[-1, -1] - left[0, 0]) if np.any(along) else 0.0
+        return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
+
+    def _pull(self, states: Sequence[FloatArray]) -> FloatArray:
+        """Return what one unit of friction of those states (n,) makes of the position's lines, weighted."""
+        parts = zip(self._weighted, states, self._spectra, strict=True)
+        return np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts]).view(np.float64)
+
+    def other_laws(self, level: _Level) -> tuple[FloatArray, FloatArray]:
+        """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
+        not exclude: one that acts otherwise between samples, and those of another level in either direction and of
+        one that falls with the speed (Stribeck), by their evidence.
+        """
+        free = [dahl_state(path, level.presliding) for path in level.paths]
+        speed = [np.abs(np.gradient(path)) for path in level.paths]
+        own, *uneven = (_acting(part, level.held) for part in (free, [np.abs(state) for state in free], speed))
+        falling = []
+        for shape in (1, 2):
+            shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
+            parts = [
+                _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
+                for fading in FADING
+            ]
+            falling.append(max(parts, key=lambda part: self._together([own, *uneven, part])[0]))
+        laws = [[own], [own, *uneven], *([own, *uneven, part] for part in falling)]
+        found = [self._together(law) for law in laws]
+        scores = np.array([float(np.log(self._rest.size)) * len(law) for law in laws])
+        scores -= 2.0 * np.array([gain for gain, *_ in found])
+        evidence = np.exp(-0.5 * (scores - scores.min()))
+        reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
+        found.append(self._together([_acting(free, not level.held)]))
+        moves = np.stack([law[4] - found[0][4] for law in found])
+        levels = np.array([law[1][0] - found[0][1][0] for law in found])
+        return reach[:, None] * moves, reach * levels
 
 
 def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:

@@ -39,7 +39,7 @@ _BLOCKS = 24
 _AS_GOOD = 2.0
 """Power left over what the best law leaves on the same samples, up to which the record does not exclude the model's own
 law; and over what is left of moving samples, up to which it does not exclude a part of the record."""
-_FADING = np.geomspace(0.03, 0.6, 10)
+FADING = np.geomspace(0.03, 0.6, 10)
 """Speeds over which Stribeck's part may fade, over the velocity's deviation; beyond them it passes for the others."""
 
 
@@ -210,7 +210,7 @@ class _Equation:
         """Return what further laws add: the speed, then Stribeck's part of two shapes over each speed, (n, k)."""
         speed, sign = np.abs(self.velocity), np.sign(self.velocity)
         share = speed / max(float(np.std(self.velocity)), 1e-300)
-        parts = [sign * np.exp(-((share / fading) ** shape)) for shape in (1, 2) for fading in _FADING]
+        parts = [sign * np.exp(-((share / fading) ** shape)) for shape in (1, 2) for fading in FADING]
         return np.stack([self._passed(part) for part in (speed, *parts)], axis=1)
 
 
@@ -311,7 +311,7 @@ def _stribeck(own: FloatArray, beside: FloatArray, goal: FloatArray) -> Iterator
     _, rest = eliminated(everything.T @ everything, own.shape[1] + 1)
     won = rest[0, 1:] ** 2 / np.maximum(rest.diagonal()[1:], 1e-300)
     for parts, gains in zip(np.split(beside[:, 1:], 2, axis=1), np.split(won, 2), strict=True):
-        best = int(np.clip(np.argmax(gains), 1, _FADING.size - 2))
+        best = int(np.clip(np.argmax(gains), 1, FADING.size - 2))
         yield parts[:, best], parts[:, best + 1] - parts[:, best - 1]
 
 
