@@ -40,8 +40,8 @@ class Said:
         return bool(re.search(r"numbers, |note: .*expected|not to be trusted|another reading|swapped", self.text))
 
 
-def said_of(slip: Slip, folder: Path) -> Iterator[Said]:
-    """Yield what each verb of the chain says of the files, as far as the chain comes."""
+def said_of(slip: Slip, folder: Path, measured: bool = False) -> Iterator[Said]:
+    """Yield what each verb of the chain says of the files, as far as the chain comes; measured: at a rig, too."""
     setup, written = slip.setup, slip.written
     written.files(setup, folder)
     display, model, controller = (str(folder / name) for name in ("display.toml", "model.json", "controller.json"))
@@ -62,6 +62,10 @@ def said_of(slip: Slip, folder: Path) -> Iterator[Said]:
     yield _run("design", display, "--out", controller)
     if Path(controller).exists():
         yield _run("check", controller)
+        if measured:
+            points = ["--frequency-hz", "40,100", "--level", "5", "--confidence-db", "1"]
+            yield _run("measure", "--controller", controller, *points)
+            yield _run("noise", "--controller", controller, "--duration-s", "4")
 
 
 def _run(*arguments: str) -> Said:
@@ -99,6 +103,7 @@ def main() -> int:
     """Print the table, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--right", action="store_true", help="right files in place of slips")
+    parser.add_argument("--measure", action="store_true", help="at the simulated rig, too")
     parser.add_argument("--only", default="", help="those whose name holds this")
     asked = parser.parse_args()
     bad = 0
@@ -106,7 +111,7 @@ def main() -> int:
         if asked.only not in slip.name:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            said = list(said_of(slip, Path(folder)))
+            said = list(said_of(slip, Path(folder), asked.measure))
             where = folder
         wrong = alarms(said) if asked.right else faults(slip, said)
         bad += bool(wrong)
