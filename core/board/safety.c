@@ -47,8 +47,8 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     channel->disagreement_v = number(reader, bad, 0.0f, 1e6f);
     channel->reversal_power = number(reader, bad, 0.0f, 1e6f);
     channel->drive = number(reader, bad, -1e3f, 1e3f);
-    channel->damp = number(reader, bad, 0.0f, 1.0f);
-    channel->spring = number(reader, bad, 0.0f, 1.0f);
+    channel->damp = number(reader, bad, -1.0f, 1.0f);
+    channel->spring = number(reader, bad, -1.0f, 1.0f);
     channel->correct_x = number(reader, bad, -2.0f, 2.0f);
     channel->correct_w = number(reader, bad, -2.0f, 2.0f);
     channel->still_codes = integer(reader, bad, 0, 1 << 24);

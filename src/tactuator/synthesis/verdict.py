@@ -55,8 +55,8 @@ _WIDENS = {
 }
 _LESS_GAIN = "another C: this one is unstable at lower gains, which is what a command at its limit comes to"
 _RUNS_AWAY = (
-    "for information only: no loop around this plant is stable at every lower gain; below this one the guard has to "
-    "end a run"
+    "for information only: no loop around this plant is stable at every lower gain; a board's guard ends a run that "
+    "grows below it"
 )
 NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
 

@@ -5,10 +5,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tactuator.model.description import Display
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.rig.open import in_process_rig
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.design import design_controller
 from tests.rig.guard.guarded import SENSORS, Guarded, designed, spoilt
+from tests.synthesis.displays import channel as finger
 
 TRAVEL_MM = 12.5
 QUARTER_S = 1000
@@ -208,3 +213,23 @@ def test_use__50_db_sl_with_and_without_finger__trips_nothing():
         time_s = np.arange(SOFT + 2000) / 4000.0
         rows = np.stack([316.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 20.0, 200.0)], axis=1)
         assert guarded.run(rows).fault is Fault.NONE
+
+
+def falls_over():
+    """Three motors that fall over by themselves, as a magnet does that lifts: poles at +/- 60 rad/s."""
+    asked = FeedbackRequirements(sensitivity_peak=2.2, phase_margin_deg=30.0)
+    plant = ContinuousSystem([], [60.0, -60.0], 4000.0)
+    channels = tuple(finger(name, plant=plant, loads=(), feedback=asked) for name in ("index", "thumb", "middle"))
+    return design_controller(Display("magnets", 4000.0, 1, channels))
+
+
+def test_guard__plant_that_falls_over__runs_and_is_ended_below_the_least_gain_of_its_loop():
+    """A command at its limit is a loop of lower gain, which grows there: the travel is not reached before the end."""
+    made = falls_over()
+    least = made.channels[0].report["margins"]["least_gain"]
+    rows = three(10.0 * np.sin(2.0 * np.pi * 5.0 * np.arange(6000) / 4000.0))
+    for share, ends in ((1.0, False), (1.2 * least, False), (0.9 * least, True), (0.1 * least, True)):
+        run = Guarded(spoilt(made, share)).run(rows)
+        until = len(rows) if run.fault_at is None else run.fault_at + 1
+        assert (run.fault in {Fault.COMFORT, Fault.TRAVEL}) == ends
+        assert np.max(np.abs(run.displacement_mm[:until])) < TRAVEL_MM

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactuator.arrays import FloatArray
 from tactuator.model.description import Channel, Display
 from tactuator.runtime.safety_table import (
     NEVER,
@@ -147,8 +148,16 @@ def observer(channel: Channel, rate_hz: float) -> tuple[StateObserver, float]:
     pole = math.exp(-OBSERVER_RAD_S / rate_hz)
     both = 2.0 - spring - damp - 2.0 * pole
     correct_w = pole**2 / (1.0 - damp) - 1.0 + both
-    lost = -math.expm1(float(np.real(np.sum(channel.plant.poles))) / rate_hz)
+    lost = -math.expm1(-_brakes_rad_s(channel.plant.poles.real) / rate_hz)
     return StateObserver(0.5 * drive, damp, spring, both - correct_w, correct_w), lost
+
+
+def _brakes_rad_s(poles: FloatArray) -> float:
+    """Return the damping of a motor without command. One that runs away (a pole at a > 0, one at -b) does not come to
+    rest: x + x'/b is what grows then. Where nothing brakes, what the observer follows is taken.
+    """
+    brakes = -float(np.min(poles) if np.max(poles) > 0.0 else np.sum(poles))
+    return brakes if brakes > 0.0 else OBSERVER_RAD_S
 
 
 def frozen_ticks(channel: Channel, rate_hz: float) -> int:
