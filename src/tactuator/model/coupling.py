@@ -7,6 +7,8 @@ way by which the force or the motion gets there.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from itertools import permutations
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,6 +22,10 @@ from tactuator.signals.systems import ContinuousSystem
 RADIUS = 1.73
 """Radius, in standard deviations of a complex number, of the disk that holds it with 95 %: the root of ln 20."""
 _FEWEST = 4
+_LENGTHS, _SIZES = np.geomspace(0.1, 6.0, 10), np.geomspace(0.1, 30.0, 6)
+"""Lengths of the process that are tried, octaves, and its powers, in terms of that of the shares."""
+_TOLD = 0.5
+"""Share of the process's power that the data may leave open at a line which its neighbours tell."""
 _NESTED: TypeAdapter[Any] = TypeAdapter(list[list[list[Number]]])
 
 
@@ -84,10 +90,52 @@ class CoupledResponse:
         return np.asarray(self.real + 1j * self.imag)
 
     def shares(self) -> tuple[ComplexArray, FloatArray]:
-        """Return K and its standard deviation at the measured frequencies, (m, out, in) each."""
+        """Return K and its standard deviation as measured, line by line, (m, out, in) each."""
         ahead = self._diagonal()[:, :, None]
         off = 1.0 - np.eye(len(self.channels))
         return off * self.value / ahead, off * self.deviation / np.abs(ahead)
+
+
+@lru_cache(maxsize=16)
+def smooth_shares(response: CoupledResponse) -> tuple[ComplexArray, FloatArray]:
+    """Return K and its standard deviation at the measured frequencies, (m, out, in) each, every line with what its
+    neighbours say.
+
+    A Gaussian process over the logarithm of frequency with a Matern kernel (nu = 5/2), whose length and size are those
+    of the greatest likelihood (Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, chapters 2 and 5).
+    Lines of which the data tell less than the process supposes are left as they were measured.
+    """
+    shares, deviation = response.shares()
+    place = np.log2(response.frequency_hz)
+    apart = np.abs(place[:, None] - place)
+    for out, of in permutations(range(len(response.channels)), 2):
+        pair = shares[:, out, of].copy(), deviation[:, out, of].copy()
+        shares[:, out, of], deviation[:, out, of] = _smoothed(apart, *pair)
+    return shares, deviation
+
+
+def _smoothed(apart: FloatArray, value: ComplexArray, deviation: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Return values (m,) and deviations by the most likely process; apart: distances in octaves, (m, m)."""
+    noise = np.maximum(deviation, 1e-9 * np.max(np.abs(value)))
+    weight = noise**-4.0
+    power = float(np.sum(weight * (np.abs(value) ** 2 - noise**2)) / np.sum(weight))
+    power = max(power, float(np.sum(weight)) ** -0.5)
+    likeliest, best = -np.inf, (value, deviation)
+    for length in _LENGTHS:
+        steps = np.sqrt(5.0) * apart / length
+        kernel = (1.0 + steps + steps**2 / 3.0) * np.exp(-steps)
+        for size in _SIZES:
+            prior = size * power * kernel
+            lower = np.linalg.cholesky(prior + np.diag(noise**2))
+            white = np.linalg.solve(lower, value)
+            likely = -2.0 * float(np.sum(np.log(np.diag(lower)))) - float(np.sum(np.abs(white) ** 2))
+            if likely > likeliest:
+                across = np.linalg.solve(lower, prior)
+                rest = np.maximum(size * power - np.sum(across**2, axis=0), 0.0)
+                known = rest < _TOLD * size * power
+                smooth = np.where(known, across.T @ white, value)
+                likeliest, best = likely, (smooth, np.where(known, np.sqrt(rest), deviation))
+    return best
 
 
 def measured_of(value: Any) -> CoupledResponse:

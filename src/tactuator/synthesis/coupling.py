@@ -21,7 +21,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import Controller
-from tactuator.model.coupling import RADIUS, Coupling
+from tactuator.model.coupling import RADIUS, Coupling, smooth_shares
 from tactuator.model.description import Display
 from tactuator.model.verdict import Finding, Outcome, compared
 from tactuator.signals.decibels import from_db
@@ -43,7 +43,7 @@ def shares_at(display: Display, frequency_hz: FloatArray) -> tuple[ComplexArray,
     off = 1.0 - np.eye(count)
     if coupling.measured is not None:
         place, lines = np.log(frequency_hz), np.log(coupling.measured.frequency_hz)
-        shares, deviation = (each.reshape(lines.size, -1) for each in coupling.measured.shares())
+        shares, deviation = (each.reshape(lines.size, -1) for each in smooth_shares(coupling.measured))
         parts = [
             [np.interp(place, lines, column) for column in side.T] for side in (shares.real, shares.imag, deviation)
         ]
