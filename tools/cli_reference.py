@@ -72,7 +72,7 @@ def row(parameter, context):
 def default_of(parameter):
     """Return the default as a person would write it."""
     if parameter.required:
-        return "must be given"
+        return "required"
     value = parameter.default
     if value is None or value is False or callable(value) or value == ():
         return ""

@@ -1,4 +1,4 @@
-"""Write the tables of keys in docs/display.md anew from the fields of the dataclasses: `make docs`. A test holds them
+"""Write the keys in docs/display.md anew from the fields of the dataclasses: `make docs`. A test holds them
 current."""
 
 import re
@@ -17,13 +17,13 @@ def reference(page):
 
 
 def table(name):
-    """Return the keys of one table of the display file, a row each."""
-    rows = ["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|"]
+    """Return the keys of one table of the display file, a line each: key, unit, what is allowed, default, meaning."""
+    lines = []
     for key, about in keys_of(name).items():
         usual = default(about)
-        cells = (f"`{key}`", unit(key), "must be given" if usual is None else usual, allowed(about), about.description)
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(rows) + "\n"
+        said = (unit(key), allowed(about), "must be given" if usual is None else f"default {usual}")
+        lines.append(f"- `{key}` ({'; '.join(part for part in said if part)}): {about.description}")
+    return "\n".join(lines) + "\n"
 
 
 def main():

@@ -95,7 +95,7 @@ def test_links__in_the_documents__lead_somewhere():
 def test_dependencies__each__has_its_reason():
     page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
     names = [*wanted("run.in"), *wanted("test.in"), *wanted("site.in")]
-    assert [name for name in names if f"| {name} |" not in page] == []
+    assert [name for name in names if f"- {name} (" not in page] == []
 
 
 def test_decisions__every_one__stands_in_the_index_under_its_title_and_says_why():

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from tactuator.arrays import FloatArray
 from tactuator.report.plate import Plate, labelled, table_of
-from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, RED, frequency_axis, house, legend
+from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, frequency_axis, house, legend
 from tactuator.table import Chart, ChartLine
 
 
@@ -76,7 +76,7 @@ def draw_levels(axes: Axes, chart: Chart) -> None:
 
 
 def draw_curve(axes: Axes, curve: ChartLine, number: int = 0) -> None:
-    """Draw a curve in the colour of its place, with its confidence; points that do not count are crossed out in red."""
+    """Draw a curve in the colour of its place, with its confidence; points that do not count are crossed out."""
     colour = CYCLE[(number if curve.colour is None else curve.colour) % len(CYCLE)]
     x, y = np.asarray(curve.x), np.asarray(curve.y)
     kept = np.ones(x.shape, dtype=bool) if curve.crossed is None else ~np.asarray(curve.crossed, dtype=bool)
@@ -97,4 +97,4 @@ def draw_curve(axes: Axes, curve: ChartLine, number: int = 0) -> None:
             low, high = y - np.asarray(curve.half), y + np.asarray(curve.half)
             axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0.0)
     if not kept.all():
-        axes.plot(x[~kept], y[~kept], "x", color=RED, markersize=5)
+        axes.plot(x[~kept], y[~kept], "x", color=INK, markersize=5)

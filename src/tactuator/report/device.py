@@ -277,7 +277,7 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
     marks = [
         Line2D([], [], color=INK, linewidth=0.8, label="asked"),
         Line2D([], [], color=BLUE, marker="o", markersize=4, fillstyle="none", linestyle="", label="measured, ± 95 %"),
-        Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="a limit was reached"),
+        Line2D([], [], color=INK, marker="x", markersize=5, linestyle="", label="a limit was reached"),
         Line2D([], [], color=BLUE, linewidth=0.8, linestyle=":", label="expected by the model"),
         Line2D([], [], color=GREEN, linewidth=0.9, linestyle="--", label=f"tolerance ±{flatness_db:g} dB"),
         Patch(color=FAINT, alpha=0.3, linewidth=0.0, label=f"below a JND ({AMPLITUDE_JND_DB:g} dB)"),
