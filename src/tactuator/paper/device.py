@@ -9,15 +9,15 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.calibration import Calibration
 from tactuator.identification.recursive import RecursiveEstimate, identify_recursively
-from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.paper.plan import MAINS_HZ, MOTOR_HZ, PROPORTIONAL_GAINS, Plan, Progress
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in
+from tactuator.verbs.identified import CalibrationResult
+from tactuator.verbs.response import FeltLevels
 
 GAUGE_ERROR_MM = 0.01
 """Standard error of one reading of the dial gauge (its division)."""
@@ -27,7 +27,7 @@ _SETTLE_S, _READ_S = 3.0, 0.5
 _TRAVEL_SHARE = 0.8
 
 
-def calibrate(plan: Plan) -> dict[str, Calibration]:
+def calibrate(plan: Plan) -> dict[str, CalibrationResult]:
     """Calibrate every channel's sensor gain from steady positions over 80 % of the travel, read by gauge and by sensor.
 
     The gauge errs by GAUGE_ERROR_MM; the sensor is averaged over half a second.
@@ -49,7 +49,7 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
     for share in np.linspace(-_TRAVEL_SHARE, _TRAVEL_SHARE, _POSITION_COUNT):
         trace = rig.drive(np.tile(share * reaching_v, (round((_SETTLE_S + _READ_S) * rig.rate_hz), 1)))
         sensed.append([steady(column) for column in trace.position_v.T])
-    calibrations: dict[str, Calibration] = {}
+    calibrations: dict[str, CalibrationResult] = {}
     for read, name, volts in zip(readings.values(), rig.channels, np.transpose(sensed), strict=True):
         displacement_mm = np.array(read) + GAUGE_ERROR_MM * rng.standard_normal(_POSITION_COUNT)
         calibrations[name] = tt.calibrate((displacement_mm, volts), GAUGE_ERROR_MM)
@@ -133,8 +133,8 @@ def measure_motors(plan: Plan, progress: Progress) -> OpenLoopResponse:
 class NoiseProbe:
     """Felt noise of each channel under a resting finger, by proportional gain and under the designed controller."""
 
-    proportional: dict[float, tuple[FeltNoise, ...]]
-    designed: tuple[FeltNoise, ...]
+    proportional: dict[float, FeltLevels]
+    designed: FeltLevels
 
 
 def probe_noise(plan: Plan, controller: Controller, progress: Progress) -> NoiseProbe:
@@ -142,8 +142,8 @@ def probe_noise(plan: Plan, controller: Controller, progress: Progress) -> Noise
     proportional = {}
     for done, gain in enumerate(PROPORTIONAL_GAINS, start=1):
         rig = tt.SimulatedRig(plan.display, plan.seed_of(f"noise under gain {gain:g}"))
-        proportional[gain] = tt.noise(rig, controller, gains=[gain]).runs[0][1]
+        proportional[gain] = tt.noise(rig, controller, gains=[gain])
         progress("noise", done / (len(PROPORTIONAL_GAINS) + 1))
     designed = tt.noise(tt.SimulatedRig(plan.display, plan.seed_of("noise under the designed loop")), controller)
     progress("noise", 1.0)
-    return NoiseProbe(proportional, designed.channels)
+    return NoiseProbe(proportional, designed)

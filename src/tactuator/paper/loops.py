@@ -8,7 +8,6 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.arrays import FloatArray
-from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db
@@ -17,10 +16,11 @@ from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
+from tactuator.verbs.designed import ControllerResult
 from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
 
 
-def paper_controller(display: Display) -> Controller:
+def paper_controller(display: Display) -> ControllerResult:
     """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
     channels = tuple(
         replace(channel, feedback=replace(channel.feedback, structure="paper")) for channel in display.channels
@@ -28,7 +28,7 @@ def paper_controller(display: Display) -> Controller:
     return tt.design(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
 
 
-def reshaped_controller(display: Display, curve: ThresholdCurve) -> Controller:
+def reshaped_controller(display: Display, curve: ThresholdCurve) -> ControllerResult:
     """Return a controller for another curve: C stays, the prefilters follow the curve over what it covers
     of the band.
     """

@@ -12,7 +12,7 @@ from tactuator import __version__
 from tactuator.experiment.result.store_results import PersonThresholds
 from tactuator.model.verdict import Finding, Objective
 from tactuator.paper.loops import sampled_loop
-from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response, worst_error_db
+from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.summary import comparison, summary_text
 from tactuator.paper.thresholds import bias_and_spread_db
@@ -24,7 +24,6 @@ from tactuator.report.felt import equality_plate, felt_plate, threshold_plate, t
 from tactuator.report.nichols import nichols_plate
 from tactuator.report.page import Section, Table, page
 from tactuator.report.plate import Plate
-from tactuator.signals.discretise import zero_order_hold
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.synthesis import paper
 
@@ -208,13 +207,13 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
     identified = replace(first, plant=motor)
     return (
         threshold_plate(curve),
-        equality_plate(first, band, nominal_response(study.controller, first.name, band), name="fig02"),
+        equality_plate(first, band, study.controller.response(first.name, band), name="fig02"),
         mechanism_plate(identified),
         motor_plate(
             study.open_loop.frequency_hz,
             study.open_loop.response[first.name],
             motor,
-            zero_order_hold(motor, display.rate_hz),
+            display.rate_hz,
             first.name,
         ),
         calibration_plate(study.calibration),
@@ -227,7 +226,10 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
         response_plate(_runs(study.default, LOADED), "the default, with a finger", "default-finger", flatness_db),
         _thresholds(study),
         felt_plate(study.spoken.report, study.spoken.file.path.name),
-        noise_plate({gain: heard[0] for gain, heard in study.noise.proportional.items()}, study.noise.designed[0]),
+        noise_plate(
+            {gain: levels.runs[0][1][0] for gain, levels in study.noise.proportional.items()},
+            study.noise.designed.channels[0],
+        ),
         _prefilters(study),
         resolution_plate(study.resolution),
         response_plate(

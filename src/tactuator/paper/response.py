@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import tactuator as tt
-from tactuator.arrays import ComplexArray
-from tactuator.measure.felt import FeltReport, compare_felt
-from tactuator.model.controller import Controller
+from tactuator.measure.felt import FeltReport
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.speech.limiter import FingerLimiting
 from tactuator.speech.reading import SpeechFile, sample_path, scan_speech
-from tactuator.speech.render import rendering
+from tactuator.verbs.designed import ControllerResult
+from tactuator.verbs.speech import SpokenResult
 
 
 @dataclass(frozen=True)
@@ -38,15 +36,17 @@ def check_speech(plan: Plan) -> SpeechFile:
     return scan_speech(sample_path() if plan.speech is None else plan.speech)
 
 
-def speak(plan: Plan, controller: Controller, file: SpeechFile, progress: Progress) -> Spoken:
+def speak(plan: Plan, controller: ControllerResult, file: SpeechFile, progress: Progress) -> Spoken:
     """Play the file coded `direct` at LEVEL_DB_SL on all channels of the simulated display and measure it at the finger
     ports.
     """
-    rig = tt.SimulatedRig(controller.display, plan.seed_of("speech"))
-    with rendering(file.path, controller) as reference:
-        report = compare_felt(rig, controller, reference.blocks())
-        progress("speech", 1.0)
-        return Spoken(file, report, reference.limiting)
+    with TemporaryDirectory() as folder:
+        out, felt = (Path(folder) / f"{name}.wav" for name in ("reference", "felt"))
+        spoken = tt.render(file.path, controller, out, felt=felt, seed=plan.seed_of("speech"))
+    assert isinstance(spoken, SpokenResult)
+    assert spoken.rendered.felt is not None
+    progress("speech", 1.0)
+    return Spoken(file, spoken.rendered.felt, spoken.rendered.limiting)
 
 
 UNLOADED, LOADED = "none", "finger"
@@ -80,19 +80,9 @@ class ResponsePoint:
         return float(db(self.measured_v / self.expected_v))
 
 
-def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLike) -> ComplexArray:
-    """Return H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold
-    unit.
-    """
-    display, designed = controller.display, controller.channel(channel)
-    plant = zero_order_hold(display.channel(channel).plant, display.rate_hz, display.delay_samples)
-    loop = TwoDegreeLoop(designed.prefilter(display.rate_hz), designed.feedback(display.rate_hz), plant)
-    return loop.position_response(frequency_hz)
-
-
 def measure_responses(
     plan: Plan,
-    controller: Controller,
+    controller: ControllerResult,
     progress: Progress,
     *,
     step: str = "response",
@@ -110,7 +100,7 @@ def measure_responses(
         )
         for measured in result.responses:
             hertz = measured.frequency_hz
-            expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)
+            expected = np.abs(controller.response(measured.channel, hertz)) * from_db(level)
             target = controller.display.channel(measured.channel).threshold_voltage(hertz) * from_db(level)
             columns = (hertz, expected, target, measured.magnitude_v, measured.confidence_db, measured.saturated)
             for f, e, t, m, ci, limited in zip(*(column.tolist() for column in columns), strict=True):

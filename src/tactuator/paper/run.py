@@ -8,9 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import tactuator as tt
-from tactuator.identification.calibration import Calibration
-from tactuator.measure.noise import noise_verdict
-from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, compared, verdict_of
 from tactuator.paper.device import (
@@ -32,12 +29,14 @@ from tactuator.paper.loops import (
     reshaped_controller,
 )
 from tactuator.paper.plan import LEVELS_DB_SL, Plan, Progress
-from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, Spoken, measure_responses, nominal_response, speak
+from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, Spoken, measure_responses, speak
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db
 from tactuator.speech.reading import SpeechFile
-from tactuator.synthesis.verdict import RESONANCE, judge
+from tactuator.synthesis.verdict import RESONANCE
+from tactuator.verbs.designed import ControllerResult
+from tactuator.verbs.identified import CalibrationResult
 from tactuator.wordlength.bits import Needed
 
 JUDGED_AT_DB_SL = 30.0
@@ -45,12 +44,11 @@ JUDGED_AT_DB_SL = 30.0
 
 
 def judge_objectives(
-    plan: Plan, controller: Controller, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
+    plan: Plan, controller: ControllerResult, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
 ) -> Verdict:
     """Return the verdict by what was measured; max|T|, which nobody can measure at rest, by the controller's model."""
     at_level = [point for point in responses if point.level_db_sl == JUDGED_AT_DB_SL]
-    heard = noise_verdict(noise.designed, plan.display)
-    modelled = judge(controller, plan.display)
+    heard, modelled = noise.designed.verdict, controller.verdict
     findings = [
         *_follows(plan, at_level),
         *(finding for objective in heard.objectives for finding in objective.findings),
@@ -109,7 +107,7 @@ class Reshaped:
     """The controller for the new curve, its greatest error against that curve at the curve's own frequencies, dB, and
     its measured response."""
 
-    controller: Controller
+    controller: ControllerResult
     max_error_db: float
     responses: tuple[ResponsePoint, ...]
 
@@ -119,13 +117,13 @@ class PaperStudy:
     """Results of the study, step by step."""
 
     plan: Plan
-    calibration: dict[str, Calibration]
+    calibration: dict[str, CalibrationResult]
     motors: dict[str, IdentifiedMotor]
     open_loop: OpenLoopResponse
     loop: PaperLoop
     prefilters: Prefilters
     resolution: Needed
-    controller: Controller
+    controller: ControllerResult
     noise: NoiseProbe
     responses: tuple[ResponsePoint, ...]
     default: tuple[ResponsePoint, ...]
@@ -198,7 +196,7 @@ def _default(plan: Plan, progress: Progress) -> tuple[ResponsePoint, ...]:
     )
 
 
-def _without_friction(plan: Plan, controller: Controller, progress: Progress) -> tuple[ResponsePoint, ...]:
+def _without_friction(plan: Plan, controller: ControllerResult, progress: Progress) -> tuple[ResponsePoint, ...]:
     """Measure the response at 0 dB SL of the same display with its friction taken away: what is missing with it is
     friction.
     """
@@ -222,7 +220,7 @@ def _reshape(plan: Plan, curve: ThresholdCurve, progress: Progress) -> Reshaped:
     errors = [
         20.0
         * np.log10(
-            np.abs(nominal_response(controller, channel.name, curve.frequency_hz))
+            np.abs(controller.response(channel.name, curve.frequency_hz))
             / channel.threshold_voltage(curve.frequency_hz)
         )
         for channel in controller.display.channels

@@ -97,8 +97,8 @@ def _of(result: Any, names: tuple[str, ...]) -> dict[str, Any]:
 
 def _noise(study: PaperStudy) -> list[dict[str, Any]]:
     """Return felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
-    heard = [(gain, felt) for gain, channels in study.noise.proportional.items() for felt in channels]
-    rows = [*heard, *((None, felt) for felt in study.noise.designed)]
+    heard = [(gain, felt) for gain, levels in study.noise.proportional.items() for felt in levels.runs[0][1]]
+    rows = [*heard, *((None, felt) for felt in study.noise.designed.channels)]
     return [
         {
             "gain": gain,

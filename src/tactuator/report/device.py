@@ -36,9 +36,10 @@ from tactuator.report.style import (
     phase_deg,
 )
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import power_spectrum
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import Chart, ChartLine
 
 
@@ -148,10 +149,13 @@ def motor_plate(
     frequency_hz: FloatArray,
     measured: ComplexArray,
     continuous: ContinuousSystem,
-    sampled: SampledSystem,
+    rate_hz: float,
     channel: str,
 ) -> Plate:
-    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and both models between its ends."""
+    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model between its ends, continuous and as
+    it is sampled at rate_hz.
+    """
+    sampled = zero_order_hold(continuous, rate_hz)
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
     fine = np.geomspace(low, high, 400)
     drawing, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)

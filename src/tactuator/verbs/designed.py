@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
@@ -84,11 +86,15 @@ class ControllerResult(Result, Controller):
             hertz = np.geomspace(*channel.threshold.band_hz, 300)
             unit_v = channel.threshold_voltage(hertz)
             for load in (None, *(load.name for load in channel.loads)):
-                error = db(expected_response(self, channel.name, load, hertz) / unit_v)
+                error = db(self.response(channel.name, hertz, load) / unit_v)
                 words, style = (channel.name, "-") if load is None else (f"{channel.name}, {load}", "--")
                 curves.append(ChartLine(words, hertz, error, style, colour=number))
         tolerance, label = self.display.objectives.flatness_db, "felt less asked, by the model (dB)"
         return Chart(FREQUENCY, label, curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
+
+    def response(self, channel: str, frequency_hz: ArrayLike, load: str | None = None) -> ComplexArray:
+        """Return the volts of y per threshold unit that the model expects of a channel, (m,); load: None for free."""
+        return expected_response(self, channel, load, np.asarray(frequency_hz, dtype=np.float64))
 
     def write(self, path: Place) -> None:
         """Write the controller file, whole or not at all."""
