@@ -57,7 +57,10 @@ def channel_figures(plants: ChannelPlants, controller: ChannelController) -> dic
     return {
         "design": [list(row) for row in design_rows([controller])],
         "verdict": verdict_rows(verdict_of(findings)),
-        "tiles": [_margin_tile(plants, controller), *_tiles(verdict_of(findings))],
+        "tiles": [
+            _margin_tile(plants, controller),
+            *_tiles(verdict_of([replace(each, model="") for each in findings])),
+        ],
     }
 
 
