@@ -71,7 +71,7 @@ def render_corpus(
 
     Raises BadInput for a folder without speech, and for workers beside a scheduler.
 
-    >>> tt.render_corpus("protocols", "rendered", controller, workers=1).headline()["failed"]
+    >>> tt.render_corpus("recordings", "rendered", controller, workers=1).headline()["failed"]
     '0'
     """
     from tactuator.corpus.corpus import MANIFEST, run_corpus

@@ -132,10 +132,10 @@ def read_curve(name_or_path: Place) -> "CurveResult":
 def read_model(path: Place) -> "ModelResult":
     """Read a model that `identify` wrote. Raises BadInput for another file.
 
-    >>> tt.read_model("curve.csv")
+    >>> tt.read_model("bench.csv")
     Traceback (most recent call last):
     ...
-    tactuator.errors.BadInput: model curve.csv: it is not JSON; allowed: a file that `identify` wrote
+    tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; allowed: a model
     """
     from tactuator.io import model as file
     from tactuator.verbs.nouns import ModelResult
