@@ -21,7 +21,7 @@ class Motors:
 
     asymmetry: of viscous damping and of the level, a share, (2, k). breakaway: what Stribeck's law adds at rest, of the
     level. stribeck: speed over which it fades. presliding: distance over which friction builds up. speed: of the
-    motion.
+    motion. stiffness: of the spring that holds it, zero: none.
     """
 
     mass: Values
@@ -32,22 +32,31 @@ class Motors:
     stribeck: Values
     presliding: Values
     speed: Values
+    stiffness: Values
 
 
-def drawn(rng: np.random.Generator, count: int) -> Motors:
-    """Return motors drawn over three decades of mass and speed."""
+def drawn(rng: np.random.Generator, count: int, *, sprung: bool = False) -> Motors:
+    """Return motors drawn over three decades of mass and speed; sprung: held by a spring, less damped, rubbing less."""
     mass, speed = 10.0 ** rng.uniform(-1.5, 2.0, count), 10.0 ** rng.uniform(-2.0, 1.0, count)
     # the motion's changes of speed take about a fifth of a second
     coulomb = rng.uniform(0.3, 1.5, count) * mass * speed / 0.2
+    omega = 2.0 * np.pi * rng.uniform(4.0, 20.0, count)
+    if sprung:
+        # in shares of the force that brings the speed at resonance
+        coulomb = rng.uniform(0.02, 0.15, count) * mass * omega * speed
+    viscous = (
+        2.0 * mass * omega * rng.uniform(0.2, 1.0, count) if sprung else rng.uniform(0.2, 1.5, count) * coulomb / speed
+    )
     return Motors(
         mass=mass,
-        viscous=rng.uniform(0.2, 1.5, count) * coulomb / speed,
+        viscous=viscous,
         coulomb=coulomb,
         asymmetry=rng.uniform(-0.15, 0.15, (2, count)),
         breakaway=rng.uniform(0.05, 0.5, count),
         stribeck=rng.uniform(0.02, 0.2, count) * speed,
         presliding=speed * 10.0 ** rng.uniform(-4.5, -3.5, count),
         speed=speed,
+        stiffness=mass * omega**2 * float(sprung),
     )
 
 
@@ -69,9 +78,22 @@ def reference(rng: np.random.Generator, speed: Values, seconds: float) -> Values
     return np.stack(rows, axis=1)
 
 
+def pushed(rng: np.random.Generator, motors: Motors, seconds: float) -> Values:
+    """Return the forces that drive sprung motors, (n, k): steps and tones from 0.3 to 300 Hz."""
+    time = np.arange(round(seconds * RATE_HZ))[:, None] / RATE_HZ
+    turns = rng.uniform(0.0, 2.0 * np.pi, (27, motors.mass.size))
+    force = 0.6 * np.sign(np.sin(2.0 * np.pi * 0.45 * time + turns[0]))
+    for hertz, turn in zip(np.geomspace(0.3, 300.0, 26), turns[1:], strict=True):
+        force += rng.uniform(0.13, 0.26) * np.cos(2.0 * np.pi * hertz * time + turn)
+    return np.asarray(force * motors.speed * np.sqrt(motors.mass * motors.stiffness))
+
+
 def recorded(motors: Motors, rng: np.random.Generator, seconds: float = 20.0, steps: int = 20) -> tuple[Values, Values]:
-    """Return forces, held between samples, and positions of all motors in a cascade of two loops, (n, k) each."""
-    asked = reference(rng, motors.speed, seconds)
+    """Return forces, held between samples, and positions of all motors, (n, k) each: free ones in a cascade of two
+    loops, sprung ones in none.
+    """
+    is_sprung = bool(np.all(motors.stiffness > 0.0))
+    asked = pushed(rng, motors, seconds) if is_sprung else reference(rng, motors.speed, seconds)
     count, step = motors.mass.size, 1.0 / RATE_HZ / steps
     outer = 2.0 * np.pi * rng.uniform(4.0, 10.0, count)
     inner = motors.mass * 2.0 * np.pi * rng.uniform(20.0, 50.0, count)
@@ -81,23 +103,25 @@ def recorded(motors: Motors, rng: np.random.Generator, seconds: float = 20.0, st
     forces, positions = np.empty_like(asked), np.empty_like(asked)
     levels = [motors.coulomb * (1.0 + way * motors.asymmetry[1]) for way in (-1.0, 1.0)]
     slopes = [motors.viscous * (1.0 + way * motors.asymmetry[0]) for way in (-1.0, 1.0)]
-    stiffness = motors.coulomb / motors.presliding
+    bristle = motors.coulomb / motors.presliding
     for n, goal in enumerate(asked):
         seen = code * np.round((x + noise * rng.standard_normal(count)) / code)
         # the force was worked out from the sample before, and is held over this period
         forces[n], positions[n] = force, seen
-        later = inner * (outer * (goal - seen) - (seen - seen_before) * RATE_HZ)
+        later = goal if is_sprung else inner * (outer * (goal - seen) - (seen - seen_before) * RATE_HZ)
         seen_before = seen
         for _ in range(steps):
             level = np.where(v > 0.0, levels[1], levels[0])
             whole = level * (1.0 + motors.breakaway * np.exp(-((v / motors.stribeck) ** 2)))
-            most = whole / stiffness
+            most = whole / bristle
             fade = np.exp(-np.abs(v) * step / most)
             z = np.sign(v) * most * (1.0 - fade) + z * fade
             slope = np.where(v > 0.0, slopes[1], slopes[0])
             # the trapezoid's rule: damping is implicit, the position moves by the mean speed
             half = 0.5 * step * slope / motors.mass
-            later_v = (v * (1.0 - half) + step / motors.mass * (force - stiffness * z)) / (1.0 + half)
+            later_v = (v * (1.0 - half) + step / motors.mass * (force - motors.stiffness * x - bristle * z)) / (
+                1.0 + half
+            )
             x, v = x + 0.5 * step * (v + later_v), later_v
         force = later
     return forces, positions
