@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.form import freedom
+from tactuator.identification.form import Known, freedom
 from tactuator.identification.inverse_dynamics import FADING, low_passed, motion_corner
 from tactuator.identification.likelihood import eliminated
 from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
 from tactuator.identification.prepared import Signals
 from tactuator.identification.residual import Residual, record_residual
-from tactuator.identification.spectral_estimate import SpectralEstimate, refitted
+from tactuator.identification.spectral_estimate import SpectralEstimate, refitted, simplified
 from tactuator.identification.uncertainty import log_slopes
 from tactuator.runtime._core import ffi, lib
 
@@ -109,11 +109,12 @@ class _Level:
 
 
 def fit_friction(
-    signals: Signals, bare: SpectralEstimate, estimate_of: Callable[[Signals], SpectralEstimate]
+    signals: Signals, bare: SpectralEstimate, known: Known, estimate_of: Callable[[Signals], SpectralEstimate]
 ) -> FrictionFit | None:
-    """Return the estimate with friction, or None where none is certain.
+    """Return the estimate with friction, or None where none is certain; its form is the simplest whose response cannot
+    be told from the best one's, whichever law friction has.
 
-    bare: the estimate without friction; estimate_of: what makes an estimate of signals.
+    bare: the estimate without friction; known: of the form; estimate_of: what makes an estimate of signals.
     """
     level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
     if level is None and not friction_shows(bare.residuals):
@@ -126,7 +127,20 @@ def fit_friction(
         level = _settled(signals, now, level)
         if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
             break
-    level = before
+    rubbed = _with_level(signals, now, before)
+    if rubbed is None:
+        return None
+    simpler = simplified(now, known, rubbed.shifts)
+    if simpler is now:
+        return rubbed
+    level = _settled(signals, simpler, before)
+    return _with_level(signals, _again(simpler, level.off(signals)), level) or rubbed
+
+
+def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> FrictionFit | None:
+    """Return an estimate of signals with friction off their commands, with what friction leaves unknown; None where no
+    friction is certain.
+    """
     lines = _FrictionLines(now, level)
     gain, coulomb, power, weights = lines.explained(level.states())
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf

@@ -186,7 +186,7 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
         estimated = following(estimated, common.references)
     if asked.friction and estimated.before is None:
         note("looking for friction")
-        rubbed = fit_friction(common.signals, estimated, estimate_of)
+        rubbed = fit_friction(common.signals, estimated, known, estimate_of)
     if rubbed is not None:
         estimated = rubbed.estimate
     return identification(common, estimated, source, estimated.residuals, rubbed=rubbed)

@@ -112,7 +112,7 @@ def estimate(
         for hold in sorted(holds, key=lambda choice: starts[choice][0].cost):
             note(f"fitting the record as {hold}")
             judged.append(_searched(given, taken, starts[hold], hold, wanted, judged))
-        return _simplest(_decided(judged, holds, local, taken), wanted)
+        return simplified(_decided(judged, holds, local, taken), wanted)
 
     free = best_of(proposals, known.without_values)
     if known == known.without_values:
@@ -199,7 +199,7 @@ def estimate_lines(
         proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
         choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
         judged = [_Judged(choice, (), 2.0 * choice.fit.cost + choice.price) for choice in choices]
-        return _simplest(_decided(judged, holds, local, taken), wanted)
+        return simplified(_decided(judged, holds, local, taken), wanted)
 
     free = best_of(known.without_values)
     return free if known == known.without_values else replace(best_of(known, free), free=free)
@@ -271,9 +271,12 @@ def _decided(
     )
 
 
-def _simplest(estimated: SpectralEstimate, known: Known) -> SpectralEstimate:
-    """Return the estimate with the simplest form whose response lies within the band of the best one's."""
-    chosen = simplest(estimated.chosen, known, indistinct(estimated.chosen, estimated.local))
+def simplified(estimated: SpectralEstimate, known: Known, shifts: FloatArray | None = None) -> SpectralEstimate:
+    """Return the estimate with the simplest form whose response lies within the band of the best one's.
+
+    shifts: deviations of its parameters beside the noise's, as in `indistinct`.
+    """
+    chosen = simplest(estimated.chosen, known, indistinct(estimated.chosen, estimated.local, shifts))
     if chosen is estimated.chosen:
         return estimated
     residuals = record_residual(chosen, estimated.spectra) if estimated.residuals else ()

@@ -72,14 +72,17 @@ def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray
     return np.maximum(variances[0], 0.0), np.maximum(variances[1], 0.0)
 
 
-def indistinct(choice: Choice, local: LocalResponse) -> Callable[[SpectralFit], bool]:
+def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None = None) -> Callable[[SpectralFit], bool]:
     """Return what tells whether a fit's response lies within the band of the chosen one wherever the record shows its
     own response: the noise, other forms, and what the form does not follow; no band is narrower than `FLOOR`.
+
+    shifts: further deviations of (numerator, theta, dead time), (k, parameters).
     """
     hertz, best = local.frequency_hz, choice.fit
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, hertz), hertz))
-    own = _variances(log_slopes(best, hertz), information(choice.problem, best))
+    covariance = information(choice.problem, best) + (0.0 if shifts is None else shifts.T @ shifts)
+    own = _variances(log_slopes(best, hertz), covariance)
     pairs = zip(own, (beyond.magnitude, beyond.phase_rad), strict=True)
     reach = [1.959964 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
 
