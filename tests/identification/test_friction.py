@@ -6,7 +6,7 @@ import pytest
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.signals.record import Record
-from tests.identification.rubbing_motor import DAMPING, RATE_HZ, rubbing_motor, true_response
+from tests.identification.rubbing_motor import DAMPING, GAIN, RATE_HZ, rubbing_motor, true_response
 
 
 def found_in(coulomb: float, presliding: float, seed: int, method: str = "refined") -> Identification:
@@ -37,6 +37,10 @@ def test_identify__friction_that_builds_up_slowly__level_inside_its_interval_and
     assert found.friction is not None
     assert abs(found.friction.coulomb - 0.1) <= found.friction.confidence < 0.01
     assert found.friction.presliding == pytest.approx(0.1, rel=0.2)
+    # without a needless pole: it was three poles and a zero beside one of them
+    assert found.mass_and_viscous is not None
+    for (value, half_width), truth in zip(found.mass_and_viscous, (1.0 / GAIN, DAMPING / GAIN), strict=True):
+        assert abs(value - truth) <= half_width < 0.01 * truth
 
 
 def test_identify__friction_of_a_third_of_the_command__is_not_trusted() -> None:

@@ -40,13 +40,13 @@ def drawn(rng: np.random.Generator, count: int, *, sprung: bool = False) -> Moto
     mass, speed = 10.0 ** rng.uniform(-1.5, 2.0, count), 10.0 ** rng.uniform(-2.0, 1.0, count)
     # the motion's changes of speed take about a fifth of a second
     coulomb = rng.uniform(0.3, 1.5, count) * mass * speed / 0.2
-    omega = 2.0 * np.pi * rng.uniform(4.0, 20.0, count)
     if sprung:
+        omega = 2.0 * np.pi * rng.uniform(4.0, 20.0, count)
         # in shares of the force that brings the speed at resonance
         coulomb = rng.uniform(0.02, 0.15, count) * mass * omega * speed
-    viscous = (
-        2.0 * mass * omega * rng.uniform(0.2, 1.0, count) if sprung else rng.uniform(0.2, 1.5, count) * coulomb / speed
-    )
+        viscous = 2.0 * mass * omega * rng.uniform(0.2, 1.0, count)
+    else:
+        omega, viscous = np.zeros(count), rng.uniform(0.2, 1.5, count) * coulomb / speed
     return Motors(
         mass=mass,
         viscous=viscous,
@@ -56,7 +56,7 @@ def drawn(rng: np.random.Generator, count: int, *, sprung: bool = False) -> Moto
         stribeck=rng.uniform(0.02, 0.2, count) * speed,
         presliding=speed * 10.0 ** rng.uniform(-4.5, -3.5, count),
         speed=speed,
-        stiffness=mass * omega**2 * float(sprung),
+        stiffness=mass * omega**2,
     )
 
 
