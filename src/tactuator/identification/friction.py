@@ -282,8 +282,8 @@ class _FrictionLines:
         weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
         moves = self._free @ weights
         powers, along = rest[:-1, :-1], rest[:-1, -1]
-        level, left = eliminated(rest, len(columns))
-        gain = float(rest[-1, -1] - left[0, 0]) if np.any(along) else 0.0
+        level, remaining = eliminated(rest, len(columns))
+        gain = float(rest[-1, -1] - remaining[0, 0]) if np.any(along) else 0.0
         return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
 
     def _pull(self, states: Sequence[FloatArray]) -> FloatArray:
@@ -298,7 +298,7 @@ class _FrictionLines:
         """
         free = [dahl_state(path, level.presliding) for path in level.paths]
         speed = [np.abs(np.gradient(path)) for path in level.paths]
-        own, *uneven = (_acting(part, level.held) for part in (free, [np.abs(state) for state in free], speed))
+        plain, *uneven = (_acting(part, level.held) for part in (free, [np.abs(state) for state in free], speed))
         falling = []
         for shape in (1, 2):
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
@@ -306,16 +306,16 @@ class _FrictionLines:
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
                 for fading in FADING
             ]
-            falling.append(max(parts, key=lambda part: self._together([own, *uneven, part])[0]))
-        laws = [[own], [own, *uneven], *([own, *uneven, part] for part in falling)]
-        found = [self._together(law) for law in laws]
+            falling.append(max(parts, key=lambda part: self._together([plain, *uneven, part])[0]))
+        laws = [[plain], [plain, *uneven], *([plain, *uneven, part] for part in falling)]
+        solved = [self._together(law) for law in laws]
         scores = np.array([float(np.log(self._rest.size)) * len(law) for law in laws])
-        scores -= 2.0 * np.array([gain for gain, *_ in found])
+        scores -= 2.0 * np.array([gain for gain, *_ in solved])
         evidence = np.exp(-0.5 * (scores - scores.min()))
         reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
-        found.append(self._together([_acting(free, not level.held)]))
-        moves = np.stack([law[4] - found[0][4] for law in found])
-        levels = np.array([law[1][0] - found[0][1][0] for law in found])
+        solved.append(self._together([_acting(free, not level.held)]))
+        moves = np.stack([law[4] - solved[0][4] for law in solved])
+        levels = np.array([law[1][0] - solved[0][1][0] for law in solved])
         return reach[:, None] * moves, reach * levels
 
 

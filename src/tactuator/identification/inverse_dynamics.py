@@ -251,19 +251,19 @@ class _Reading:
         # what one direction has more than the other, growing with the speed, leaves the mean offset as it is
         usual = float(beside[:, 0].mean())
         beside[:, 0] -= usual
-        own = columns @ basis
+        free = columns @ basis
         laws = []
         further = [beside[:, :0], beside[:, :1]]
-        further += [np.column_stack([beside[:, 0], *falling]) for falling in _stribeck(own, beside, goal)]
+        further += [np.column_stack([beside[:, 0], *falling]) for falling in _stribeck(free, beside, goal)]
         kept = slice(0, basis.shape[1])
         for more in further:
-            found, rest, covariance = _regress(np.hstack([own, more]), goal)
-            weights = foot + basis @ found[kept]
+            solution, rest, covariance = _regress(np.hstack([free, more]), goal)
+            weights = foot + basis @ solution[kept]
             # a part that is greater than the level itself is no part of friction, but another way to write the rest
-            if more.shape[1] < 2 or abs(found[-2]) < abs(weights[2]):
-                laws.append(_Law(weights, basis @ covariance[kept, kept] @ basis.T, rest, found.size))
+            if more.shape[1] < 2 or abs(solution[-2]) < abs(weights[2]):
+                laws.append(_Law(weights, basis @ covariance[kept, kept] @ basis.T, rest, solution.size))
             if more.shape[1] == 1:
-                at_rest = weights - np.array([0.0, 0.0, 0.0, usual * found[-1]])
+                at_rest = weights - np.array([0.0, 0.0, 0.0, usual * solution[-1]])
         return cls(chosen, tuple(laws), at_rest)
 
     @property
@@ -305,10 +305,10 @@ class _Reading:
         return np.vstack([away, [0.0, 0.0, 0.0, self.at_rest[3] - weights[3]]])
 
 
-def _stribeck(own: FloatArray, beside: FloatArray, goal: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _stribeck(free: FloatArray, beside: FloatArray, goal: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield Stribeck's part of each shape, (k,), over the speed by which it explains most, and how that moves it."""
-    everything = np.column_stack([own, beside[:, 0], goal, beside[:, 1:]])
-    _, rest = eliminated(everything.T @ everything, own.shape[1] + 1)
+    everything = np.column_stack([free, beside[:, 0], goal, beside[:, 1:]])
+    _, rest = eliminated(everything.T @ everything, free.shape[1] + 1)
     won = rest[0, 1:] ** 2 / np.maximum(rest.diagonal()[1:], 1e-300)
     for parts, gains in zip(np.split(beside[:, 1:], 2, axis=1), np.split(won, 2), strict=True):
         best = int(np.clip(np.argmax(gains), 1, FADING.size - 2))

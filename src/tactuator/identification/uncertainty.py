@@ -82,8 +82,8 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, hertz), hertz))
     covariance = information(choice.problem, best) + (0.0 if shifts is None else shifts.T @ shifts)
-    own = _variances(log_slopes(best, hertz), covariance)
-    pairs = zip(own, (beyond.magnitude, beyond.phase_rad), strict=True)
+    variances = _variances(log_slopes(best, hertz), covariance)
+    pairs = zip(variances, (beyond.magnitude, beyond.phase_rad), strict=True)
     reach = [1.959964 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
 
     def is_within(fit: SpectralFit) -> bool:
