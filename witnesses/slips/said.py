@@ -2,7 +2,8 @@
 
 The files are written by `setups.py`, which shares nothing with the project. A slip is caught where a verb that sees it
 says the word for it and none ends in "met"; a right file passes where no verb doubts its numbers. It was seen to fail:
-without the checks of `model/plausibility.py` most slips pass. Ends with 1 where a slip passes or a right file does not.
+with the bounds of `model/plausibility.py` taken away, 36 of 45 slips are not named. Ends with 1 where a slip passes, or
+where right files are doubted.
 """
 
 from __future__ import annotations
