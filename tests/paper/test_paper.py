@@ -69,7 +69,7 @@ def test_resolution__rising_rate__costs_bits_but_in_delta_form(study: PaperStudy
 
 def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: PaperStudy) -> None:
     for column in range(len(CHANNELS)):
-        heard = [channels[column] for channels in study.noise.proportional.values()]
+        heard = [levels.runs[0][1][column] for levels in study.noise.proportional.values()]
         lines = [one.worst_line_db_sl for one in heard]
         assert lines == sorted(lines)
         assert lines[0] < 0.0 < lines[-1]
@@ -147,7 +147,7 @@ def test_objectives__what_check_and_noise_say__is_told_in_the_same_findings(stud
     """One verdict: hum and noise are the findings of `noise`, max|T| that of `check`, in the same words."""
     told = {one.quantity for objective in study.verdict.objectives for one in objective.findings}
     assert told == {"felt less asked", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
-    heard = noise_verdict(study.noise.designed, study.plan.display)
+    heard = noise_verdict(study.noise.designed.channels, study.plan.display)
     own = {one.number: one.findings for one in study.verdict.objectives}
     for objective in heard.objectives:
         assert set(objective.findings) <= set(own[objective.number])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import tactuator as tt
+from tactuator.measure.noise import noise_verdict
 from tactuator.model.description import Display
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, compared, verdict_of
 from tactuator.paper.device import (
@@ -34,7 +35,7 @@ from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db
 from tactuator.speech.reading import SpeechFile
-from tactuator.synthesis.verdict import RESONANCE
+from tactuator.synthesis.verdict import RESONANCE, judge
 from tactuator.verbs.designed import ControllerResult
 from tactuator.verbs.identified import CalibrationResult
 from tactuator.wordlength.bits import Needed
@@ -48,7 +49,8 @@ def judge_objectives(
 ) -> Verdict:
     """Return the verdict by what was measured; max|T|, which nobody can measure at rest, by the controller's model."""
     at_level = [point for point in responses if point.level_db_sl == JUDGED_AT_DB_SL]
-    heard, modelled = noise.designed.verdict, controller.verdict
+    heard = noise_verdict(noise.designed.channels, plan.display)
+    modelled = judge(controller, plan.display)
     findings = [
         *_follows(plan, at_level),
         *(finding for objective in heard.objectives for finding in objective.findings),
