@@ -9,6 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
+from tactuator.identification.trust import CLIPPED, KNOCK
 from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited
@@ -82,13 +83,10 @@ def test_identify__short_gap_and_jitter__are_mended_and_said(tmp_path: Path) -> 
     assert any("uneven" in remark for remark in uneven.remarks)
 
 
-def test_identify__saturated_command_and_clipped_sensor__are_said() -> None:
+def test_identify__clipped_sensor__is_not_trusted() -> None:
     limit = 1.8 * float(np.std(GOOD.position))
     clipped = replace(GOOD, position=np.clip(GOOD.position, -limit, limit))
-    assert any("position is clipped" in remark for remark in identify(clipped, **KNOWN).remarks)
-    limit = 1.8 * float(np.std(GOOD.command))
-    saturated = replace(GOOD, command=np.clip(GOOD.command, -limit, limit))
-    assert any("command is clipped" in remark for remark in identify(saturated, **KNOWN).remarks)
+    assert any(CLIPPED.name in reason for reason in identify(clipped, **KNOWN).distrust)
 
 
 def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_seam() -> None:
@@ -97,10 +95,10 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
     position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
     pasted = replace(GOOD, command=command, position=position)
     assert off_db(pasted) < 0.1
-    said = [remark for remark in identify(pasted, **KNOWN).remarks if "two runs pasted" in remark]
-    assert len(said) == 1
-    assert float(said[0].split()[1]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
-    assert not any("pasted" in remark for remark in identify(GOOD, **KNOWN).remarks)
+    (knock,) = (row for row in identify(pasted, **KNOWN).model.trust if row.name == KNOCK.name)
+    assert float(knock.where.split()[1]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
+    assert knock.refuses
+    assert not identify(GOOD, **KNOWN).distrust
 
 
 def test_identify__columns_swapped__is_said_and_not_trusted() -> None:

@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from tactuator.identification.identify import identify
+from tactuator.identification.trust import DISTORTION
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited, held
 
@@ -13,7 +14,7 @@ RATE_HZ = 1000.0
 
 
 def said(record: Record) -> bool:
-    return any("follows the cube of the command" in one for one in identify(record, order=2).remarks)
+    return any(row.value > 0.0 for row in identify(record, order=2).model.trust if row.name == DISTORTION.name)
 
 
 def test_identify__command_recorded_before_it_saturates__is_told() -> None:

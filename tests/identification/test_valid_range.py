@@ -10,9 +10,11 @@ import pytest
 from scipy import signal
 
 from tactuator.cli.main import main
-from tactuator.identification.identify import distrusted, identify
-from tactuator.identification.prepared import ExcitationReport, valid_range
+from tactuator.identification.asked import Asked
+from tactuator.identification.identify import identify, judged
+from tactuator.identification.prepared import ExcitationReport, prepared, valid_range
 from tactuator.identification.result import Identification
+from tactuator.identification.trust import FOLLOWING, VALID
 from tactuator.io.record import write_record
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ
@@ -72,12 +74,12 @@ def test_identify__record_too_long__says_which_part_was_used(record: Record, mon
     assert np.allclose(np.abs(found.model.response(hertz)), np.abs(PAPER.response(hertz)), rtol=0.02)
 
 
-def test_distrusted__band_wide_everywhere__is_a_reason(record: Record) -> None:
+def test_judged__band_wide_everywhere__is_a_reason(record: Record) -> None:
     found: Identification = identify(record, method="rls", order=2)
     wide = replace(found.model, valid_hz=(1.0, 1.05))
-    common = type("Common", (), {"records": (record,), "excitation": ExcitationReport(9, 3, 1.0, 50.0)})()
-    reasons = distrusted(replace(found, model=wide), common).distrust
-    assert any("nowhere narrower" in one for one in reasons)
+    common = replace(prepared([record], Asked()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
+    reasons = judged(replace(found, model=wide), common).distrust
+    assert any(VALID.name in one for one in reasons)
 
 
 def test_valid_range__band_narrow_nowhere__is_two_neighbours(record: Record) -> None:
@@ -91,6 +93,6 @@ def test_valid_range__band_narrow_nowhere__is_two_neighbours(record: Record) -> 
 def test_identify__least_squares_of_a_plant_with_dead_time__is_not_trusted() -> None:
     command = np.random.default_rng(8).standard_normal(6000)
     late = Record(RATE_HZ, command[LATE:], simulated(command)[:-LATE])
-    assert any("follow the command and not the model" in one for one in identify(late, method="rls", order=2).distrust)
+    assert any(FOLLOWING.name in one for one in identify(late, method="rls", order=2).distrust)
     prompt = Record(RATE_HZ, command, simulated(command))
     assert not identify(prompt, method="rls", order=2).distrust

@@ -41,7 +41,7 @@ def test_validate__same_mechanism__holds(found: Identification, seed: int, close
 @pytest.mark.parametrize(
     ("other", "reason"),
     [
-        (replace(PLANT, gain=2.04), "follow the command"),
+        (replace(PLANT, gain=2.04), "follows the command"),
         (replace(PLANT, poles=1.02 * PLANT.poles), "inside the band"),
         (replace(PLANT, delay_s=0.5e-3), "inside the band"),
     ],

@@ -89,7 +89,7 @@ class IdentifyModel(_OfRecord):
             validate=unseen,
         )
         assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
-        (table,) = (table for table in fit.tables() if isinstance(table, ResultTable))
+        table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
             "identify",
             path.name,
@@ -104,12 +104,13 @@ class IdentifyModel(_OfRecord):
         )
         return {
             "rows": [[state.uploads.plain(cell) for cell in (*row, "")[:3]] for row in table.rows],
+            "trust": [[state.uploads.plain(cell) for cell in row] for row in trust.rows],
             "trusted": not fit.distrust,
             "distrust": list(fit.distrust),
             "remarks": list(fit.remarks),
             "order": fit.order,
             "zeros": fit.model.num.size - 1,
-            "text": identified_text(fit.model, fit.distrust),
+            "text": identified_text(fit.model),
             "command": command,
             **(_of_response(fit, path) if isinstance(fit, ResponseModelResult) else _of_record(fit, record)),
         }

@@ -17,32 +17,33 @@ from tactuator.identification.lines import LocalResponse
 from tactuator.identification.search import TIE, Choice, choose, propose
 from tactuator.identification.standing import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.starts import Starter
+from tactuator.identification.trust import GROWING, RESPONSE_ALIKE, RESPONSE_OFF, UNLIKELY
 from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.signals.record import FrequencyResponse
 
 _STEPS = 40
-_ALIKE = 0.5
-"""Correlation of neighbouring points' departures from which on they are no noise."""
-_WORST = 10.0
-"""Mean squared departure in standard errors from which on a model does not describe its response."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
     """A model of a response with its standing. order: poles; departure: mean squared departure in standard errors (1:
-    as the confidence would have it); largest_db: at any point; distrust: why not to trust it, empty if there is no
-    reason; remarks; fixed: values that were fixed, beside the response's own.
+    as the confidence would have it); largest_db: at any point; remarks: what was done to the response; fixed: values
+    that were fixed, beside the response's own.
     """
 
     model: PlantModel
     order: int
     departure: float
     largest_db: float
-    distrust: tuple[str, ...]
     remarks: tuple[str, ...]
     fixed: tuple[FixedAgainstOwn, ...] = ()
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Return why the model is not to be trusted, empty if it is."""
+        return self.model.distrust
 
 
 @np.errstate(all="ignore")
@@ -192,16 +193,15 @@ def _judged(
     )
     if fit.form.pins or fit.form.known:
         model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, asked.fixed))}), asked.fixed)
-    reasons = [*response_doubts(given)]
-    if np.any(np.roots(den).real > 0.0):
-        reasons.append("the model is not stable")
-    if departure > _WORST:
-        reasons.append(
-            f"the model misses the response by up to {float(np.max(np.abs(off_db))):.3g} dB, {np.sqrt(departure):.3g} "
-            "times its confidence"
-        )
     off = np.log(response / given.value())
     alike = float(np.real(np.sum(off[1:] * np.conj(off[:-1]))) / max(float(np.sum(np.abs(off) ** 2)), 1e-300))
-    if given.assumed and given.phase_rad is not None and departure > 0.5 and alike > _ALIKE:
-        reasons.append("what the model leaves of the response is not noise: neighbouring points depart alike")
-    return ResponseFit(model, fit.form.poles, departure, float(np.max(np.abs(off_db))), tuple(reasons), given.remarks)
+    doubts = response_doubts(given)
+    is_coarse = given.assumed and given.phase_rad is not None and departure > 0.5
+    largest = float(np.max(np.abs(off_db)))
+    model = model.judged(
+        GROWING.of(float(np.sum(np.roots(den).real > 0.0))),
+        RESPONSE_OFF.of(departure, f"by up to {largest:.3g} dB"),
+        RESPONSE_ALIKE.of(alike if is_coarse else 0.0),
+        UNLIKELY.of(float(len(doubts)), "; ".join(doubts)),
+    )
+    return ResponseFit(model, fit.form.poles, departure, largest, given.remarks)

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.nonlinear import distortion_left
 from tactuator.identification.prepared import (
     Prepared,
     Signals,
@@ -19,7 +20,13 @@ from tactuator.identification.prepared import (
     moved_range,
     valid_range,
 )
-from tactuator.identification.residual import Residual, cubic_share, feedback_seen, fit_percent, judged_residual
+from tactuator.identification.residual import (
+    Residual,
+    along_record,
+    feedback_seen,
+    fit_percent,
+    judged_residual,
+)
 from tactuator.identification.residual_tests import (
     ResidualTests,
 )
@@ -27,6 +34,7 @@ from tactuator.identification.result import BetweenSamples, Candidate, Friction,
 from tactuator.identification.search import Choice
 from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
 from tactuator.identification.standing import beside_free, exact
+from tactuator.identification.trust import DISTORTION, HOLD, KNOCK
 from tactuator.identification.uncertainty import (
     FLOOR,
     fed_back,
@@ -42,7 +50,6 @@ _TABLE = 120
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
-_WHY = " (command and position fall off below half the rate, as behind the filters of converters)"
 _DEGREES = 14.0
 """Time scales by which a residual is tested."""
 _UNRESOLVED = 5.0
@@ -67,24 +74,25 @@ def identification(
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
     model = _model(common, estimate, chosen, distortion, rubbed)
     remarks = list(common.remarks)
+    rows = (
+        [HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}")] if between.source == "data" else []
+    )
     if estimate.before is not None:
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if estimate.other is not None and not estimate.certain and between.source == "data":
         other = _model(common, estimate, estimate.other, distortion, rubbed)
         model = model.holding(other)
-        remarks.append(
-            "whether the command was held or band-limited between its samples cannot be told (difference "
-            f"{estimate.advantage:.2g}): taken as {between.hold}{_WHY if estimate.flanks else ''}, the band holds "
-            "both; --hold says which it is"
-        )
     tests = _tests(common.signals if rubbed is None else rubbed.signals, estimate, residuals)
     friction = None if rubbed is None else friction_of(rubbed, tests, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
-    remarks += _remarks_on(tests, estimate, residuals)
-    remarks += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
-    remarks += check_polarity(model.num, model.den)
+    rows += check_polarity(model.num, model.den)
+    rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
+    share, level = distortion_left(residuals, model.excess.frequency_hz)
+    at = f"at {tests.jump / common.rate_hz:.6g} s" if tests.jump is not None else ""
+    model = model.judged(*rows, KNOCK.of(tests.knock, at), DISTORTION.of(100.0 * share))
+    model = replace(model, excess=model.excess.joined(level + 0j).joined(_drifting(tests, level.size)))
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
     measured = np.concatenate([residual.measured for residual in residuals])
@@ -115,26 +123,10 @@ def identification(
     return replace(beside_result, model=replace(model, valid_hz=_valid(model, estimate)))
 
 
-def _remarks_on(tests: ResidualTests, estimate: SpectralEstimate, residuals: Sequence[Residual]) -> list[str]:
-    """Return what is to be said of the residuals."""
-    remarks = []
-    if tests.feedback and estimate.chosen.hold == "band-limited" and estimate.before is None:
-        remarks.append(
-            "recorded in a loop, through filters: what its noise may have done is in the band; a recorded reference "
-            "(--reference) takes it out"
-        )
-    if tests.jump is not None:
-        remarks.append(
-            f"at {tests.jump / estimate.spectra[0].rate_hz:.6g} s the position jumps as neither command nor noise "
-            "explains: a knock, or two runs pasted together (--from-s and --to-s leave it out)"
-        )
-    share = cubic_share(estimate.spectra, residuals)
-    if share > 0.0:
-        remarks.append(
-            f"{100.0 * share:.2g} % of the residual follows the cube of the command: something saturates or is not "
-            "linear, and the model is the best linear one at this amplitude"
-        )
-    return remarks
+def _drifting(tests: ResidualTests, count: int) -> ComplexArray:
+    """Return the deviation, (count,), by which a band holds the gain at the record's beginning and at its end."""
+    change, half = tests.drift
+    return np.full(count, (abs(change) + half) / 3.0 + 0j)
 
 
 def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
@@ -215,12 +207,18 @@ def _tests(signals: Signals, estimate: SpectralEstimate, residuals: Sequence[Res
     if estimate.other is not None and estimate.other_residuals and not estimate.certain:
         hold = estimate.other.hold
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
+    part = max(range(len(tests)), key=lambda k: tests[k].knock)
+    skew_ppm, drift = along_record(fit, residuals)
     return ResidualTests(
         white_p=min(1.0, len(tests) * min(test.white_p for test in tests)),
         uncorrelated_p=min(1.0, len(tests) * min(test.uncorrelated_p for test in tests)),
         unexplained=max(test.unexplained for test in tests),
         feedback=True in seen or None,
-        jump=next((test.jump for test in tests if test.jump is not None), None),
+        knock=tests[part].knock,
+        jump=tests[part].jump,
+        part=part,
+        skew_ppm=skew_ppm,
+        drift=drift,
     )
 
 

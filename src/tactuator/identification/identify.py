@@ -12,23 +12,44 @@ from threadpoolctl import threadpool_limits
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_spectrum import identification
-from tactuator.identification.distortion import Distortion, distortion_of
+from tactuator.identification.constancy import (
+    Loss,
+    of_one_clock,
+    parts_between,
+    told_of_clocks,
+    without_images,
+)
+from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.motor import motor_identification
-from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared
+from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared, valid_range
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.spectral_estimate import SpectralEstimate, estimate, estimate_lines, following
+from tactuator.identification.trust import (
+    BAND_DB,
+    BAND_DEG,
+    DRIFT,
+    EXPLAINED,
+    FASTEST,
+    FOLLOWING,
+    FRICTION,
+    GROWING,
+    KNOCK,
+    RUBBING,
+    SKEW,
+    VALID,
+)
+from tactuator.model.plant_model import PlantModel
+from tactuator.model.trust import Weighed
 from tactuator.signals.multisine import Periods, periods_of
 from tactuator.signals.record import Record
 
 _FEWEST_LINES = 8
-_NONE = 1e-6
-"""Share of the response below which a distortion is rounding (120 dB)."""
 
 
 def plans_of(common: Prepared) -> tuple[Periods, ...] | None:
@@ -66,86 +87,57 @@ def identify_periods(
     estimated = estimate_lines(local, common.signals, common.rate_hz, holds, known, note)
     fit = estimated.chosen.fit
     residuals = tuple(residual_of_record(fit, taken, 0.5 * taken.rate_hz) for taken in estimated.spectra)
-    common = replace(common, remarks=(*common.remarks, *_remarks(seen)))
     return identification(common, estimated, source, residuals, seen.scaled(common.gain))
 
 
-def _remarks(seen: Distortion) -> tuple[str, ...]:
-    if not seen.shows:
-        return ()
-    size = np.abs(seen.value)
-    worst = int(np.argmax(seen.distortion / size))
-    kinds = [("even", seen.even), ("odd", seen.distortion)]
-    said = " and ".join(f"{name} {_below(float(level[worst] / size[worst]))}" for name, level in kinds)
-    return (
-        f"distortion stands out of the noise, at {seen.frequency_hz[worst]:.3g} Hz: {said}; the model is the best "
-        "linear approximation at this level of the command, the band counts distortion as error, and friction is part "
-        "of both",
-    )
+_CHANCE = 1e-3
+"""Chance of a residual that follows the command so much, from which on it is taken to."""
 
 
-def _below(share: float) -> str:
-    """Return a distortion's level in words; share: of the response."""
-    return "none that shows" if share < _NONE else f"{-20.0 * np.log10(share):.0f} dB below the response"
-
-
-_WIDEST_DB = 20.0
-_CHANCE, _MISSED = 1e-3, 1e-3
-"""Chance of a residual that follows the command so much, and the share of the position's power (3 % of its size), from
-which on a model by least squares lacks something."""
-_RULED = 0.5
-"""Part of the position that is left over, over what friction takes of the command, from which on friction rules."""
-_SHORT = 1.1
-"""Ratio of its ends below which a range of frequency is none."""
-
-
-def distrusted(result: Identification, common: Prepared) -> Identification:
-    """Return the identification with the reasons, if any, for which its model must not be designed with."""
+def judged(result: Identification, common: Prepared) -> Identification:
+    """Return the identification with all that decides whether its model is to be designed with."""
     model, record = result.model, common.records[0]
-    reasons = [*result.distrust, *(str(doubt) for doubt in common.doubts if doubt.expected.impossible)]
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
-    unstable = bool(np.any(poles.real > 1e-6 * size))
-    if unstable and result.tests.feedback is not True:
-        reasons.append("the model is not stable, though the record stays bounded and no feedback can be seen in it")
+    growing = float(np.sum(poles.real > 1e-6 * size))
     sections = [value.fixed.section for value in result.fixed if value.fixed.section]
     known = np.concatenate([np.roots([1.0, *value]) for value in sections]) if sections else np.zeros(0)
     unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
     fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
-    if fastest > 0.5 * record.rate_hz:
-        reasons.append(
-            f"a pole at {fastest:.3g} Hz lies beyond half the rate ({0.5 * record.rate_hz:.6g} Hz), where the record "
-            "shows nothing"
-        )
-    low, high = max(common.excitation.low_hz, model.band_hz[0]), min(common.excitation.high_hz, model.band_hz[1])
-    if high > low:
-        band = model.band_db(np.geomspace(low, high, 100))
-        if float(np.max(band)) > _WIDEST_DB:
-            reasons.append(f"the band is {float(np.max(band)):.3g} dB wide inside the record's own excitation")
-    if model.valid_hz is not None and model.valid_hz[1] < _SHORT * model.valid_hz[0]:
-        reasons.append("the band is nowhere narrower than 3 dB and 20 degrees")
-    if result.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
-        reasons.append("the model explains next to nothing of the position")
-    missed = result.tests.unexplained * (1.0 - result.fit_percent / 100.0) ** 2
-    if model.method == "rls" and result.tests.uncorrelated_p < _CHANCE and missed > _MISSED:
-        reasons.append(
-            f"{100.0 * missed:.2g} % of the position's power follow the command and not the model: a dead time, more "
-            "poles, or sensor noise, which least squares has no place for (--method refined has)"
-        )
+    rest = 1.0 - result.fit_percent / 100.0
+    follows = result.tests.uncorrelated_p < _CHANCE
+    rows = [
+        EXPLAINED.of(100.0 * (1.0 - rest**2)),
+        GROWING.of(0.0 if result.tests.feedback is True else growing),
+        FASTEST.of(fastest / (0.5 * record.rate_hz)),
+        *_ranges(model, common),
+        FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
+        SKEW.of(max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)),
+        DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0)),
+    ]
     friction = result.friction
     if friction is not None and friction.presliding is None and not result.tests.uncorrelated_with_input:
-        rest = 1.0 - result.fit_percent / 100.0
-        if rest * float(np.std(record.command)) > _RULED * friction.coulomb or friction.confidence > friction.coulomb:
-            reasons.append(
-                f"friction rules the record: it builds up between two samples, {100.0 * rest:.2g} % of the position's "
-                "size is left over, and how large it is cannot be told; a stronger command or a higher rate shows more"
-            )
-    if reasons:  # where a model cannot be trusted anyway, the likely slip helps
-        reasons += [str(doubt) for doubt in check_rise(common.response)]
-    remarks = list(result.remarks)
-    if unstable and result.tests.feedback is True:
-        remarks.append("the model is not stable (the record was made in a closed loop)")
-    return replace(result, distrust=tuple(reasons), remarks=tuple(r for r in remarks if r != "the model is not stable"))
+        rows.append(RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
+        rows.append(FRICTION.of(100.0 * friction.confidence / friction.coulomb))
+    model = model.judged(*rows)
+    if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
+        model = model.judged(*(doubt.weighed() for doubt in check_rise(common.response)))
+    return replace(result, model=model)
+
+
+def _ranges(model: PlantModel, common: Prepared) -> list[Weighed]:
+    """Return what decides on the valid range: its part of what was excited, and the band inside it."""
+    if model.valid_hz is None:
+        return []
+    low, high = (float(edge) for edge in model.valid_hz)
+    excited = common.excitation.low_hz, common.excitation.high_hz
+    inside = max(np.log(min(high, excited[1]) / max(low, excited[0])), 0.0)
+    frequency = np.geomspace(low, high, 100)
+    return [
+        VALID.of(100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9))),
+        BAND_DB.of(float(np.max(model.band_db(frequency)))),
+        BAND_DEG.of(float(np.degrees(np.max(model.band_rad(frequency))))),
+    ]
 
 
 def identify(
@@ -162,7 +154,86 @@ def identify(
     # threads of BLAS wait for each other over matrices of a dozen columns
     with threadpool_limits(limits=1):
         common = prepared(records, asked)
-        return distrusted(recursive(common) if asked.method == "rls" else _refined(common, note), common)
+        if asked.method == "rls":
+            return judged(recursive(common), common)
+        common, result = _without_knocks(common, _refined(common, note), note)
+        return judged(*_at_one_clock(common, result, note))
+
+
+_KNOCKS = 4
+"""Cuts at knocks that are tried, one after the other."""
+_NO_WORSE = 1.5
+"""What both sides of a cut may leave, over what the longest side leaves by itself, where both are of one delay."""
+
+
+def _without_knocks(
+    common: Prepared, result: Identification, note: Callable[[str], None]
+) -> tuple[Prepared, Identification]:
+    """Return the records and their identification, cut where the residual jumps as neither command nor noise does: both
+    sides are used where they are of one delay, the longest alone where they are not.
+    """
+    for _ in range(_KNOCKS):
+        tests = result.tests
+        if tests.knock <= KNOCK.limit or tests.jump is None:
+            break
+        note("cutting the record where it jumps")
+        spoilt, loss = common.records[tests.part], Loss(tests.jump, 0)
+        sides, others = parts_between(spoilt, [loss]), [one for one in common.records if one is not spoilt]
+        if len(sides) < 2:
+            break
+        longest = max([*sides, *others], key=lambda one: one.command.size)
+        told = f"lost {loss.told(common.rate_hz)}: the record was cut there"
+        trials = []
+        for kept, used in (
+            ([*sides, *others], ""),
+            ([longest], f", the longest part of {longest.duration_s:.4g} s used"),
+        ):
+            again = replace(prepared(kept, common.asked, mended=True), remarks=(*common.remarks, told + used))
+            trials.append((again, _refined(again, note)))
+        both, alone = ((100.0 - trial.fit_percent) for _, trial in trials)
+        common, result = trials[0] if both < _NO_WORSE * alone else trials[1]
+    return common, result
+
+
+_ROUNDS, _LEAST_PPM = 3, 0.05
+_TOLD = 0.9
+"""What a command that no converter held leaves of the position, over what a held one leaves, below which it is told."""
+_BETTER = 0.98
+"""What is left of the position at one clock, over what was left before, from which on the clocks were apart."""
+
+
+def _at_one_clock(
+    common: Prepared, result: Identification, note: Callable[[str], None]
+) -> tuple[Identification, Prepared]:
+    """Return the identification with the positions at the command's clock, and the records, where that leaves less."""
+    first, more = common, 0.0
+    for _ in range(_ROUNDS):
+        ppm, half = result.tests.skew_ppm
+        if abs(ppm) < 2.0 * half + _LEAST_PPM or common.references is not None:
+            break
+        note("reading the position at the command's clock")
+        trial = _again(first, [of_one_clock(record, more + ppm) for record in first.records])
+        again = _refined(trial, note)
+        if 100.0 - again.fit_percent > _BETTER * (100.0 - result.fit_percent):
+            break
+        common, result, more = trial, again, more + ppm
+    if common.ppm + more == 0.0:
+        return result, common
+    holds = (True, False) if result.between.source == "data" else (result.between.hold != "band-limited",)
+    trials = [_again(first, [without_images(one, held=held) for one in common.records]) for held in holds]
+    fits = [_refined(trial, note) for trial in trials]
+    left = [100.0 - fit.fit_percent for fit in fits]
+    best = 1 if left[-1] < _TOLD * left[0] else 0
+    result, model = fits[best], fits[best].model
+    if len(fits) > 1 and left[1 - best] * _TOLD < left[best]:
+        model = model.holding(fits[1 - best].model)
+    model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
+    remarks = (*result.remarks, told_of_clocks(first.ppm + more))
+    return replace(result, model=model, remarks=remarks), trials[best]
+
+
+def _again(first: Prepared, records: Sequence[Record]) -> Prepared:
+    return replace(prepared(records, first.asked, mended=True), remarks=first.remarks, ppm=first.ppm)
 
 
 def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:

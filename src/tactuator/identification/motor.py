@@ -12,7 +12,7 @@ from tactuator.identification.inverse_dynamics import FREE, Bound, Motor, motor_
 from tactuator.identification.prepared import Prepared
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Friction, Identification
-from tactuator.identification.standing import FixedAgainstOwn, said_of_disagreement
+from tactuator.identification.standing import FixedAgainstOwn, weighed_against_own
 from tactuator.model.plant_model import PlantModel
 
 _RULES = 0.1
@@ -105,8 +105,7 @@ def _identification(common: Prepared, between: BetweenSamples, motor: Motor) -> 
         measured=motor.commanded,
         remarks=(
             *common.remarks,
-            "friction rules this record and no spring holds the mechanism: it is taken as an integrator with one pole, "
-            f"from its equation of motion below {motor.corner_hz:.3g} Hz; the fit is that of the command",
+            f"a motor without a spring, ruled by friction: fitted is its command, below {motor.corner_hz:.3g} Hz",
         ),
         between=between,
     )
@@ -121,8 +120,5 @@ def _beside_free(result: Identification, alone: PlantModel, fixed: Sequence[Fixe
     agrees = all(value.by_record is None or abs(value.by_record[0] - value.fixed.value) < value.half for value in known)
     if agrees:
         return result
-    said, is_wrong = said_of_disagreement(known, result.model, alone)
-    result = replace(result, model=result.model.holding(alone))
-    if is_wrong:
-        return replace(result, distrust=(*result.distrust, said))
-    return replace(result, remarks=(*result.remarks, said))
+    rows = weighed_against_own(known, result.model, alone)
+    return replace(result, model=result.model.holding(alone).judged(*rows))

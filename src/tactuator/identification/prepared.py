@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
+from tactuator.identification.constancy import running_together
 from tactuator.identification.lines import Spectrum
+from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, INTEGRATOR
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
+from tactuator.model.trust import Weighed
 from tactuator.signals.record import Record
 
 FEWEST = 100
@@ -25,22 +28,18 @@ _OFTEN = 0.005
 """Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
 
 
-def check_record(record: Record) -> tuple[str, ...]:
-    """Return remarks on a record; BadInput where it cannot be used at all."""
+def check_record(record: Record, where: str = "") -> tuple[Weighed, ...]:
+    """Return what decides on a record by itself; BadInput where it cannot be used at all."""
     if record.command.size < FEWEST:
         raise BadInput(f"the record has {record.command.size} samples", f"{FEWEST} or more")
     for name in ("command", "position"):
         values = getattr(record, name)
         if np.ptp(values) <= 1e-12 * max(float(np.max(np.abs(values))), 1e-300):
             raise BadInput(f"the {name} is constant ({values[0]:g})", "one that moves")
-    remarks = []
-    for name in ("position", "command"):
-        clipped = clipped_share(getattr(record, name))
-        if clipped > 0.2 and name == "position":
-            raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped", "20 % at most")
-        if clipped > 0.0:
-            remarks.append(f"{name} is clipped in {100.0 * clipped:.2g} % of the samples: its converter was saturated")
-    return tuple(remarks)
+    clipped = clipped_share(record.position)
+    if clipped > 0.2:
+        raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped", "20 % at most")
+    return (CLIPPED.of(100.0 * clipped, where),) if clipped > 0.0 else ()
 
 
 def clipped_share(values: FloatArray) -> float:
@@ -92,16 +91,16 @@ def check_rise(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     return tuple(EXPECTED["rise"].doubts(float(np.median(phase[-few:]) - np.median(phase[:few]))))
 
 
-def check_polarity(num: FloatArray, den: FloatArray) -> tuple[str, ...]:
-    """Check whether the position goes where the command pushes; num, den: descending powers."""
+def check_polarity(num: FloatArray, den: FloatArray) -> tuple[Weighed, ...]:
+    """Return what is open where the position goes against where the command pushes; num, den: descending powers."""
     lowest = num[np.flatnonzero(num)[-1]] if np.any(num) else 1.0
-    if lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0):
-        return ("the position moves against the command (negative correlation): a polarity or the columns are swapped",)
-    return ()
+    against = lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0)
+    return (AGAINST.of(1.0, "a polarity or the columns may be swapped"),) if against else ()
 
 
-def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[str, ...]:
-    """Refuse a record shorter than the slowest time constant, unless the mechanism integrates.
+def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[Weighed, ...]:
+    """Return what decides on the record's length, and refuse one shorter than the slowest time constant, unless the
+    mechanism integrates.
 
     slow_error: standard error of the slowest pole, rad/s. A pole that cannot be told from zero in a record 20 times as
     long as the next time constant is an integrator; in a shorter one nothing is known of it.
@@ -117,7 +116,7 @@ def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, durat
     next_one = float(speed[1]) if speed.size > 1 else np.inf
     integrates = next_one * duration_s >= 20.0 and slowest < max(3.0 * slow_error, 0.1 / duration_s)
     if integrates:
-        return (f"the slowest pole cannot be told from an integrator in {duration_s:.3g} s",)
+        return (INTEGRATOR.of(slowest * duration_s, "a pole or an integrator"),)
     raise BadInput(
         f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s",
         "a record that is longer",
@@ -248,8 +247,6 @@ def require_excitation(report: ExcitationReport) -> None:
         )
 
 
-_WIDEST_DB, _WIDEST_RAD = 3.0, 0.345
-"""Half-widths of the band, 3 dB and as much of the phase (20 degrees), beyond which the model says nothing."""
 _MOVED = 1e-5
 """Power of the command, over its greatest, from which on it moves the mechanism (50 dB)."""
 _HIGHEST = 0.47
@@ -262,7 +259,8 @@ def valid_range(model: PlantModel, moved_hz: tuple[float, float]) -> tuple[float
     """
     low, high = moved_hz
     frequency = np.geomspace(low, max(high, 1.01 * low), _POINTS)
-    narrow = np.flatnonzero((model.band_db(frequency) <= _WIDEST_DB) & (model.band_rad(frequency) <= _WIDEST_RAD))
+    widest_rad = np.radians(BAND_DEG.limit)
+    narrow = np.flatnonzero((model.band_db(frequency) <= BAND_DB.limit) & (model.band_rad(frequency) <= widest_rad))
     if not narrow.size:
         return (float(frequency[0]), float(frequency[1]))
     # the longest run without a wide place in it
@@ -313,7 +311,8 @@ Signals = Sequence[tuple[FloatArray, FloatArray]]
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """Records of one mechanism, the liveliest first, and their signals in one unit size (scale: of command and
-    position); the first one's own response and excitation; what is asked; what can hardly be.
+    position); the first one's own response and excitation; what is asked; what decides on them; what was done to them;
+    ppm: by how much the positions' clock was slower, and is not any more.
     """
 
     records: tuple[Record, ...]
@@ -322,8 +321,9 @@ class Prepared:
     response: EmpiricalResponse
     excitation: ExcitationReport
     asked: Asked
+    weighed: tuple[Weighed, ...]
     remarks: tuple[str, ...]
-    doubts: tuple[Doubt, ...] = ()
+    ppm: float = 0.0
 
     @property
     def rate_hz(self) -> float:
@@ -373,23 +373,30 @@ class Prepared:
             command_unit=record.command_unit,
             position_unit=record.position_unit,
             record=record.about | self._figures(record) | about,
+            trust=self.weighed,
             **whole,
         )
 
 
-def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
-    """Return the records made ready. Raises BadInput for records that cannot be used, or not together."""
+def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False) -> Prepared:
+    """Return the records made ready; those that are not mended yet are, where samples are lost or clocks apart. Raises
+    BadInput for records that cannot be used, or not together.
+    """
     remarks: list[str] = []
     parts: list[Record] = []
+    weighed, ppm = list[Weighed](), 0.0
     for k, record in enumerate(records):
         where = () if len(records) == 1 else (f"record {k + 1}",)
         try:
-            doubts = [*record.remarks, *check_record(record)]
+            weighed += check_record(record, *where)
         except BadInput as error:
             raise error.within(*where) from None
         piece, shortened = _liveliest(record, LONGEST // len(records))
-        parts.append(record.part(piece) if shortened else record)
-        remarks += [": ".join([*where, doubt]) for doubt in [*doubts, *shortened]]
+        whole = record.part(piece) if shortened else record
+        together, apart, told = ((whole,), 0.0, ()) if mended else running_together(whole)
+        ppm = ppm or apart
+        parts += together
+        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened, *told]]
     _require_alike(parts)
     command_unit, position_unit = (
         float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")
@@ -405,8 +412,6 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
     response = empirical_response(*signals[liveliest], rate_hz)
     order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
     cannot_be = (*(doubt for part in parts for doubt in record_doubts(part)), *check_direction(response))
-    if response.trusted(0.5).frequency_hz.size < _FEWEST_BANDS:
-        remarks.append("command and position hardly depend on each other: little can be said")
     return Prepared(
         records=tuple(parts[k] for k in order),
         signals=[signals[k] for k in order],
@@ -414,8 +419,9 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
         response=response,
         excitation=reports[liveliest],
         asked=asked,
-        remarks=(*remarks, *(str(doubt) for doubt in cannot_be if not doubt.expected.impossible)),
-        doubts=cannot_be,
+        weighed=(*weighed, *(doubt.weighed() for doubt in cannot_be)),
+        remarks=tuple(remarks),
+        ppm=ppm,
     )
 
 

@@ -60,10 +60,8 @@ def recursive(common: Prepared) -> Identification:
     residual = rest.measured - rest.simulated
     tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
     tests = replace(tests, feedback=feedback_seen(rest, fit.grid.hold))
-    remarks = [*common.remarks, *check_length(np.roots(estimate.den), 0.0, record.duration_s)]
-    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
+    model = model.judged(*check_length(np.roots(estimate.den), 0.0, record.duration_s))
     if not tests.uncorrelated_with_input:
-        remarks.append("the residual follows the command: the band holds the record's own response as well")
         model = replace(model, excess=_departure(common, estimate.num, estimate.den))
     offset = float(record.position.mean())
     return Identification(
@@ -77,7 +75,7 @@ def recursive(common: Prepared) -> Identification:
         empirical=common.own_response,
         simulated=rest.simulated * common.scale[1] + offset,
         measured=rest.measured * common.scale[1] + offset,
-        remarks=tuple(remarks),
+        remarks=common.remarks,
     )
 
 

@@ -104,9 +104,12 @@ def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *
         lines[:, 1:] = ((log_slopes(fit, taken.frequency_hz[1:]) @ free) * white[:, None]).T
         slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
     tests = check_residual(innovation[:_TESTED], moved, slopes, taken.rate_hz)
-    jump = jump_of(innovation)
+    knock, jump = jump_of(innovation)
     jump = None if jump is None else jump + skip + taken.shift
-    return replace(tests, feedback=feedback_seen(of_lines, fit.grid.hold), jump=jump)
+    # what a model misses of the command looks like a loop, too
+    is_misfit = tests.uncorrelated_p < _CHANCE and tests.unexplained > _MISFIT
+    feedback = None if is_misfit else feedback_seen(of_lines, fit.grid.hold)
+    return replace(tests, feedback=feedback, knock=knock, jump=jump)
 
 
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
@@ -127,8 +130,49 @@ def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken:
     return Residual(rest, spread, response, taken)
 
 
+_BLOCK = 1 << 15
+"""Lines whose slopes are worked out at once."""
+
+
+def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how the position runs away from the model along the records, each with its 95 % half-width: by how many
+    millionths its clock is slower than the command's, and by what part its gain rises from end to end.
+
+    To first order, beside what the fit's own parameters would take of it.
+    """
+    products: FloatArray | None = None
+    swing = power = 0.0
+    for residual in residuals:
+        taken = residual.taken
+        lines = np.concatenate([[0.0], residual.response * taken.ahead * taken.command[1:]])
+        slope = np.fft.irfft(2j * np.pi * taken.frequency_hz * lines, taken.samples)
+        place = np.arange(taken.samples) / taken.samples - 0.5
+        # a gain that swings once along the record, in place of one that rises: the record's ends are given up
+        turn, moved = np.sin(2.0 * np.pi * place), np.fft.irfft(lines, taken.samples)
+        beside = [place * taken.samples / taken.rate_hz * slope, turn * moved]
+        swing += float(np.sum(turn**2 * moved**2))
+        power += float(np.sum(turn * place * moved**2))
+        own = np.stack([np.fft.rfft(values) for values in beside] + [residual.lines], axis=1)
+        for begin in range(1, lines.size, _BLOCK):
+            block = slice(begin, begin + _BLOCK)
+            free = log_slopes(fit, taken.frequency_hz[block]) * lines[block, None]
+            columns = np.hstack([free, own[block]]) * residual.weight[block, None]
+            square = (columns.conj().T @ columns).real
+            products = square if products is None else products + square
+    assert products is not None
+    size = np.sqrt(np.maximum(np.diag(products)[:-1], 1e-300))
+    gram, goal = products[:-1, :-1] / np.outer(size, size), products[:-1, -1] / size
+    inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
+    found, deviation = inverse @ goal / size, np.sqrt(np.maximum(0.5 * np.diag(inverse), 0.0)) / size
+    to_unit = np.array([1e6, swing / max(power, 1e-300)])
+    values, halves = to_unit * found[-2:], 1.959964 * to_unit * deviation[-2:]
+    return (float(values[0]), float(halves[0])), (float(values[1]), float(halves[1]))
+
+
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
+_CHANCE, _MISFIT = 1e-3, 0.01
+"""Chance of a residual that follows the command so much, and its share that does, beyond which no loop is told."""
 _LOOP = 10.0
 """Fall of -2 log likelihood of the command, all paid for, from which on a loop is taken to be there."""
 _LENGTHS = (2, 5, 10, 20, 40)
@@ -212,37 +256,3 @@ def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
     """
     highest = COMPARED * residual.taken.rate_hz
     return explained_by_loop(residual.taken, residual, highest, filtered=hold == "band-limited") > _LOOP or None
-
-
-_CUBE_CERTAIN = 100.0
-"""Drop of -2 log likelihood by one parameter from which on the cube is taken to have a part."""
-_CUBE_SHARE = 0.02
-"""Share of the residual from which on it is worth a word."""
-_CUBE_FLAT = 1e-3
-"""Power of the cube, over that of the command's, below which its levels are too few to tell it from the command."""
-
-
-def cubic_share(spectra: Sequence[Spectrum], residuals: Sequence[Residual]) -> float:
-    """Return the share of the residuals' weighted power that the command's cube, moved as the model moves the command,
-    explains; zero where chance would.
-
-    Of the cube the part along the command is taken off (Bussgang, 1952): the model has it already.
-    """
-    size = along = total = 0.0
-    for taken, residual in zip(spectra, residuals, strict=True):
-        command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
-        square = command * command
-        power = float(np.mean(square))
-        cube = (square - float(np.mean(square * square)) / max(power, 1e-300)) * command
-        if float(np.mean(cube**2)) < _CUBE_FLAT * power**3:
-            continue
-        lines = np.fft.rfft(cube - cube.mean())[1:] / np.sqrt(taken.samples)
-        pull = residual.response * taken.ahead * lines * residual.weight[1:]
-        rest = residual.lines[1:] * residual.weight[1:]
-        size += float(np.sum(np.abs(pull) ** 2))
-        along += float(np.sum((np.conj(pull) * rest).real))
-        total += float(np.sum(np.abs(rest) ** 2))
-    if size <= 0.0 or total <= 0.0 or 2.0 * along**2 / size < _CUBE_CERTAIN:
-        return 0.0
-    share = along**2 / (size * total)
-    return share if share > _CUBE_SHARE else 0.0

@@ -10,7 +10,6 @@ import scipy
 from tactuator.arrays import FloatArray
 
 _LAGS = 40
-_JUMP = 20.0
 _BURST = 50
 
 
@@ -20,15 +19,21 @@ class ResidualTests:
 
     white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
     the residual's power that the command's past explains. feedback: true where the command depends on the residual's
-    past, false where it repeats itself without the noise, None where the record cannot tell. jump: the sample at which
-    the innovations jump as noise does not, or None.
+    past, false where it repeats itself without the noise, None where the record cannot tell. knock: the greatest
+    innovation over their usual size; jump: its sample, or None, in which part of the records. skew_ppm, drift: by how
+    much the position's clock is slower, and by what part its gain rises along the record, each with its 95 %
+    half-width.
     """
 
     white_p: float
     uncorrelated_p: float
     unexplained: float
     feedback: bool | None = None
+    knock: float = 1.0
     jump: int | None = None
+    part: int = 0
+    skew_ppm: tuple[float, float] = (0.0, 0.0)
+    drift: tuple[float, float] = (0.0, 0.0)
 
     @property
     def white(self) -> bool:
@@ -41,17 +46,18 @@ class ResidualTests:
         return self.uncorrelated_p > 0.01
 
 
-def jump_of(innovation: FloatArray) -> int | None:
-    """Return where innovations (n,) jump by twenty times their usual size, all alone: a knock, or a seam between two
-    runs; None where nothing does.
+def jump_of(innovation: FloatArray) -> tuple[float, int | None]:
+    """Return the greatest of innovations (n,) over their usual size, and where it is: a knock, a lost block, or a seam
+    between two runs; 1 and None where many are as large.
     """
     size = np.abs(innovation)
     usual = float(np.median(size)) / 0.6745
-    if usual <= 0.0 or float(size.max()) < _JUMP * usual:
-        return None
-    near = np.abs(np.arange(size.size) - int(np.argmax(size))) <= _BURST
-    often = float(np.mean(size[~near] > 0.5 * _JUMP * usual)) if not np.all(near) else 1.0
-    return int(np.argmax(size)) if often < 1e-3 else None
+    if usual <= 0.0:
+        return 1.0, None
+    at, knock = int(np.argmax(size)), float(size.max()) / usual
+    near = np.abs(np.arange(size.size) - at) <= _BURST
+    often = float(np.mean(size[~near] > 0.5 * knock * usual)) if not np.all(near) else 1.0
+    return (knock, at) if often < 1e-3 else (1.0, None)
 
 
 def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float) -> ResidualTests:

@@ -14,6 +14,7 @@ from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
+from tactuator.model.trust import Weighed, reasons
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Validation:
     fit_percent: 100 (1 - |y - simulated| / |y - mean|); of a motor by inverse dynamics that of the command. tests: of
     what is left. inside: share of the record's own response (points: how many there are, magnitude and phase counted
     each) within the model's 95 % band and its own error, nan where nothing can be compared; of a motor the share of its
-    parameters. failures: why the model fails, empty if it does not. remarks: what could not be judged.
+    parameters. weighed: what decides whether the model holds there. remarks: what was done to the record.
     """
 
     name: str
@@ -107,8 +108,13 @@ class Validation:
     tests: ResidualTests
     inside: float
     points: int
-    failures: tuple[str, ...]
+    weighed: tuple[Weighed, ...]
     remarks: tuple[str, ...]
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Return why the model fails there, empty if it does not."""
+        return reasons(self.weighed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +124,9 @@ class Identification:
 
     empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
     recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
-    other hold where the record cannot tell them apart. distrust: why the model is not to be trusted; empty if it is.
-    validations: how the model stands on records that it never saw. distortion: what a periodic record shows beside its
-    response, None for any other. fixed: the values that were fixed, beside the record's own.
+    other hold where the record cannot tell them apart. validations: how the model stands on records that it never saw.
+    distortion: what a periodic record shows beside its response, None for any other. fixed: the values that were fixed,
+    beside the record's own.
     """
 
     model: PlantModel
@@ -136,7 +142,6 @@ class Identification:
     remarks: tuple[str, ...]
     between: BetweenSamples = BetweenSamples()
     other: PlantModel | None = None
-    distrust: tuple[str, ...] = ()
     validations: tuple[Validation, ...] = ()
     distortion: Distortion | None = None
     fixed: tuple[FixedAgainstOwn, ...] = ()
@@ -173,6 +178,11 @@ class Identification:
         slopes = np.array([[-1.0 / gain**2, 0.0], [-damping / gain**2, 1.0 / gain]])
         half = 1.959964 * np.sqrt((slopes @ self.model.covariance[:2, :2] @ slopes.T).diagonal())
         return (1.0 / gain, float(half[0])), (damping / gain, float(half[1]))
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Return why the model is not to be trusted, empty if it is."""
+        return self.model.distrust
 
     @property
     def poles_hz(self) -> FloatArray:

@@ -57,16 +57,17 @@ _NO_FORM = "no model of the form asked for fits the record at all; allowed: anot
 class SpectralEstimate:
     """An estimate over lines. chosen: under the better hold; where the record does not tell them apart (certain) under
     the band-limited one if command and position passed filters (flanks), else under the first one. other: under the
-    other, or None. advantage: how much better the better one's criterion is. local: the records' own response; spectra:
-    of each record as it is. residuals, other_residuals: what the two leave of every record (of single lines: none).
-    before: the fit to the command as it is, where what follows a loop's reference was fitted in its stead. free: the
-    estimate without the values that are known, where there are any.
+    other, or None. advantage: how much better the better one's criterion is; enough: from which on it is told. local:
+    the records' own response; spectra: of each record as it is. residuals, other_residuals: what the two leave of every
+    record (of single lines: none). before: the fit to the command as it is, where what follows a loop's reference was
+    fitted in its stead. free: the estimate without the values that are known, where there are any.
     """
 
     chosen: Choice
     other: Choice | None
     certain: bool
     advantage: float
+    enough: float
     local: LocalResponse
     spectra: tuple[Spectrum, ...]
     residuals: tuple[Residual, ...] = ()
@@ -257,17 +258,27 @@ def _decided(
     """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
     best, *others = sorted(judged, key=lambda row: row.evidence)
     if not others:
-        return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.residuals)
+        return SpectralEstimate(best.choice, None, True, np.inf, CERTAIN, local, taken, best.residuals)
     other = others[0]
     advantage = float(other.evidence - best.evidence)
-    certain, flanks = advantage > _enough(best, other), False
+    enough, flanks = _enough(best, other), False
+    certain = advantage > enough
     if not certain:
         flanks = bool(best.residuals) and _flanks(taken, best.residuals)
         # most commands come from a converter: without evidence the command is taken to be held
         likely = "band-limited" if flanks else min(holds, key=holds.index)
         best, other = (best, other) if best.choice.hold == likely else (other, best)
     return SpectralEstimate(
-        best.choice, other.choice, certain, advantage, local, taken, best.residuals, other.residuals, flanks=flanks
+        best.choice,
+        other.choice,
+        certain,
+        advantage,
+        enough,
+        local,
+        taken,
+        best.residuals,
+        other.residuals,
+        flanks=flanks,
     )
 
 

@@ -11,19 +11,18 @@ import scipy
 
 from tactuator.identification.asked import Fixed
 from tactuator.identification.search import Choice
+from tactuator.identification.trust import FIXED, FIXED_DB
 from tactuator.model.plant_model import PlantModel
+from tactuator.model.trust import Weighed
 
 _BEHIND = 3.0
 """Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to
 cancel costs one parameter, and chance gives a part of that back.
 """
 _CHANCE = 1e-4
-_FAR_OFF = 0.1
-"""Part of itself by which a value departs from the record's own, from which on the model is not to be trusted."""
+_FAR_OFF = FIXED.limit / 100.0
 _BESIDE = 0.25
 """Distance of a zero from a known pole, over that, within which it takes most of it away."""
-_MATERIAL_DB = 1.0
-"""Departure of the responses, with and without the values, from which on it is not."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +40,19 @@ class FixedAgainstOwn:
         return float("inf") if self.by_record is None or not np.isfinite(self.by_record[1]) else self.by_record[1]
 
     @property
+    def off(self) -> float:
+        """Return by what part of itself the value departs from the record's own; 0 within that one's confidence, 1
+        where the record has no such thing.
+        """
+        if self.by_record is None:
+            return 1.0
+        apart = abs(self.by_record[0] - self.fixed.value)
+        return 0.0 if apart < self.by_record[1] else apart / abs(self.fixed.value)
+
+    @property
     def is_far(self) -> bool:
         """Return true where the record's own value departs by more than a tenth, and by more than its confidence."""
-        if self.by_record is None:
-            return False
-        apart = abs(self.by_record[0] - self.fixed.value)
-        return apart > _FAR_OFF * abs(self.fixed.value) and not apart < self.by_record[1]
+        return self.by_record is not None and self.off > _FAR_OFF
 
     @property
     def beside(self) -> str:
@@ -68,10 +74,8 @@ def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Cho
     fit = replace(fit, fixed=known)
     if not disagrees(chosen, free) and not cancelled(known, fit.model):
         return fit
-    said, is_wrong = said_of_disagreement(known, fit.model, alone)
-    fit = replace(fit, model=fit.model.holding(alone))
-    where = "distrust" if is_wrong else "remarks"
-    return replace(fit, **{where: (*getattr(fit, where), said)})
+    rows = weighed_against_own(known, fit.model, alone)
+    return replace(fit, model=fit.model.holding(alone).judged(*rows))
 
 
 def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
@@ -104,16 +108,15 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
     )
 
 
-def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> tuple[str, bool]:
-    """Return the sentence on values that the record does not agree with, and whether the model is not to be trusted."""
+def weighed_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> list[Weighed]:
+    """Return what decides on values that the record does not agree with: each value's distance from the record's own
+    beyond its confidence (all of it where the record has no such thing), and that of the responses.
+    """
     low, high = free.valid_hz or free.band_hz
     frequency = np.geomspace(low, high, 200)
     apart = 8.685890 * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
-    said = (
-        f"the record does not agree with what is fixed, {', '.join(map(str, known))}: with it the response differs by "
-        f"up to {apart:.2g} dB{_evaded(model, free, low)}; the band holds the model without it"
-    )
-    return said, apart > _MATERIAL_DB or any(value.by_record is None or value.is_far for value in known)
+    rows = [FIXED.of(100.0 * value.off, str(value)) for value in known]
+    return [*rows, FIXED_DB.of(apart, _evaded(model, free, low))]
 
 
 def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
@@ -122,12 +125,7 @@ def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
     """
     slowest = (np.min(np.abs(np.roots(each.den)), initial=np.inf) for each in (model, free))
     slow, free_pole = (float(size) / (2.0 * np.pi) for size in slowest)
-    if slow > 0.1 * low or free_pole < 0.1 * low:
-        return ""
-    return (
-        f", since a pole at {slow:.2g} Hz evades it: the value holds below that pole alone, and not from {low:.3g} Hz "
-        "on, where the record begins"
-    )
+    return "" if slow > 0.1 * low or free_pole < 0.1 * low else f"a pole at {slow:.2g} Hz evades a value at 0 Hz"
 
 
 def exact(model: PlantModel, fixed: Sequence[Fixed]) -> PlantModel:

@@ -19,18 +19,23 @@ from tactuator.identification.prepared import check_record
 from tactuator.identification.residual import Residual, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
+from tactuator.identification.trust import (
+    MOTOR_EXPLAINED,
+    UNSEEN_EXPLAINED,
+    UNSEEN_FOLLOWING,
+    UNSEEN_INSIDE,
+)
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 
-_LEAST_SHARE = 0.8
 _FEWEST = 10
 """Points of the record's own response below which their share in the band is not judged."""
 _SHARP = 0.12
 """Relative error of such a point, 1 dB, beyond which it says nothing."""
-_CHANCE = 1e-3
-_BEYOND = 4.0
-"""Power that follows the command, over what the band allows, from which on a model fails."""
+_CHANCE, _TRIFLE = 1e-3, 1e-6
+"""Chance of a residual that follows the command so much, and the share of the position's power, below which nothing
+follows it."""
 _SILENT = 1e-5
 _SHORT = 1e-3
 """Presliding distance, of the size of the motion, where the model cannot tell its own."""
@@ -40,9 +45,9 @@ def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> 
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
     with threadpool_limits(limits=1):
         validations = tuple(validate(result, record, name) for name, record in records)
-    reasons = (*result.distrust, *(reason for validation in validations for reason in validation.failures))
+    rows = (row for validation in validations for row in validation.weighed)
     remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))
-    return replace(result, validations=validations, distrust=reasons, remarks=remarks)
+    return replace(result, model=result.model.judged(*rows), validations=validations, remarks=remarks)
 
 
 @np.errstate(all="ignore")
@@ -50,14 +55,14 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
     """Return how the model that was found stands on a record of the same mechanism. Raises BadInput where the record
     cannot be used, or is in other units.
     """
-    model, called = result.model, name or record.about.get("file", "the other record")
+    model, called = result.model, (name or record.about.get("file", "the other record")).rpartition("/")[2]
     units = (record.command_unit, record.position_unit)
     if units != (model.command_unit, model.position_unit):
         units_of_model = _units(model.command_unit, model.position_unit)
         raise BadInput(f"{called} is in {_units(*units)}, the model in {units_of_model}", "the same units")
-    remarks = (*record.remarks, *check_record(record))
+    check_record(record)
     if model.method == "inverse dynamics":
-        return _validate_motor(result, record, called, remarks)
+        return _validate_motor(result, record, called)
     scale = (float(np.std(record.command)), float(np.std(record.position)))
     fit = fit_of_model(model, record.rate_hz, _hold(result, record), scale[1] / scale[0])
     command, position = (record.command - record.command.mean()) / scale[0], record.position / scale[1]
@@ -76,7 +81,9 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
         residual = left_of(moving)
         path = residual.simulated
     local = local_response(spectrum(moving, position, record.rate_hz), 0.45 * record.rate_hz)
-    return _judged(result, called, fit, judged_residual(moving, residual, fit, fitted=False), residual, local, remarks)
+    return _judged(
+        result, called, fit, judged_residual(moving, residual, fit, fitted=False), residual, local, record.remarks
+    )
 
 
 def _units(command: str, position: str) -> str:
@@ -105,30 +112,13 @@ def _judged(
     band = result.model.band_db(hertz) / 8.685890 / 1.959964
     allowed = 2.0 * float(np.sum(moved * band**2)) * 2.0 / taken.samples
     following = tests.unexplained * residual
-    failures, remarks_ = [], list(remarks)
-    if points < _FEWEST:
-        remarks_.append(f"{name} shows its response at {points} points alone: the share in the band is not judged")
-    else:
-        failures += _outside(name, share, "record's own response")
-    if tests.uncorrelated_p < _CHANCE and following > _BEYOND * allowed and following > 1e-6:
-        failures.append(
-            f"on {name} {100.0 * tests.unexplained:.2g} % of what the model leaves follow the command, "
-            f"{following / max(allowed, 1e-300):.2g} times the power that the band allows"
-        )
-    if not percent > 0.0:
-        failures.append(f"on {name} the model explains nothing of the position")
-    return Validation(name, percent, tests, share, points, tuple(failures), tuple(remarks_))
-
-
-def _outside(name: str, share: float, what: str) -> list[str]:
-    """Return why a model fails of which so small a share of what a record shows lies inside the 95 % band, if it does.
-
-    This one rule holds for responses and for a motor's parameters.
-    """
-    if not share < _LEAST_SHARE:
-        return []
-    must = f"95 % should, {100.0 * _LEAST_SHARE:.0f} % must"
-    return [f"on {name} {100.0 * share:.0f} % of the {what} lie inside the band ({must})"]
+    is_certain = tests.uncorrelated_p < _CHANCE and following > _TRIFLE
+    rows = [
+        UNSEEN_EXPLAINED.of(percent, name),
+        UNSEEN_FOLLOWING.of(following / max(allowed, 1e-300) if is_certain else 0.0, name),
+        *([] if points < _FEWEST else [UNSEEN_INSIDE.of(100.0 * share, name)]),
+    ]
+    return Validation(name, percent, tests, share, points, tuple(rows), remarks)
 
 
 def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> tuple[float, int]:
@@ -149,7 +139,7 @@ def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> 
     return float(np.mean(inside)), int(inside.size)
 
 
-def _validate_motor(result: Identification, record: Record, name: str, remarks: tuple[str, ...]) -> Validation:
+def _validate_motor(result: Identification, record: Record, name: str) -> Validation:
     model, friction = result.model, result.friction
     assert friction is not None
     assert model.valid_hz is not None
@@ -165,17 +155,13 @@ def _validate_motor(result: Identification, record: Record, name: str, remarks: 
     spread = float(np.sum((wanted - wanted.mean()) ** 2))
     unexplained = float(rest @ rest) / max(spread, 1e-300)
     tests = ResidualTests(float("nan"), float("nan"), unexplained, feedback=None)
-    failures, said, inside, points = [], list(remarks), float("nan"), 0
+    rows, inside, points = [MOTOR_EXPLAINED.of(100.0 * (1.0 - unexplained), name)], float("nan"), 0
     again = motor_estimate(record.command, record.position, record.rate_hz, holds=holds)
-    if again is None:
-        said.append(f"{name} alone does not tell the motor's parameters: they are not compared")
-    else:
+    if again is not None:
         half_widths = np.append(
             1.959964 * np.sqrt(np.diag(model.covariance)[:2]), [friction.confidence, friction.offset_confidence]
         )
         agree = np.abs(again.theta - theta) <= np.hypot(half_widths, 1.959964 * np.sqrt(np.diag(again.covariance)))
         inside, points = float(np.mean(agree)), agree.size
-        failures += _outside(name, inside, "motor's four parameters")
-    if unexplained > 0.1:
-        failures.append(f"on {name} {100.0 * unexplained:.2g} % of the command's power stay unexplained")
-    return Validation(name, 100.0 * (1.0 - unexplained**0.5), tests, inside, points, tuple(failures), tuple(said))
+        rows.append(UNSEEN_INSIDE.of(100.0 * inside, name))
+    return Validation(name, 100.0 * (1.0 - unexplained**0.5), tests, inside, points, tuple(rows), record.remarks)

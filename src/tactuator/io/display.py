@@ -45,6 +45,7 @@ from tactuator.model.requirements import (
     Wires,
 )
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
+from tactuator.model.trust import Weighed, reasons
 from tactuator.parameters import Number, allowed, from_table, in_file, parameters, require_known
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
@@ -368,8 +369,9 @@ def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
     said = {key: record[name] for key, name in spans.items() if name in record}
     if isinstance(units, Mapping):
         said["position_unit"] = units.get("position", "")
-    if document.get("distrust"):
-        said["distrust"] = document["distrust"]
+    weighed = document.get("trust")
+    if isinstance(weighed, list):
+        said["distrust"] = reasons(from_table(Weighed, row, where, "plant", "trust") for row in weighed)
     return from_table(Recorded, said, where, "plant", "record") if said else None
 
 

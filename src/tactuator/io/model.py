@@ -42,21 +42,18 @@ def write_model(path: str | Path, model: PlantModel, family: Sequence[Continuous
     write_text(path, _text(model, family))
 
 
-def identified_text(model: PlantModel, distrust: Sequence[str] = ()) -> str:
-    """Return the text of model.json for a model with the plants that its record cannot tell from it, and with the
-    reasons, if any, for which it is not to be trusted.
-    """
-    return _text(model, model.family(_FAMILY, np.random.default_rng(0)), distrust)
+def identified_text(model: PlantModel) -> str:
+    """Return the text of model.json for a model with the plants that its record cannot tell from it."""
+    return _text(model, model.family(_FAMILY, np.random.default_rng(0)))
 
 
-def write_identified(path: str | Path, model: PlantModel, distrust: Sequence[str] = ()) -> None:
+def write_identified(path: str | Path, model: PlantModel) -> None:
     """Write the text of `identified_text`, whole or not at all."""
-    write_text(path, identified_text(model, distrust))
+    write_text(path, identified_text(model))
 
 
-def _text(model: PlantModel, family: Sequence[ContinuousSystem], distrust: Sequence[str] = ()) -> str:
-    document = model_document(model, family) | ({"distrust": list(distrust)} if distrust else {})
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+def _text(model: PlantModel, family: Sequence[ContinuousSystem]) -> str:
+    return json.dumps(model_document(model, family), indent=1, allow_nan=False) + "\n"
 
 
 def read_model(path: str | Path) -> PlantModel:

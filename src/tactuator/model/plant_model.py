@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.model.trust import Weighed, reasons
 from tactuator.parameters import Number, Numbers, table
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import brief
@@ -52,7 +53,7 @@ class PlantModel:
     where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
     record, calibration, method: where it comes from. friction: Coulomb level and presliding, if any was found. excess:
     uncertainty beyond the covariance. valid_hz: where the record moved the mechanism and the band is narrow (None: not
-    known); beyond it the model is a guess.
+    known); beyond it the model is a guess. trust: what it was judged by when it was found.
     """
 
     num: Numbers
@@ -69,6 +70,7 @@ class PlantModel:
     friction: dict[str, Number] = field(default_factory=dict)
     excess: Excess = field(default_factory=Excess.none)
     valid_hz: tuple[Number, Number] | None = None
+    trust: tuple[Weighed, ...] = ()
 
     __repr__ = brief
 
@@ -76,6 +78,15 @@ class PlantModel:
         size = self.num.size + self.den.size
         if self.covariance.shape != (size, size):
             raise BadInput(f"covariance has shape {self.covariance.shape}", f"({size}, {size})")
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Return why the model is not to be trusted, empty if it is."""
+        return reasons(self.trust)
+
+    def judged(self, *rows: Weighed) -> PlantModel:
+        """Return the model with more numbers that it was judged by."""
+        return replace(self, trust=(*self.trust, *rows))
 
     @property
     def system(self) -> ContinuousSystem:

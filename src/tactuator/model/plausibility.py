@@ -16,6 +16,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.description import HIGHEST_RATE_HZ, Channel, Display
 from tactuator.model.plant import DERIVATIVES
+from tactuator.model.trust import Weighed
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
@@ -58,6 +59,12 @@ class Doubt:
     def bound(self) -> float:
         """Return the bound that is passed."""
         return self.expected.high if self.value > self.expected.high else self.expected.low
+
+    def weighed(self) -> Weighed:
+        """Return it as a number that a model is judged by: what cannot be refuses trust."""
+        check, decides = self.expected, "refuses trust" if self.expected.impossible else "cannot tell"
+        least = self.value < check.low
+        return Weighed(check.what, self.value, check.unit, self.bound, decides, least, self.slip)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         check, side = self.expected, "up to" if self.value > self.expected.high else "from"

@@ -11,8 +11,10 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController
+from tactuator.model.plant_model import PlantModel
 from tactuator.model.verdict import Finding
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.table import ResultTable
 
 if TYPE_CHECKING:  # what a table of a design does not need
     from tactuator.identification.by_response import ResponseFit
@@ -147,14 +149,25 @@ def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tu
     yield "coefficients that the command can tell apart", str(fit.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
-    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(fit.frequency_hz()))):.2g}"
     yield "fit of the simulated position (%)", f"{fit.fit_percent:.2f}"
-    yield "residual is white noise", "yes" if fit.tests.white else "no"
-    yield "residual is free of the command", "yes" if fit.tests.uncorrelated_with_input else "no"
     for unseen in fit.validations:
         verdict = "fails" if unseen.failures else "holds"
         inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
         yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"
+
+
+def trust_table(model: PlantModel) -> ResultTable:
+    """Return what a model is trusted by: each number with its limit, and what it decides where it is beyond it."""
+    rows = [
+        (
+            f"{row.name}, {row.where}" if row.where else row.name,
+            row.measured,
+            row.allowed,
+            row.decides if row.beyond else "",
+        )
+        for row in model.trust
+    ]
+    return ResultTable("trust", ("what", "value", "limit", "decides"), tuple(rows))
 
 
 def response_rows(fit: ResponseFit) -> list[tuple[str, str]]:

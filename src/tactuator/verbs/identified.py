@@ -20,7 +20,9 @@ from tactuator.io.model import write_identified
 from tactuator.model.coupling import RADIUS, CoupledResponse
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
-from tactuator.report.tables import identification_rows, response_rows, with_error
+from tactuator.model.trust import Weighed
+from tactuator.parameters import plain
+from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db
 from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.nouns import coefficients, response_chart
@@ -39,7 +41,6 @@ class _FittedResult(Result):
     model: PlantModel
     order: int
     remarks: tuple[str, ...]
-    distrust: tuple[str, ...]
     fixed: tuple[FixedAgainstOwn, ...]
 
     def frequency_hz(self, count: int = 500) -> Any:
@@ -49,12 +50,13 @@ class _FittedResult(Result):
     def notices(self) -> Sequence[str]:
         return [
             *(f"note: {remark}" for remark in self.remarks),
-            *(f"the model is not to be trusted: {reason}" for reason in self.distrust),
+            *(f"the record cannot tell: {row}" for row in self.model.trust if row.leaves_open),
+            *(f"the model is not to be trusted: {reason}" for reason in self.model.distrust),
         ]
 
     @property
     def holds(self) -> bool:
-        return not self.distrust
+        return not self.model.distrust
 
     def columns(self) -> Mapping[str, Any]:
         frequency = self.frequency_hz()
@@ -72,7 +74,7 @@ class _FittedResult(Result):
 
     def write(self, path: Place) -> None:
         """Write model.json, which a display file names as a channel's plant."""
-        write_identified(Path(path), self.model, self.distrust)
+        write_identified(Path(path), self.model)
 
     def _document(self) -> dict[str, Any]:
         """Return what `--json` prints of either."""
@@ -95,8 +97,9 @@ class _FittedResult(Result):
             "units": {"command": model.command_unit, "position": model.position_unit},
             "poles_hz": np.sort(np.abs(np.roots(model.den))) / (2.0 * np.pi),
             "order": self.order,
-            "trusted": not self.distrust,
-            "distrust": self.distrust,
+            "trusted": not self.model.distrust,
+            "distrust": self.model.distrust,
+            "trust": [_trust_document(row) for row in model.trust],
             "frf": self.columns(),
             "remarks": self.remarks,
             "fixed": [_fixed_document(value) for value in self.fixed],
@@ -114,7 +117,7 @@ class IdentificationResult(_FittedResult, Identification):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
+        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, "fit": figure(self.fit_percent, "%", 5), "trusted": trusted}
 
@@ -126,7 +129,7 @@ class IdentificationResult(_FittedResult, Identification):
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
         rows = tuple(identification_rows(self, self.about or {}))
-        return [ResultTable(title, ("what", "value", "±95 %"), rows)]
+        return [ResultTable(title, ("what", "value", "±95 %"), rows), trust_table(self.model)]
 
     def to_dict(self) -> dict[str, Any]:
         about, between, excitation, tests = self.about or {}, self.between, self.excitation, self.tests
@@ -194,13 +197,13 @@ class ResponseModelResult(_FittedResult, ResponseFit):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
+        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, "departure": figure(self.largest_db, "dB", 3), "trusted": trusted}
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
-        return [ResultTable(title, ("what", "value"), tuple(response_rows(self)))]
+        return [ResultTable(title, ("what", "value"), tuple(response_rows(self))), trust_table(self.model)]
 
     def to_dict(self) -> dict[str, Any]:
         return self._document() | {"departure": self.departure, "largest_db": self.largest_db, "out": self.out}
@@ -298,6 +301,11 @@ class CoupledModels(Result):
 
 def _model_document(model: PlantModel) -> dict[str, Any]:
     return {"num": model.num, "den": model.den, "delay_s": model.delay_s}
+
+
+def _trust_document(row: Weighed) -> dict[str, Any]:
+    """Return a number that a model is judged by, and whether it is beyond its limit."""
+    return {**plain(row), "beyond": row.beyond}
 
 
 def _fixed_document(known: FixedAgainstOwn) -> dict[str, Any]:

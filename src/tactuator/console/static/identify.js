@@ -101,7 +101,7 @@ export default class Identify {
       make("div", { class: "loop" },
         make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Response"), ...this.charts.map((one) => one.box), ...(residual ? [make("p", {}, term("residual"), `: ${residual.white ? "white" : "not white"}, ${residual.free ? "free" : "not free"} of the command.`)] : []))),
         make("div", {}, ...(residual ? [make("div", { class: "panel" }, make("h2", {}, "What was tried"), this.candidates(found), this.own.order || this.own.hold ? again : "")] : []),
-          make("div", { class: "panel" }, make("h2", {}, "Model"), make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Model" }, table("What was found", ["what", "value", "±95 %"], found.rows)), ...found.remarks.map((text) => make("p", {}, `Note: ${text}.`))),
+          make("div", { class: "panel" }, make("h2", {}, "Model"), make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Model" }, table("What was found", ["what", "value", "±95 %"], found.rows), table("What it is trusted by", ["what", "value", "limit", "decides"], found.trust)), ...found.remarks.map((text) => make("p", {}, `Note: ${text}.`))),
           ...(residual ? [make("div", { class: "panel" }, make("h2", {}, "Validation"), this.unseen.box, ...this.validate.map(({ name }, i) => make("div", { class: "factor" }, make("b", {}, name),
             make("button", { type: "button", "aria-label": `Forget ${name}`, onclick: () => { this.validate.splice(i, 1); this.keep(); this.model().catch((error) => this.unseen.refuse(error.message)); } }, "Forget"))))] : []))));
     magnitude.show(of(magnitude, "magnitude_db", "band_db"));

@@ -1,0 +1,242 @@
+"""Do command and position run together from the record's beginning to its end? Lost samples and two clocks, mended.
+
+Pieces of the record are compared with the pieces before them: the impulse response that each shows by itself comes
+later or earlier there where samples are lost in one column, and later by the same from piece to piece where the two
+columns have clocks of their own. A position of another clock is read anew at the command's times, and a record with
+lost samples is cut at the loss into records of one mechanism, their delay known. Where a piece tells nothing of the
+others, as in a chirp, only a jump of the residual shows the loss: the longest part without one is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import scipy
+
+from tactuator.arrays import FloatArray
+from tactuator.signals.record import Record
+
+_PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
+"""Pieces of a record, and the most and the least samples of one."""
+_ALIKE = 0.8
+"""Correlation of the impulse responses of two pieces from which on their delay is known."""
+_SEEN = 0.25
+"""The same from which on a loss between them is looked for."""
+_DEVIATIONS = 6.0
+_LEAST_PPM = 1.0
+_JUMP = 0.6
+"""Least change of the delay, samples, that is taken for a lost one."""
+_MOST_CUTS = 8
+_TAPS = 32
+"""Samples to either side by which a sample between them is read."""
+_HELD = 8
+"""Samples for one of a command that is held, before it is band-limited."""
+_PHASES, _KAISER = 1000, 8.0
+_BESIDE = 0.003
+"""Share of a record that is left out at either side of a cut, 16 samples at least."""
+_LEAST_PART = 0.04
+"""Share of a record below which a part is left out."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Samples lost at one place. sample: of the position, as it was recorded; lost: of the position, or of the command
+    where negative; 0 of both, or a knock.
+    """
+
+    sample: int
+    lost: int
+
+    def told(self, rate_hz: float) -> str:
+        """Return in words where what was lost."""
+        at = f"at {self.sample / rate_hz:.6g} s (sample {self.sample})"
+        if self.lost == 0:
+            return f"{at} a knock or a seam"
+        return f"{at} {abs(self.lost)} samples of the {'position' if self.lost > 0 else 'command'}"
+
+
+def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+    """Return the samples of half a piece, and of each piece against that before it (two halves earlier) how much later
+    its response comes, samples, and how alike the two are, (k,).
+    """
+    length = min(command.size // _PIECES, _LONGEST)
+    half = length // 2
+    if length < _SHORTEST:
+        return half, np.zeros(0), np.zeros(0)
+    size, window = int(scipy.fft.next_fast_len(2 * length, real=True)), np.hanning(length)
+    before: list[tuple[np.ndarray, float]] = []
+    later, alike = [], []
+    for begin in range(0, command.size - length + 1, half):
+        into, out = (np.fft.rfft(window * (row - row.mean()), size) for row in (
+            command[begin : begin + length], position[begin : begin + length]))  # fmt: skip
+        power = np.abs(into) ** 2
+        response = np.conj(into) * out / (power + 0.1 * float(np.mean(power)))
+        energy = float(np.sum(np.abs(response) ** 2))
+        if len(before) > 1:
+            other, own = before[-2]
+            shared = np.fft.irfft(response * np.conj(other), size)
+            near = np.concatenate([shared[-half:], shared[: half + 1]])
+            at = int(np.clip(np.argmax(near), 1, near.size - 2))
+            low, top, high = near[at - 1 : at + 2].tolist()
+            later.append(at - half + 0.5 * (low - high) / min(low - 2.0 * top + high, -1e-300))
+            alike.append(top * 0.5 * size / max(float(np.sqrt(energy * own)), 1e-300))
+        before.append((response, energy))
+    return half, np.array(later), np.array(alike)
+
+
+def clocks_apart_ppm(half: int, later: FloatArray, alike: FloatArray) -> float:
+    """Return by how many millionths the position's clock is slower than the command's, 0 where that is not certain."""
+    kept = later[alike > _ALIKE]
+    if kept.size < 6:
+        return 0.0
+    middle = float(np.median(kept))
+    spread = max(1.4826 * float(np.median(np.abs(kept - middle))), 1e-4)
+    # pieces overlap by half: about half of them are independent
+    certain = abs(middle) > _DEVIATIONS * spread * 1.25 / np.sqrt(0.5 * kept.size)
+    ppm = -1e6 * middle / (2.0 * half)
+    return ppm if certain and abs(ppm) > _LEAST_PPM else 0.0
+
+
+def resampled(values: FloatArray, ppm: float) -> FloatArray:
+    """Return values (n,) that were read by a clock slower by so many millionths at the times of the other, (m,).
+
+    Kaiser's windowed sinc of 64 samples, its phases a thousandth of a sample apart and straight between them.
+    """
+    count = int((values.size - 1) * (1.0 + 1e-6 * ppm)) if ppm < 0.0 else values.size
+    place = np.arange(count) / (1.0 + 1e-6 * ppm)
+    padded = np.pad(values, _TAPS, mode="reflect", reflect_type="odd")
+    rows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _TAPS)
+    offset = np.arange(1 - _TAPS, _TAPS + 1)[None, :] - np.linspace(0.0, 1.0, _PHASES + 1)[:, None]
+    kernel = np.sinc(offset) * np.i0(_KAISER * np.sqrt(np.maximum(1.0 - (offset / _TAPS) ** 2, 0.0))) / np.i0(_KAISER)
+    read = np.empty(count)
+    for begin in range(0, count, 1 << 14):
+        at = place[begin : begin + (1 << 14)]
+        first = np.floor(at).astype(np.int64)
+        phase, part = np.divmod(_PHASES * (at - first), 1.0)
+        taken, here = rows[first + 1], phase.astype(np.int64)
+        low, high = (np.einsum("ij,ij->i", taken, kernel[here + k]) for k in (0, 1))
+        read[begin : begin + at.size] = (1.0 - part) * low + part * high
+    return read
+
+
+def of_one_clock(record: Record, ppm: float) -> Record:
+    """Return the record with its position, read by a clock slower by so many millionths, at the command's times."""
+    position = resampled(record.position, ppm)
+    count = min(position.size, record.command.size)
+    return replace(record.part(slice(0, count)), position=position[:count])
+
+
+def without_images(record: Record, *, held: bool) -> Record:
+    """Return the record at half its rate, band-limited; held: a converter held the command between its samples.
+
+    What a held command moves beyond half the rate is not at its place any more where the position was read anew.
+    """
+    command = np.repeat(record.command, _HELD) if held else record.command
+    halved = [scipy.signal.resample_poly(row - row.mean(), 1, 2, padtype="line") for row in (
+        record.position, *(() if record.reference is None else (record.reference,)))]  # fmt: skip
+    moved = scipy.signal.resample_poly(command - command.mean(), 1, 2 * _HELD if held else 2, padtype="line")
+    about = record.about | {"hold": "band-limited"}
+    reference = halved[1] if len(halved) > 1 else None
+    return replace(
+        record, rate_hz=0.5 * record.rate_hz, command=moved, position=halved[0], reference=reference, about=about
+    )
+
+
+def told_of_clocks(ppm: float) -> str:
+    """Return in words what was mended of two clocks."""
+    return f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
+
+
+def losses(command: FloatArray, position: FloatArray) -> tuple[Loss, ...]:
+    """Return what was lost of command or position (n,), in order."""
+    half, later, alike = pieces_delays(command, position)
+    kept = later[alike > _ALIKE]
+    if kept.size < 6:
+        return ()
+    spread = max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
+    least = max(_JUMP, _DEVIATIONS * spread)
+    jumps = (np.abs(later) > least) & (alike > _SEEN)
+    found: list[Loss] = []
+    for run in _runs(jumps):
+        best = max(run, key=lambda k: float(alike[k]))
+        lost = -round(float(later[best]))
+        if lost:
+            # piece best + 2 begins where the one before it, two halves earlier, ends
+            found.append(_placed(command, position, lost, sum(loss.lost for loss in found), (best, best + 4), half))
+    return tuple(found[:_MOST_CUTS])
+
+
+def _runs(marked: np.ndarray) -> list[range]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(np.int8), [0]])))
+    return [range(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _placed(
+    command: FloatArray, position: FloatArray, lost: int, before: int, halves: tuple[int, int], half: int
+) -> Loss:
+    """Return the loss at the sample where one delay explains the position up to it and the other from it on; before:
+    samples lost earlier.
+    """
+    begin, end = halves[0] * half, min(halves[1] * half, position.size)
+    response = _impulse(command, position, before, max(begin - 6 * half, 0), max(begin, 4 * half))
+    moved = np.asarray(scipy.signal.oaconvolve(command, response))
+
+    def missed(late: int) -> FloatArray:
+        place = np.clip(np.arange(begin, end) + late + response.size // 8, 0, command.size - 1)
+        off = position[begin:end] - moved[place]
+        return np.asarray((off - off.mean()) ** 2)
+
+    gained = np.cumsum(missed(before) - missed(before + lost))
+    return Loss(begin + int(np.argmin(gained)) + 1, lost)
+
+
+def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, end: int) -> FloatArray:
+    """Return the response to an impulse that a stretch of the record shows, an eighth of it before time zero."""
+    low = max(begin, -late, 0)
+    high = min(end, position.size, command.size - max(late, 0))
+    into, out = command[low + late : high + late], position[low:high]
+    window = np.hanning(out.size)
+    size = int(scipy.fft.next_fast_len(2 * out.size, real=True))
+    lines = [np.fft.rfft(window * (row - row.mean()), size) for row in (into, out)]
+    power = np.abs(lines[0]) ** 2
+    response = np.fft.irfft(np.conj(lines[0]) * lines[1] / (power + 0.01 * float(np.mean(power))), size)
+    length = min(out.size // 4, 4096)
+    return np.concatenate([response[-(length // 8) :], response[: length - length // 8]])
+
+
+def parts_between(record: Record, found: Sequence[Loss]) -> tuple[Record, ...]:
+    """Return the parts of a record between its losses, command and position together in each."""
+    edges = [0, *(loss.sample for loss in found), record.position.size]
+    parts, late, beside = [], 0, max(16, int(_BESIDE * record.position.size))
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        late += found[k - 1].lost if k else 0
+        low = max(begin + (beside if k else 0), -late, 0)
+        high = min(end - (beside if k < len(found) else 0), record.command.size - max(late, 0))
+        if high - low < max(_LEAST_PART * record.position.size, _SHORTEST):
+            continue
+        piece = record.part(slice(low, high))
+        moved = slice(low + late, high + late)
+        reference = None if record.reference is None else record.reference[moved]
+        parts.append(replace(piece, command=record.command[moved], reference=reference))
+    return tuple(parts)
+
+
+def running_together(record: Record) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
+    """Return the record in parts in which command and position run together, the ppm by which the position's clock was
+    slower, and what else was mended.
+    """
+    ppm, as_read = 0.0, record
+    for _ in range(3):
+        more = clocks_apart_ppm(*pieces_delays(record.command, record.position))
+        if not more:
+            break
+        ppm += more
+        record = of_one_clock(as_read, ppm)
+    found = losses(record.command, record.position)
+    if not found:
+        return (record,), ppm, ()
+    said = "; ".join(loss.told(record.rate_hz) for loss in found)
+    return parts_between(record, found), ppm, (f"lost {said}: the record was cut there, and the delay mended",)

@@ -1,0 +1,95 @@
+"""What a residual shows of a mechanism that is not linear: it follows the size of the command, or of the motion.
+
+A command that saturates, or does nothing while it is small, leaves its cube or its clipped self in the residual, moved
+as the model moves the command; play leaves the state of a hysteresis along the motion. Of each the part that a linear
+model has already is taken off (Bussgang, 1952). What is left is how far the gain at other sizes may be from the
+model's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.friction import dahl_state
+from tactuator.identification.residual import Residual
+
+_CERTAIN = 100.0
+"""Drop of -2 log likelihood by one parameter from which on a shape is taken to have a part."""
+_SHARE = 0.02
+"""Share of the residual from which on it counts."""
+_FLAT = 1e-3
+"""Power of a shape beyond its linear part, over its own, below which it cannot be told from that."""
+_CLIPPED = (0.05, 0.2, 0.6)
+"""Levels of the command, of its deviation, below which it may do nothing."""
+_PLAY = (0.02, 0.1)
+"""Distances over which a hysteresis builds up, of the motion's deviation."""
+_POOLED = 0.15
+
+
+def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> tuple[float, FloatArray]:
+    """Return the size of the distortion that the residuals show over that of the position, and over the response at
+    frequencies (m,); zeros where none stands out.
+    """
+    shapes = [list(_shapes(residual)) for residual in residuals]
+    best, share, level = 0.0, 0.0, np.zeros(frequency_hz.size)
+    for pulls in zip(*shapes, strict=True):
+        size = along = total = 0.0
+        for pull, residual in zip(pulls, residuals, strict=True):
+            weight = residual.weight[1:]
+            size += float(np.sum(np.abs(weight * pull) ** 2))
+            along += float(np.sum((np.conj(pull) * residual.lines[1:]).real * weight**2))
+            total += float(np.sum(np.abs(weight * residual.lines[1:]) ** 2))
+        won = along**2 / max(size, 1e-300)
+        if size > 0.0 and won > max(best, 0.5 * _CERTAIN, _SHARE * total):
+            best = won
+            share, level = _relative(along / size, pulls, residuals, frequency_hz)
+    return share, level
+
+
+def _shapes(residual: Residual) -> Iterator[ComplexArray]:
+    """Yield the lines but zero of the position that each shape moves, nothing linear in them."""
+    taken = residual.taken
+    passed = residual.response * taken.ahead
+    command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
+    size = float(np.std(command))
+    for shape in (command**3, *(np.clip(command, -part * size, part * size) for part in _CLIPPED)):
+        yield passed * _lines(_beyond(shape, command))
+    motion = residual.simulated
+    turned = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples)
+    for distance in _PLAY:
+        state = dahl_state(motion, distance * max(float(np.std(motion)), 1e-300))
+        yield _lines(_beyond(state, motion, turned))
+
+
+def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:
+    """Return a shape (n,) without its part along what is linear; zeros where nothing else is in it."""
+    rest = shape - shape.mean()
+    power = float(rest @ rest)
+    for along in linear:
+        rest = rest - along * float(along @ rest) / max(float(along @ along), 1e-300)
+    return rest if float(rest @ rest) > _FLAT * power else np.zeros(rest.size)
+
+
+def _lines(values: FloatArray) -> ComplexArray:
+    return np.asarray(np.fft.rfft(values)[1:] / np.sqrt(values.size))
+
+
+def _relative(
+    amount: float, pulls: Sequence[ComplexArray], residuals: Sequence[Residual], frequency_hz: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return a shape's size over the position's, and over the response's at frequencies (m,), means over 15 % of it."""
+    shape, moved, near = 0.0, 0.0, np.zeros((2, frequency_hz.size))
+    for pull, residual in zip(pulls, residuals, strict=True):
+        taken = residual.taken
+        powers = [np.abs(lines) ** 2 for lines in (amount * pull, residual.response * taken.command[1:])]
+        shape, moved = shape + float(powers[0].sum()), moved + float(powers[1].sum())
+        edges = np.rint(np.outer([1.0 - 0.5 * _POOLED, 1.0 + 0.5 * _POOLED], frequency_hz) / taken.spacing_hz)
+        low = np.clip(edges[0] - 4, 0, pull.size - 1).astype(np.int64)
+        high = np.clip(edges[1] + 4, 1, pull.size).astype(np.int64)
+        for row, power in zip(near, powers, strict=True):
+            sums = np.concatenate([[0.0], np.cumsum(power)])
+            row += sums[high] - sums[low]
+    return float(np.sqrt(shape / max(moved, 1e-300))), np.sqrt(near[0] / np.maximum(near[1], 1e-300))

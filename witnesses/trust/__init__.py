@@ -1,0 +1,1 @@
+"""What `tactuator identify` says of records that are spoilt."""
