@@ -9,7 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
-from tactuator.identification.trust import CLIPPED, KNOCK
+from tactuator.identification.trust import CLIPPED
 from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited
@@ -95,9 +95,10 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
     position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
     pasted = replace(GOOD, command=command, position=position)
     assert off_db(pasted) < 0.1
-    (knock,) = (row for row in identify(pasted, **KNOWN).model.trust if row.name == KNOCK.name)
-    assert float(knock.where.split()[1]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
-    assert knock.refuses
+    mended = identify(pasted, **KNOWN)
+    (said,) = (remark for remark in mended.remarks if "a knock or a seam" in remark)
+    assert float(said.split()[2]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
+    assert not mended.distrust
     assert not identify(GOOD, **KNOWN).distrust
 
 

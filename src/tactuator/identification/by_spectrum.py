@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import FloatArray
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
@@ -84,15 +84,12 @@ def identification(
         model = model.holding(other)
     tests = _tests(common.signals if rubbed is None else rubbed.signals, estimate, residuals)
     friction = None if rubbed is None else friction_of(rubbed, tests, common)
-    model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     rows += check_polarity(model.num, model.den)
     rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
-    share, level = distortion_left(residuals, model.excess.frequency_hz)
-    at = f"at {tests.jump / common.rate_hz:.6g} s" if tests.jump is not None else ""
-    model = model.judged(*rows, KNOCK.of(tests.knock, at), DISTORTION.of(100.0 * share))
-    model = replace(model, excess=model.excess.joined(level + 0j).joined(_drifting(tests, level.size)))
+    model = _with_what_is_left(model.judged(*rows), tests, residuals, common.rate_hz)
+    model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
     measured = np.concatenate([residual.measured for residual in residuals])
@@ -112,21 +109,31 @@ def identification(
         other=other,
         distortion=distortion,
     )
-    if estimate.free is None:
-        return result
-    free = estimate.free
+    return result if estimate.free is None else _beside_free(result, common, estimate, estimate.free)
+
+
+def _beside_free(
+    result: Identification, common: Prepared, estimate: SpectralEstimate, free: SpectralEstimate
+) -> Identification:
+    """Return the identification with fixed values beside what the records show without them."""
     alone = _model(common, free, free.chosen)
     alone = replace(alone, valid_hz=_valid(alone, free))
     beside = [choice for choice in (free.chosen, free.other) if choice is not None]
-    beside_result: Identification = beside_free(result, alone, common.asked.fixed, chosen, beside)
-    model = beside_result.model
-    return replace(beside_result, model=replace(model, valid_hz=_valid(model, estimate)))
+    both: Identification = beside_free(result, alone, common.asked.fixed, estimate.chosen, beside)
+    return replace(both, model=replace(both.model, valid_hz=_valid(both.model, estimate)))
 
 
-def _drifting(tests: ResidualTests, count: int) -> ComplexArray:
-    """Return the deviation, (count,), by which a band holds the gain at the record's beginning and at its end."""
+def _with_what_is_left(
+    model: PlantModel, tests: ResidualTests, residuals: Sequence[Residual], rate_hz: float
+) -> PlantModel:
+    """Return the model judged by its residuals, its band with the distortion that they show, and with the gain at the
+    records' beginning and at their end.
+    """
+    share, level = distortion_left(residuals, model.excess.frequency_hz)
+    at = f"at {tests.jump / rate_hz:.6g} s" if tests.jump is not None else ""
     change, half = tests.drift
-    return np.full(count, (abs(change) + half) / 3.0 + 0j)
+    beyond = model.excess.joined(level + 0j).joined(np.full(level.size, (abs(change) + half) / 3.0 + 0j))
+    return replace(model.judged(KNOCK.of(tests.knock, at), DISTORTION.of(100.0 * share)), excess=beyond)
 
 
 def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:

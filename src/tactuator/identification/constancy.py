@@ -42,7 +42,7 @@ _LEAST_PART = 0.04
 
 
 @dataclass(frozen=True)
-class Loss:
+class LostBlock:
     """Samples lost at one place. sample: of the position, as it was recorded; lost: of the position, or of the command
     where negative; 0 of both, or a knock.
     """
@@ -76,13 +76,13 @@ def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, Float
         response = np.conj(into) * out / (power + 0.1 * float(np.mean(power)))
         energy = float(np.sum(np.abs(response) ** 2))
         if len(before) > 1:
-            other, own = before[-2]
+            other, energy_before = before[-2]
             shared = np.fft.irfft(response * np.conj(other), size)
             near = np.concatenate([shared[-half:], shared[: half + 1]])
             at = int(np.clip(np.argmax(near), 1, near.size - 2))
             low, top, high = near[at - 1 : at + 2].tolist()
             later.append(at - half + 0.5 * (low - high) / min(low - 2.0 * top + high, -1e-300))
-            alike.append(top * 0.5 * size / max(float(np.sqrt(energy * own)), 1e-300))
+            alike.append(top * 0.5 * size / max(float(np.sqrt(energy * energy_before)), 1e-300))
         before.append((response, energy))
     return half, np.array(later), np.array(alike)
 
@@ -150,7 +150,7 @@ def told_of_clocks(ppm: float) -> str:
     return f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
 
 
-def losses(command: FloatArray, position: FloatArray) -> tuple[Loss, ...]:
+def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     """Return what was lost of command or position (n,), in order."""
     half, later, alike = pieces_delays(command, position)
     kept = later[alike > _ALIKE]
@@ -159,14 +159,14 @@ def losses(command: FloatArray, position: FloatArray) -> tuple[Loss, ...]:
     spread = max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
     least = max(_JUMP, _DEVIATIONS * spread)
     jumps = (np.abs(later) > least) & (alike > _SEEN)
-    found: list[Loss] = []
+    blocks: list[LostBlock] = []
     for run in _runs(jumps):
         best = max(run, key=lambda k: float(alike[k]))
         lost = -round(float(later[best]))
         if lost:
             # piece best + 2 begins where the one before it, two halves earlier, ends
-            found.append(_placed(command, position, lost, sum(loss.lost for loss in found), (best, best + 4), half))
-    return tuple(found[:_MOST_CUTS])
+            blocks.append(_placed(command, position, lost, sum(loss.lost for loss in blocks), (best, best + 4), half))
+    return tuple(blocks[:_MOST_CUTS])
 
 
 def _runs(marked: np.ndarray) -> list[range]:
@@ -176,7 +176,7 @@ def _runs(marked: np.ndarray) -> list[range]:
 
 def _placed(
     command: FloatArray, position: FloatArray, lost: int, before: int, halves: tuple[int, int], half: int
-) -> Loss:
+) -> LostBlock:
     """Return the loss at the sample where one delay explains the position up to it and the other from it on; before:
     samples lost earlier.
     """
@@ -190,7 +190,7 @@ def _placed(
         return np.asarray((off - off.mean()) ** 2)
 
     gained = np.cumsum(missed(before) - missed(before + lost))
-    return Loss(begin + int(np.argmin(gained)) + 1, lost)
+    return LostBlock(begin + int(np.argmin(gained)) + 1, lost)
 
 
 def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, end: int) -> FloatArray:
@@ -207,14 +207,14 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
     return np.concatenate([response[-(length // 8) :], response[: length - length // 8]])
 
 
-def parts_between(record: Record, found: Sequence[Loss]) -> tuple[Record, ...]:
+def parts_between(record: Record, blocks: Sequence[LostBlock]) -> tuple[Record, ...]:
     """Return the parts of a record between its losses, command and position together in each."""
-    edges = [0, *(loss.sample for loss in found), record.position.size]
+    edges = [0, *(loss.sample for loss in blocks), record.position.size]
     parts, late, beside = [], 0, max(16, int(_BESIDE * record.position.size))
     for k, (begin, end) in enumerate(pairwise(edges)):
-        late += found[k - 1].lost if k else 0
+        late += blocks[k - 1].lost if k else 0
         low = max(begin + (beside if k else 0), -late, 0)
-        high = min(end - (beside if k < len(found) else 0), record.command.size - max(late, 0))
+        high = min(end - (beside if k < len(blocks) else 0), record.command.size - max(late, 0))
         if high - low < max(_LEAST_PART * record.position.size, _SHORTEST):
             continue
         piece = record.part(slice(low, high))
@@ -235,8 +235,8 @@ def running_together(record: Record) -> tuple[tuple[Record, ...], float, tuple[s
             break
         ppm += more
         record = of_one_clock(as_read, ppm)
-    found = losses(record.command, record.position)
-    if not found:
+    blocks = losses(record.command, record.position)
+    if not blocks:
         return (record,), ppm, ()
-    said = "; ".join(loss.told(record.rate_hz) for loss in found)
-    return parts_between(record, found), ppm, (f"lost {said}: the record was cut there, and the delay mended",)
+    said = "; ".join(loss.told(record.rate_hz) for loss in blocks)
+    return parts_between(record, blocks), ppm, (f"lost {said}: the record was cut there, and the delay mended",)

@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_spectrum import identification
 from tactuator.identification.constancy import (
-    Loss,
+    LostBlock,
     of_one_clock,
     parts_between,
     told_of_clocks,
@@ -177,18 +177,18 @@ def _without_knocks(
         if tests.knock <= KNOCK.limit or tests.jump is None:
             break
         note("cutting the record where it jumps")
-        spoilt, loss = common.records[tests.part], Loss(tests.jump, 0)
-        sides, others = parts_between(spoilt, [loss]), [one for one in common.records if one is not spoilt]
+        spoilt, loss = common.records[tests.part], LostBlock(tests.jump, 0)
+        sides, others = parts_between(spoilt, [loss]), [record for record in common.records if record is not spoilt]
         if len(sides) < 2:
             break
-        longest = max([*sides, *others], key=lambda one: one.command.size)
-        told = f"lost {loss.told(common.rate_hz)}: the record was cut there"
+        longest = max([*sides, *others], key=lambda record: record.command.size)
+        cut_there = f"lost {loss.told(common.rate_hz)}: the record was cut there"
         trials = []
         for kept, used in (
             ([*sides, *others], ""),
             ([longest], f", the longest part of {longest.duration_s:.4g} s used"),
         ):
-            again = replace(prepared(kept, common.asked, mended=True), remarks=(*common.remarks, told + used))
+            again = replace(prepared(kept, common.asked, mended=True), remarks=(*common.remarks, cut_there + used))
             trials.append((again, _refined(again, note)))
         both, alone = ((100.0 - trial.fit_percent) for _, trial in trials)
         common, result = trials[0] if both < _NO_WORSE * alone else trials[1]
@@ -220,12 +220,12 @@ def _at_one_clock(
     if common.ppm + more == 0.0:
         return result, common
     holds = (True, False) if result.between.source == "data" else (result.between.hold != "band-limited",)
-    trials = [_again(first, [without_images(one, held=held) for one in common.records]) for held in holds]
+    trials = [_again(first, [without_images(record, held=held) for record in common.records]) for held in holds]
     fits = [_refined(trial, note) for trial in trials]
-    left = [100.0 - fit.fit_percent for fit in fits]
-    best = 1 if left[-1] < _TOLD * left[0] else 0
+    left_over = [100.0 - fit.fit_percent for fit in fits]
+    best = 1 if left_over[-1] < _TOLD * left_over[0] else 0
     result, model = fits[best], fits[best].model
-    if len(fits) > 1 and left[1 - best] * _TOLD < left[best]:
+    if len(fits) > 1 and left_over[1 - best] * _TOLD < left_over[best]:
         model = model.holding(fits[1 - best].model)
     model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
     remarks = (*result.remarks, told_of_clocks(first.ppm + more))

@@ -393,10 +393,10 @@ def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False) -
             raise error.within(*where) from None
         piece, shortened = _liveliest(record, LONGEST // len(records))
         whole = record.part(piece) if shortened else record
-        together, apart, told = ((whole,), 0.0, ()) if mended else running_together(whole)
+        together, apart, mending = ((whole,), 0.0, ()) if mended else running_together(whole)
         ppm = ppm or apart
         parts += together
-        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened, *told]]
+        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened, *mending]]
     _require_alike(parts)
     command_unit, position_unit = (
         float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")

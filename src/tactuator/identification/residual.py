@@ -152,20 +152,20 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
         beside = [place * taken.samples / taken.rate_hz * slope, turn * moved]
         swing += float(np.sum(turn**2 * moved**2))
         power += float(np.sum(turn * place * moved**2))
-        own = np.stack([np.fft.rfft(values) for values in beside] + [residual.lines], axis=1)
+        runs = np.stack([np.fft.rfft(values) for values in beside] + [residual.lines], axis=1)
         for begin in range(1, lines.size, _BLOCK):
             block = slice(begin, begin + _BLOCK)
             free = log_slopes(fit, taken.frequency_hz[block]) * lines[block, None]
-            columns = np.hstack([free, own[block]]) * residual.weight[block, None]
+            columns = np.hstack([free, runs[block]]) * residual.weight[block, None]
             square = (columns.conj().T @ columns).real
             products = square if products is None else products + square
     assert products is not None
     size = np.sqrt(np.maximum(np.diag(products)[:-1], 1e-300))
     gram, goal = products[:-1, :-1] / np.outer(size, size), products[:-1, -1] / size
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
-    found, deviation = inverse @ goal / size, np.sqrt(np.maximum(0.5 * np.diag(inverse), 0.0)) / size
+    amounts, deviation = inverse @ goal / size, np.sqrt(np.maximum(0.5 * np.diag(inverse), 0.0)) / size
     to_unit = np.array([1e6, swing / max(power, 1e-300)])
-    values, halves = to_unit * found[-2:], 1.959964 * to_unit * deviation[-2:]
+    values, halves = to_unit * amounts[-2:], 1.959964 * to_unit * deviation[-2:]
     return (float(values[0]), float(halves[0])), (float(values[1]), float(halves[1]))
 
 
