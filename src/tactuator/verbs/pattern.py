@@ -38,9 +38,9 @@ class PatternResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         clip = self.clip
-        told = {name: getattr(clip, name) for name in ("format", "duration_s", "clamped", "ignored", "pitch_in_hz")}
+        figures = {name: getattr(clip, name) for name in ("format", "duration_s", "clamped", "ignored", "pitch_in_hz")}
         counts = {"tones": len(clip.tones), "taps": [vars(tap) for tap in clip.taps]}
-        return {"file": str(self.path), "valid": True, **told, **counts}
+        return {"file": str(self.path), "valid": True, **figures, **counts}
 
     def notices(self) -> Sequence[str]:
         clip = self.clip
@@ -118,9 +118,9 @@ class ClipResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         rendered = self.rendered
-        told = {"format": rendered.clip.format, "duration_s": rendered.clip.duration_s, "map": vars(rendered.map)}
+        figures = {"format": rendered.clip.format, "duration_s": rendered.clip.duration_s, "map": vars(rendered.map)}
         return {
-            "out": str(self.path), "clip": rendered.clip.name, **told, "most_loss_db": self.most_loss_db,
+            "out": str(self.path), "clip": rendered.clip.name, **figures, "most_loss_db": self.most_loss_db,
             "loss": plain(rendered.loss.document()), "met": self.holds,
         }  # fmt: skip
 
