@@ -225,7 +225,7 @@ def _at_one_clock(
     left_over = [100.0 - fit.fit_percent for fit in fits]
     best = 1 if left_over[-1] < _TOLD * left_over[0] else 0
     result, model = fits[best], fits[best].model
-    if len(fits) > 1 and left_over[1 - best] * _TOLD < left_over[best]:
+    if len(fits) > 1 and (best == 1 or left_over[1] * _TOLD < left_over[0]):
         model = model.holding(fits[1 - best].model)
     model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
     remarks = (*result.remarks, told_of_clocks(first.ppm + more))
