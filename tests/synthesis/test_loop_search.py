@@ -22,7 +22,7 @@ from tactuator.synthesis.candidates import LoopStructure, crossovers_hz, shapes
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.loop_synthesis import judged, synthesise
-from tactuator.synthesis.problem import LoopProblem, classical_starts, hops, is_sound
+from tactuator.synthesis.problem import LoopProblem, hops, is_sound, starts
 from tactuator.synthesis.screening import Task
 from tests.synthesis.brute_force import best_simple_loop
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
@@ -171,7 +171,7 @@ def test_hops__a_start_that_leads_to_a_miss__a_sound_loop_within_the_limits() ->
     plant, asked, peak = drawn(rng, "integrator with a mode"), drawn_limits(rng), float(rng.uniform(1.1, 1.5))
     whole = task(plant, asked, peak)
     problem = LoopProblem(whole)
-    solutions = hops(problem, classical_starts(whole)[:1])
+    solutions = hops(problem, starts(problem)[:1])
     assert next(solutions).excess_db > 0.3
     kept = next(solution for solution in solutions if solution.excess_db <= 1e-4)
     assert is_sound(problem.structure.system(kept.parameters), whole)

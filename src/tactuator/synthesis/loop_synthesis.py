@@ -14,7 +14,6 @@ at its limit is a loop of lower gain, and that has to be stable too.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from heapq import merge
@@ -30,13 +29,13 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.candidates import LoopStructure, shapes
 from tactuator.synthesis.limits import Limit
-from tactuator.synthesis.problem import LoopProblem, Solution, classical_starts, hops, is_sound, solve
+from tactuator.synthesis.problem import LoopProblem, Solution, hops, is_sound, solve, starts
 from tactuator.synthesis.screening import Survivors, Task
 
-_FEASIBLE_DB = 1e-4
+_FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 """What each round of settling keeps beyond the limits, dB: grids and assessment agree to about that."""
-_SAME_DB = 0.02
+_SAME_DB, _AGAIN_DB, _ENOUGH = 0.02, 0.05, 3
 _RESONANCE_SHARES = (0.5, 1.0)
 _WITNESSES = 3
 _NEAREST = 3
@@ -51,19 +50,22 @@ def synthesise(task: Task) -> Iterator[Candidate]:
     set of candidates holds comes behind them. Nothing is yielded where nothing is found.
     """
     blocks = partial(shapes, task.family[0].continuous, task.rate_hz)
+    held: list[tuple[FloatArray, Candidate]] = []
+    optima = _improved(task, starts)
+    best = next(optima, None)
     means: Sequence[Callable[[], list[tuple[FloatArray, Candidate]]]] = (
         lambda: _witnesses(task, islice(blocks(), 1)),
         lambda: _hopped(task),
         lambda: _witnesses(task, islice(blocks(), 1, None)),
     )
-    for index, search in enumerate(means):
-        held = search()
-        optima = _improved(task, [parameters for parameters, _ in held], classical=index == 0)
-        best = next(optima, None)
+    for search in means:
         if best is not None or held:
             break
-    else:
-        optima = _improved(task, nearest(task), classical=False, shares=(1.0,))
+        held = search()
+        optima = _improved(task, partial(_held, held))
+        best = next(optima, None)
+    if best is None and not held:
+        optima = _improved(task, lambda problem: nearest(task), shares=(1.0,))
         best = next(optima, None)
     if best is None and not held:
         return
@@ -76,8 +78,9 @@ def synthesise(task: Task) -> Iterator[Candidate]:
 
 def is_possible(task: Task) -> bool:
     """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
-    first = next(shapes(task.family[0].continuous, task.rate_hz))
-    return bool(_witnesses(task, [first])) or any(_settled(task, 1.0, [], classical=True))
+    if any(_settled(LoopProblem(task), starts)):
+        return True
+    return bool(_witnesses(task, [next(shapes(task.family[0].continuous, task.rate_hz))]))
 
 
 def nearest(task: Task) -> list[FloatArray]:
@@ -133,12 +136,17 @@ def _mean_db(candidate: Candidate) -> float:
     return candidate[0]
 
 
-def _improved(
-    task: Task, starts: Sequence[FloatArray], classical: bool, shares: Sequence[float] = _RESONANCE_SHARES
-) -> Iterator[Candidate]:
+Beginnings = Callable[[LoopProblem], Sequence[FloatArray]]
+
+
+def _held(held: Sequence[tuple[FloatArray, Candidate]], problem: LoopProblem) -> list[FloatArray]:
+    return [parameters for parameters, _ in held]
+
+
+def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RESONANCE_SHARES) -> Iterator[Candidate]:
     """Yield local optima that keep every requirement, all different, the best first."""
     for share in shares:
-        optima = _settled(task, share, starts, classical)
+        optima = _settled(LoopProblem(task, share), beginnings)
         best = next(optima, None)
         if best is not None:
             yield best
@@ -146,17 +154,16 @@ def _improved(
             return
 
 
-def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: bool) -> Iterator[Candidate]:
+def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate]:
     """Yield local optima that keep every requirement, the best first.
 
     An optimum is settled only once it may be the next: settling makes its mean worse, if anything.
     """
-    problem = LoopProblem(task, share)
-    solutions = [solve(problem, start) for start in [*starts, *(classical_starts(task) if classical else [])]]
+    solutions = _solutions(problem, beginnings(problem))
     means: list[float] = []
     ready: list[Candidate] = []
-    for solution in sorted((solution for solution in solutions if solution), key=lambda solution: solution.mean_db):
-        if solution.excess_db > _FEASIBLE_DB or any(abs(solution.mean_db - mean) < _SAME_DB for mean in means):
+    for solution in sorted(solutions, key=lambda solution: solution.mean_db):
+        if solution.excess_db > _NEARLY_DB or any(abs(solution.mean_db - mean) < _SAME_DB for mean in means):
             continue
         while ready and ready[0][0] <= solution.mean_db:
             yield ready.pop(0)
@@ -167,10 +174,23 @@ def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: 
     yield from ready
 
 
+def _solutions(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> list[Solution]:
+    """Return the local solutions from `beginnings`: of three, if one keeps the limits; of two, if they agree."""
+    solutions: list[Solution] = []
+    for start in beginnings:
+        solution = solve(problem, start)
+        if solution is not None:
+            solutions = sorted([*solutions, solution], key=lambda known: known.merit_db)
+        agree = len(solutions) > 1 and solutions[1].merit_db < solutions[0].merit_db + _AGAIN_DB
+        if solutions and solutions[0].excess_db <= _NEARLY_DB and (agree or len(solutions) >= _ENOUGH):
+            break
+    return solutions
+
+
 def _hopped(task: Task) -> list[tuple[FloatArray, Candidate]]:
     """Return the first loop, if any, that steps from one local optimum to the next come upon."""
     problem = LoopProblem(task)
-    for solution in hops(problem, [*classical_starts(task), *nearest(task)]):
+    for solution in hops(problem, [*starts(problem), *nearest(task)]):
         if solution.excess_db <= _FEASIBLE_DB:
             settled = _settle(problem, solution)
             if settled is not None:
@@ -181,9 +201,9 @@ def _hopped(task: Task) -> list[tuple[FloatArray, Candidate]]:
 def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     """Return the solution with what its grids overlooked taken into account: a full assessment finds every limit kept.
 
-    After every round the problem is tightened so that each excess is that of the assessment, and a reserve more.
+    After every round the frequencies at which |S| and |T| are greatest join the grid, and the problem is tightened so
+    that each excess is that of the assessment, and a reserve more.
     """
-    problem = copy(problem)
     stays = np.array([not limit.gives_way for limit in problem.limits])
     for reserve_db in _RESERVES_DB:
         assessments = judged(problem.task, problem.structure.system(solution.parameters))
@@ -191,10 +211,12 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
             return None
         if all_kept(assessments, problem.loop_limits):
             return _candidate(assessments)
-        seen = problem.at(solution.parameters).excess - problem.tighten
+        peaks = [peak.frequency_hz for of in assessments for peak in (of.margins.sensitivity, of.margins.complementary)]
+        before, problem = problem.tighten, LoopProblem(problem.task, problem.share, [*problem.peaks_hz, *peaks])
+        seen = problem.at(solution.parameters).excess[: problem.tighten.size]
         by_load = {assessment.member.name: assessment for assessment in assessments}
         true = [limit.excess_db(by_load[limit.load or ""].figure(limit)) for limit in problem.limits]
-        problem.tighten = np.where(stays, problem.tighten + (np.array(true) > 0.0), np.array(true) - seen + reserve_db)
+        problem.tighten = np.where(stays, before + (np.array(true) > 0.0), np.array(true) - seen + reserve_db)
         again = solve(problem, solution.parameters)
         if again is None or again.excess_db > _FEASIBLE_DB:
             return None
@@ -203,7 +225,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
 
 
 _WAYS_MAX = 2
-_SLACKENED = (0.05, 0.5)
+_SLACKENED = (0.05, 0.5, 1.5)
 """dB by which a limit that is told gives way more than the solver says: the first at which a design is found."""
 
 
@@ -214,7 +236,7 @@ def diagnosis(task: Task) -> str:
     others kept, then each kind together (all of rejection, of hum), then all.
     """
     problem = LoopProblem(task)
-    misses = _sound(problem, [*nearest(task)[:2], *classical_starts(task)[:3]])
+    misses = _sound(problem, [*nearest(task)[:2], *starts(problem)[:3]])
     if not misses:
         asked = ", ".join(str(limit) for limit in task.limits)
         return f"nothing satisfies the requirements ({asked}), and no stable loop near them was found; {_HELP}"
@@ -262,7 +284,7 @@ def _possible(problem: LoopProblem, groups: Sequence[tuple[Limit, ...]], begin: 
     for group in groups:
         if len(ways) == _WAYS_MAX:
             break
-        kept = [solution for solution in _sound(problem, begin, group) if solution.excess_db <= 1e-3]
+        kept = [solution for solution in _sound(problem, begin, group) if solution.excess_db <= _NEARLY_DB]
         if kept:
             worst = _worst_excess(problem, min(kept, key=lambda solution: solution.mean_db))
             ways += _tried(problem.task, {limit: worst[limit] for limit in group if worst[limit] > 0.0})

@@ -1,7 +1,10 @@
 """Requirements on a synthesised loop as smooth functions of its parameters, and the local optima of that problem.
 
 Every requirement becomes an excess in dB (phase: degrees / 5) that must not be positive. On a fixed grid, for every
-plant of the family at once: d log|S| = -Re(T dlogC), d log|T| = Re(S dlogC), d|CS|^2 = 2 |CS|^2 Re(S dlogC).
+plant of the family at once: d log S = -T dlogC, d log|T| = Re(S dlogC), d|CS|^2 = 2 |CS|^2 Re(S dlogC).
+
+A loop is stable at every lower gain if 1 + kL turns as often for every k from 0 to 1: L meets no point of the real axis
+below -1, nor S one below zero. So the angle of S, followed from half the rate downwards, stays within 180 degrees.
 
 A local optimum is found by sequential quadratic programming (SLSQP). Two further unknowns make the problem smooth and
 always solvable: the worst member's mean |S|, and one common excess that is punished so hard that it is zero wherever
@@ -34,12 +37,15 @@ from tactuator.synthesis.candidates import (
     POLE_DAMPINGS,
     ZERO_DAMPINGS,
     LoopStructure,
+    modes,
     slow_pair,
 )
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
 from tactuator.synthesis.screening import Task, around_modes_hz
 
 _SHARPNESS = 300.0
+_MOST_TURN = np.pi - 0.02
+"""Greatest angle of S, radians, on a grid that may overlook a little."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +63,22 @@ class LoopProblem:
     """The limits of a task, with a share of the resonance objective, on its family of plants, on fixed grids.
 
     limits: in the order of the excesses, for each member in turn. tighten: shape (c,), added to every excess: what the
-    grids overlook, found by a full assessment.
+    grids overlook, found by a full assessment. peaks_hz: more frequencies, hertz, at which |S| and |T| are looked at.
     """
 
-    def __init__(self, task: Task, share: float = 1.0) -> None:
-        self.task = task
+    def __init__(self, task: Task, share: float = 1.0, peaks_hz: Sequence[float] = ()) -> None:
+        self.task, self.share, self.peaks_hz = task, share, tuple(peaks_hz)
         self.structure = LoopStructure(task.rate_hz)
         self.loop_limits = task.limits_at(share)
         self.limits = tuple(limit.under(member.name) for member in task.family for limit in self.loop_limits)
         self.tighten = np.zeros(len(self.limits))
+        self._hard = np.array([not limit.gives_way for limit in self.limits])
         low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
-        peaks = np.unique(np.concatenate([np.geomspace(low, 0.49 * task.rate_hz, 170), *around_modes_hz(task.family)]))
-        peaks = peaks[(peaks >= low) & (peaks <= 0.49 * task.rate_hz)]
+        spread = [np.geomspace(0.02 * low, low, 10), np.geomspace(low, 0.49 * task.rate_hz, 170)]
+        peaks = np.unique(np.concatenate([*spread, *around_modes_hz(task.family), peaks_hz]))
+        peaks = peaks[(peaks > 0.0) & (peaks <= 0.49 * task.rate_hz)]
         noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
         (mains, self._mains_db), (rejection, self._rejection_db) = self._lines("|T|"), self._lines("|S|")
         parts = [band, peaks, mains, rejection, noise]
@@ -103,8 +111,12 @@ class LoopProblem:
         rows.add_each(rejection_db, self._rejection, -DB * loops.complementary)
         self._add_figures(rows, loops)
         values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
-        total = values[:, 1:].reshape(-1) + self.tighten
-        return Point(values[:, 0], slopes[:, 0], total, slopes[:, 1:].reshape(-1, COUNT))
+        excess = values[:, 1:].reshape(-1) + self.tighten
+        return Point(values[:, 0], slopes[:, 0], excess, slopes[:, 1:].reshape(-1, COUNT))
+
+    def turned_db(self, parameters: FloatArray) -> float:
+        """Return how far loops of lower gain are from stable ones, dB; zero where they need not be stable."""
+        return float(np.max(self.at(parameters).excess[self._hard], initial=0.0))
 
     def _add_figures(self, rows: _Rows, loops: _Loops) -> None:
         at = self._peaks
@@ -125,8 +137,10 @@ class LoopProblem:
                 values = 0.5 * DB * np.log(total) - DB * np.log(limit.asked)
                 rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
             elif limit.quantity == "least_gain":
-                lag, weights = _lag_deg(loops.loop[:, at], loops.log_l[:, at])
-                rows.add(lag / DEGREES_PER_DB, at, weights / DEGREES_PER_DB)
+                angle = np.unwrap(np.angle(loops.sensitivity[:, at])[:, ::-1], axis=1)[:, ::-1]
+                peak, share = _smooth_maximum(np.abs(angle))
+                weights = 1j * loops.complementary[:, at] * np.sign(angle) * share
+                rows.add(np.degrees(peak - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights)
 
 
 class _Loops:
@@ -187,19 +201,10 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     return margins, weights
 
 
-def _lag_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArray, ComplexArray]:
-    """Return by how much each row's phase falls below -180 degrees before its gain first falls to one, positive where
-    the loop is unstable at some lower gain, and the weights with which that follows log C, (m, g)."""
-    lag = -np.degrees(np.unwrap(np.angle(-loops), axis=1))
-    above = np.logical_and.accumulate(levels > 0.0, axis=1)
-    worst = np.argmax(np.where(above, lag, -np.inf), axis=1)
-    rows, weights = np.arange(len(loops)), np.zeros(loops.shape, dtype=np.complex128)
-    weights[rows, worst] = 1j * np.degrees(1.0)
-    return lag[rows, worst], weights
-
-
 _PUNISHMENT = 30.0
-_GAIN_RANGE = 4.0
+_BOX, _SMALLER, _LEAST_BOX, _ROUNDS = 1.0, 4.0, 0.05, 12
+_ITERATIONS = 20
+_TURNED_DB, _SETTLED_DB, _KEPT_DB = 2.0, 0.05, 1e-3
 
 
 @dataclass(frozen=True)
@@ -211,11 +216,41 @@ class Solution:
     mean_db: float
     excess_db: float
 
+    @property
+    def merit_db(self) -> float:
+        """Return what is minimised."""
+        return self.mean_db + _PUNISHMENT * self.excess_db
+
 
 def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()) -> Solution | None:
-    """Find one local solution; the excess of the limits `relaxed`, if any, is minimised instead, all others kept."""
+    """Find one local solution; the excess of the limits `relaxed`, if any, is minimised instead, all others kept.
+
+    Programs of a few iterations follow each other, each in a box around where the last one ended: a longer step leaps
+    into loops that are unstable, and between which and stable ones no way leads downhill. A box from which a program
+    leaps all the same is tried again, smaller.
+    """
+    low, high = bounds(problem.task)
+    here, box = np.clip(start, low, high), _BOX
+    best: Solution | None = None
+    for _ in range(_ROUNDS):
+        solution = _solve_near(problem, here, relaxed, (np.maximum(low, here - box), np.minimum(high, here + box)))
+        better = -np.inf
+        if solution is not None and problem.turned_db(solution.parameters) <= _TURNED_DB:
+            better = np.inf if best is None else best.merit_db - solution.merit_db
+            if better > 0.0:
+                best, here = solution, solution.parameters
+        if better < _SETTLED_DB:
+            box /= _SMALLER
+            if box < _LEAST_BOX or (best is not None and better > 0.0 and best.excess_db <= _KEPT_DB):
+                break
+    return best
+
+
+def _solve_near(
+    problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit], box: tuple[FloatArray, FloatArray]
+) -> Solution | None:
+    first = problem.at(start)
     free = np.array([limit.under(None) in relaxed for limit in problem.limits])
-    gives = np.array([float(limit.gives_way) for limit in problem.limits])[~free]
     cache: dict[bytes, Point] = {}
 
     def at(unknowns: FloatArray) -> Point:
@@ -230,34 +265,31 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
 
     def rooms(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
-        return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] * gives - point.excess[~free]])
+        return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] - point.excess[~free]])
 
     def slopes(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
         aim = aims(point)[1]
         rows = np.zeros((aim.shape[0] + int(np.sum(~free)), COUNT + 2))
         rows[: aim.shape[0], :COUNT], rows[: aim.shape[0], COUNT] = -aim, 1.0
-        rows[aim.shape[0] :, :COUNT], rows[aim.shape[0] :, COUNT + 1] = -point.excess_slope[~free], gives
+        rows[aim.shape[0] :, :COUNT], rows[aim.shape[0] :, COUNT + 1] = -point.excess_slope[~free], 1.0
         return rows
 
     cost = np.append(np.zeros(COUNT), [1.0, _PUNISHMENT])
-    low, high = bounds(problem.task)
-    low[0], high[0] = start[0] - _GAIN_RANGE, start[0] + _GAIN_RANGE
     with np.errstate(all="ignore"):
-        point = problem.at(start)
-        first = [float(np.max(aims(point)[0])), max(0.0, float(np.max(point.excess[~free], initial=0.0)))]
+        aim, excess = float(np.max(aims(first)[0])), max(0.0, float(np.max(first.excess[~free], initial=0.0)))
         result = scipy.optimize.minimize(
             lambda unknowns: float(cost @ unknowns),
-            np.append(start, first),
+            np.append(start, [aim, excess]),
             jac=lambda unknowns: cost,
-            bounds=scipy.optimize.Bounds(low, high),
+            bounds=scipy.optimize.Bounds(np.append(box[0], [-np.inf, 0.0]), np.append(box[1], [np.inf, np.inf])),
             constraints=[{"type": "ineq", "fun": rooms, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": 80, "ftol": 1e-3},
+            options={"maxiter": _ITERATIONS, "ftol": 1e-3},
         )
-    if not np.all(np.isfinite(result.x)):
-        return None
-    return Solution(result.x[:COUNT], float(result.x[COUNT]), float(result.x[COUNT + 1]))
+        last = at(result.x)
+        reached = float(np.max(aims(last)[0])), max(0.0, float(np.max(last.excess[~free], initial=0.0)))
+    return Solution(result.x[:COUNT], *reached) if np.all(np.isfinite(reached)) else None
 
 
 def is_sound(feedback: SampledSystem, task: Task) -> bool:
@@ -267,30 +299,25 @@ def is_sound(feedback: SampledSystem, task: Task) -> bool:
     return all(loop.is_stable and least_gain(loop.open_loop) <= most for loop in loops)
 
 
-_SLOWEST_ZEROS_HZ = 1.0
+_SLOWEST_HZ = 1.0
 _ZERO_DAMPING = (0.7, 4.0)
-_POLE_DAMPING = (0.9, 2.0)
-_STARTS = ((1.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 0.35), (2.0, 2.0))
-"""(crossover over the rejection band's upper edge, corner of the lead over the crossover)."""
+_POLE_DAMPING = (0.9, 4.0)
 
 
 def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper bounds on the parameters, the aim and the excess, shape (COUNT + 2,) each.
+    """Return lower and upper bounds on the parameters, shape (COUNT,) each.
 
-    Zeros of the integrator's section lie from 1 Hz, everything else from the rejection band's upper edge, up to just
-    below half the rate; zeros are damped by 0.7 or more, poles by 0.9: nothing in the controller rings, and T stays
-    smooth enough for a prefilter of few poles. Zeros may be as soft as the plant's own resonances, to cancel them.
+    Natural frequencies lie from 1 Hz up to just below half the rate; zeros are damped by 0.7 or more, poles by 0.9:
+    nothing in the controller rings, and T stays smooth enough for a prefilter of few poles. Zeros may be as soft as
+    the plant's own resonances, to cancel them.
     """
     to_radians = 2.0 * np.pi / task.rate_hz
-    low, high = np.full(COUNT + 2, -np.inf), np.full(COUNT + 2, np.inf)
-    fast = [*FREQUENCIES, 3]
-    low[fast] = np.log(to_radians * task.rejection_band_hz[1])
-    low[1] = np.log(to_radians * _SLOWEST_ZEROS_HZ)
-    high[fast] = np.log(2.0 * np.pi * 0.45)
+    low, high = np.full(COUNT, -np.inf), np.full(COUNT, np.inf)
+    frequencies, zeros, poles = list(FREQUENCIES), list(ZERO_DAMPINGS), list(POLE_DAMPINGS)
+    low[frequencies], high[frequencies] = np.log(to_radians * _SLOWEST_HZ), np.log(2.0 * np.pi * 0.45)
     softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(task.family[0].continuous)[1], 1e-3))
-    low[list(ZERO_DAMPINGS)], high[list(ZERO_DAMPINGS)] = np.log(softest), np.log(_ZERO_DAMPING[1])
-    low[list(POLE_DAMPINGS)], high[list(POLE_DAMPINGS)] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
-    low[COUNT + 1] = 0.0
+    low[zeros], high[zeros] = np.log(softest), np.log(_ZERO_DAMPING[1])
+    low[poles], high[poles] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
     return low, high
 
 
@@ -304,53 +331,77 @@ def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
     return float(np.abs(pairs[softest])), float(damping[softest])
 
 
-def classical_starts(task: Task) -> list[FloatArray]:
-    """Return starts with zeros on the plant's two slowest poles, the notch on its resonance, and several crossovers."""
-    nominal, rate_hz, structure = task.family[0], task.rate_hz, LoopStructure(task.rate_hz)
+_LIGHT, _HEAVY = (1.0, 0.25, 2.0), (2.0, 0.5, 4.0)
+_STARTS = ((0.02, _LIGHT), (0.035, _HEAVY), (0.02, _HEAVY), (0.008, _LIGHT), (0.008, _HEAVY), (0.035, _LIGHT))
+"""Starts, the most fruitful first: crossover as a share of the rate, and a lag: a frequency (hertz) and a share of the
+crossover, between which its poles lie, and their damping."""
+_LOWER, _TIMES_LOWER = 0.5, 14
+
+
+def starts(problem: LoopProblem) -> list[FloatArray]:
+    """Return starts that invert the plant's two slowest poles and its next mode and fall twice as steeply far below the
+    crossover, for several crossovers; the gain as far below that as the loop is stable."""
+    task, structure = problem.task, problem.structure
+    nominal, rate_hz = task.family[0], task.rate_hz
     slow, damping = slow_pair(nominal.continuous)
-    resonance, softness = _resonance(nominal.continuous)
-    starts = []
-    for times, corner in _STARTS:
-        crossover = min(times * task.rejection_band_hz[1], 0.05 * rate_hz)
-        omega = 2.0 * np.pi * crossover / rate_hz
-        lead = 2.0 * omega * corner
-        notch, depth = (resonance / rate_hz, max(softness, 1e-3)) if resonance > 1.5 * slow else (4.0 * omega, 0.8)
-        values = [1.0, slow / rate_hz, damping, 2.0 * omega, lead, 1.0, 2.0 * lead, 1.0, notch, depth, notch, 1.0]
+    others = [mode for mode in modes(nominal.continuous) if abs(mode[0] / slow - 1.0) > 0.2]
+    beginnings = []
+    for share, (lag_hz, lag_share, lag_damping) in _STARTS:
+        omega = 2.0 * np.pi * share
+        lag = np.sqrt(2.0 * np.pi * lag_hz / rate_hz * lag_share * omega)
+        notch, depth = (others[0][0] / rate_hz, max(others[0][1], 1e-3)) if others else (2.5, 1.0)
+        values = [
+            1.0,
+            slow / rate_hz,
+            damping,
+            2.5,
+            0.25 * omega,
+            0.8,
+            lag,
+            lag_damping,
+            notch,
+            depth,
+            3.0 * omega,
+            0.9,
+        ]
         parameters = np.log(values)
-        unit = structure.system(parameters).response(crossover) * nominal.sampled.response(crossover)
+        unit = structure.system(parameters).response(share * rate_hz) * nominal.sampled.response(share * rate_hz)
         parameters[0] -= np.log(np.abs(unit))
-        starts.append(parameters)
-    return starts
+        for _ in range(_TIMES_LOWER):
+            if problem.turned_db(parameters) <= 0.0:
+                break
+            parameters[0] -= _LOWER
+        beginnings.append(parameters)
+    return beginnings
 
 
-_HOPS = 128
+_HOPS = 64
 _SIZES = (0.3, 0.7)
 """Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
 _POOL_MAX = 6
 _SAME_DB = 1e-3
 
 
-def hops(problem: LoopProblem, starts: Sequence[FloatArray]) -> Iterator[Solution]:
-    """Yield stable local solutions, those of `starts` first: each the solution of a step away from one that was yielded
-    before, the nearer to the limits the more often. The sequence ends after 128 steps; whoever is content ends it
+def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Solution]:
+    """Yield stable local solutions, those of `beginnings` first: each that of a step away from one yielded before, the
+    nearer to the limits the more often. The sequence ends after 64 steps; whoever is content ends it
     before.
     """
     pool: list[Solution] = []
-    low, high = (side[:COUNT] for side in bounds(problem.task))
-    for start in chain(starts, _steps_away(starts, pool)):
-        solution = solve(problem, np.clip(start, low, high))
+    for start in chain(beginnings, _steps_away(beginnings, pool)):
+        solution = solve(problem, start)
         if solution is not None and is_sound(problem.structure.system(solution.parameters), problem.task):
             if all(abs(solution.excess_db - known.excess_db) > _SAME_DB for known in pool):
                 pool[:] = sorted([*pool, solution], key=lambda known: known.excess_db)[:_POOL_MAX]
             yield solution
 
 
-def _steps_away(starts: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
-    """Yield steps away from members of `pool` as it then is; from the starts while it is empty. Sobol's points choose
+def _steps_away(beginnings: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
+    """Yield steps away from members of `pool` as it then is; from `beginnings` while it is empty. Sobol's points choose
     the member, and the step."""
     sequence = scipy.stats.qmc.Sobol(COUNT + 1, scramble=False)
     sequence.fast_forward(1)  # the first point is zero
     for index, point in enumerate(sequence.random(_HOPS)):
-        origins = [known.parameters for known in pool] or list(starts)
+        origins = [known.parameters for known in pool] or list(beginnings)
         origin = origins[min(int(-np.log2(point[0])), len(origins) - 1)]
         yield origin + _SIZES[index % len(_SIZES)] * np.asarray(scipy.special.ndtri(point[1:]))
