@@ -36,6 +36,8 @@ _POLE = 3
 COUNT = 12
 FREQUENCIES = (1, 3, 4, 6, 8, 10)
 """Indices of the parameters that are log natural frequencies (log of rad/sample)."""
+POLES = (3, 6, 10)
+"""Those of them that are of poles."""
 ZERO_DAMPINGS, POLE_DAMPINGS = (2, 5, 9), (7, 11)
 """Indices of the parameters that are log dampings, of zeros and of poles."""
 

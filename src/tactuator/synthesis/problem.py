@@ -35,6 +35,7 @@ from tactuator.synthesis.candidates import (
     COUNT,
     FREQUENCIES,
     POLE_DAMPINGS,
+    POLES,
     ZERO_DAMPINGS,
     LoopStructure,
     modes,
@@ -299,22 +300,24 @@ def is_sound(feedback: SampledSystem, task: Task) -> bool:
     return all(loop.is_stable and least_gain(loop.open_loop) <= most for loop in loops)
 
 
-_SLOWEST_HZ = 1.0
+_SLOWEST_ZERO_HZ, _SLOWEST_POLE_HZ = 1.0, 3.0
 _ZERO_DAMPING = (0.7, 4.0)
-_POLE_DAMPING = (0.9, 4.0)
+_POLE_DAMPING = (0.9, 2.0)
 
 
 def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper bounds on the parameters, shape (COUNT,) each.
 
-    Natural frequencies lie from 1 Hz up to just below half the rate; zeros are damped by 0.7 or more, poles by 0.9:
-    nothing in the controller rings, and T stays smooth enough for a prefilter of few poles. Zeros may be as soft as
-    the plant's own resonances, to cancel them.
+    Natural frequencies of zeros lie from 1 Hz, those of poles from 3 Hz, up to just below half the rate: a slow pole
+    winds up while the command is at its limit, and anti-windup keeps one of them from it. Zeros are damped by 0.7 or more, poles by
+    0.9: nothing in the controller rings, and T stays smooth enough for a prefilter of few poles. Zeros may be as soft
+    as the plant's own resonances, to cancel them.
     """
     to_radians = 2.0 * np.pi / task.rate_hz
     low, high = np.full(COUNT, -np.inf), np.full(COUNT, np.inf)
     frequencies, zeros, poles = list(FREQUENCIES), list(ZERO_DAMPINGS), list(POLE_DAMPINGS)
-    low[frequencies], high[frequencies] = np.log(to_radians * _SLOWEST_HZ), np.log(2.0 * np.pi * 0.45)
+    low[frequencies], high[frequencies] = np.log(to_radians * _SLOWEST_ZERO_HZ), np.log(2.0 * np.pi * 0.45)
+    low[list(POLES)] = np.log(to_radians * _SLOWEST_POLE_HZ)
     softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(task.family[0].continuous)[1], 1e-3))
     low[zeros], high[zeros] = np.log(softest), np.log(_ZERO_DAMPING[1])
     low[poles], high[poles] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
@@ -364,7 +367,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
             3.0 * omega,
             0.9,
         ]
-        parameters = np.log(values)
+        parameters = np.clip(np.log(values), *bounds(task))
         unit = structure.system(parameters).response(share * rate_hz) * nominal.sampled.response(share * rate_hz)
         parameters[0] -= np.log(np.abs(unit))
         for _ in range(_TIMES_LOWER):

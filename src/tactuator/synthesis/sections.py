@@ -5,8 +5,9 @@ While the command is held at its limit, the last section's two states follow (de
     s1 += s2 + b1 e - a1 u + g1 (clamped - u),    s2 += b2 e + g2 (clamped - u),    u = b0 e + s1,
 
 so that they run with the characteristic polynomial d^2 + (a1 + g1) d + g2 instead of d (d + a1). The rule: the
-section keeps its own pole -a1, and the integrator's pole moves to -r with r = 1 - exp(-2 pi crossover / rate): while
-saturated, the integrator forgets at the speed of the loop's own crossover. Hence g1 = r and g2 = r a1.
+integrator's pole moves to -r with r = 1 - exp(-2 pi crossover / rate), and the section's own pole -a1 to -q with
+q = max(a1, r): while saturated, nothing in it forgets more slowly than at the speed of the loop's own crossover. Hence
+g1 = r + q - a1 and g2 = r q.
 """
 
 from __future__ import annotations
@@ -42,16 +43,16 @@ def feedback_sections(feedback: SampledSystem) -> FloatArray:
     """Return the sections of C, shape (n, 6): the integrator, if there is one, in the last, with b and a summing
     exactly.
 
-    The integrator is put together with the fastest real pole and the two slowest zeros.
+    The integrator is put together with the slowest real pole, which winds up as it does, and the two slowest zeros.
     """
     integrators = np.flatnonzero(np.abs(feedback.poles - 1.0) < _AT_ONE)
     if integrators.size == 0:
         return cascade(feedback)
     others = np.delete(feedback.poles, integrators[0])
     real = np.flatnonzero(np.abs(others.imag) < 1e-12)
-    partner = others[real[np.argmin(np.abs(others[real]))]].real if real.size else 0.0
+    partner = others[real[np.argmax(np.abs(others[real]))]].real if real.size else 0.0
     if real.size:
-        others = np.delete(others, real[np.argmin(np.abs(others[real]))])
+        others = np.delete(others, real[np.argmax(np.abs(others[real]))])
     room = 2 if real.size else 1
     slowest, rest = _slowest(feedback.zeros, room)
     last = _integrator_section(slowest, partner if real.size else None)
@@ -91,4 +92,5 @@ def anti_windup(sections: FloatArray, crossover_hz: float, rate_hz: float) -> An
     if abs(exact_sum(a0, a1, a2)) > _AT_ONE * abs(pole):
         return AntiWindup((0.0, 0.0))
     rate = -float(np.expm1(-2.0 * np.pi * crossover_hz / rate_hz))
-    return AntiWindup((rate, rate * pole))
+    faster = max(pole, rate)
+    return AntiWindup((rate + (faster - pole), rate * faster))
