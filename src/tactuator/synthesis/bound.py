@@ -15,13 +15,17 @@ What is numerical: x has 60 nodes. Three times as many make the bound up to 1 dB
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.synthesis.family import Member
+from tactuator.model.controller import Controller
+from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.limits import DB, Limit
 from tactuator.synthesis.screening import Task
 
@@ -31,6 +35,18 @@ _BELOW, _INSIDE, _SPLIT = 8, 24, 8
 _ROUNDS, _MARGIN = 25, 0.02
 _LOOSE = 1.05
 _ANGLES = np.linspace(-np.pi, np.pi, 241)
+
+
+def with_bounds(controller: Controller) -> Controller:
+    """Return the controller with `bound_db` in the report of every channel that has a loop: the least mean |S| over the
+    rejection band, dB, that any controller could reach, or None where nothing is known of it."""
+    display, channels = controller.display, []
+    for channel, designed in zip(display.channels, controller.channels, strict=True):
+        family = plant_family(channel, display.rate_hz, display.delay_samples)
+        task = Task.of(family, channel.feedback, display.rate_hz, display.objectives.resonance_peak)
+        bound = None if designed.feedback_sos is None else bound_db(task)
+        channels.append(replace(designed, report={**designed.report, "bound_db": bound}))
+    return replace(controller, channels=tuple(channels))
 
 
 def bound_db(task: Task, nodes: int = NODES) -> float | None:
@@ -71,7 +87,8 @@ class _Program:
         """Return the program's value, dB."""
         size = self._u.size
         above, most = self._fixed_rows()
-        equal = np.hstack([self._analytic(), np.zeros((self._analytic().shape[0], size))])
+        analytic = self._analytic()
+        equal = np.hstack([analytic, np.zeros((analytic.shape[0], size))])
         top = np.full(size, np.log(self._peak_s))
         for limit in self._lines:
             if limit.quantity == "|S|":
@@ -97,7 +114,10 @@ class _Program:
             above, most = np.vstack([above, rows]), np.append(most, levels)
         return value
 
-    def _cuts(self, passed: FloatArray, planes: list[FloatArray], shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _cuts(
+        self, passed: NDArray[np.intp], planes: list[FloatArray], shares: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the rows, and their right sides, that put planes below the power at the nodes `passed`."""
         size, weight = self._u.size, shares[passed]
         rows = np.zeros((passed.size, 2 * size))
         rows[:, :size] = (weight * planes[1])[:, None] * self._turn[passed]
@@ -140,9 +160,7 @@ class _Program:
         """Return the rows that are zero: the coefficients of X at infinity before the loop's first answer, and X at the
         plant's zeros outside the circle."""
         plant, u = self._member.sampled, self._u
-        fine = np.append(
-            np.concatenate([np.linspace(a, b, _SPLIT + 1)[:-1] for a, b in zip(u, u[1:], strict=False)]), u[-1]
-        )
+        fine = np.append(np.concatenate([np.linspace(a, b, _SPLIT + 1)[:-1] for a, b in pairwise(u)]), u[-1])
         step = np.gradient(fine)
         step[0], step[-1] = 0.5 * (fine[1] - fine[0]), 0.5 * (fine[-1] - fine[-2])
         angle, density = 2.0 * np.arctan(np.exp(fine)), step / np.cosh(fine)
@@ -152,8 +170,8 @@ class _Program:
         for zero in plant.zeros[(np.abs(plant.zeros) > 1.0 + 1e-9) & (plant.zeros.imag >= 0.0)]:
             around: ComplexArray = np.exp(1j * angle) / zero
             back: ComplexArray = np.exp(-1j * angle) / zero
-            kernel = 1.0 + around / (1.0 - around) + back / (1.0 - back)
-            kernels += [kernel.real, kernel.imag] if zero.imag > 0.0 else [kernel.real]
+            at_zero: ComplexArray = 1.0 + around / (1.0 - around) + back / (1.0 - back)
+            kernels += [at_zero.real, at_zero.imag] if zero.imag > 0.0 else [at_zero.real]
         rows = (np.array(kernels) * density) @ self._weights(fine)
         ends, tail = np.exp(u[0]), 2.0 * np.exp(-u[-1])
         for row, kernel in zip(rows, kernels, strict=True):  # below the first node x goes on; above the last it stays

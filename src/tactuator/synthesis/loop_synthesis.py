@@ -1,10 +1,10 @@
 """Loop synthesis: the controller that keeps every requirement on every plant, with the least mean |S| in dB.
 
-A loop is looked for in a fixed set of candidates (`candidates`), which depends on the plant alone: whatever keeps
-tight limits is found again under looser ones. Local optima in the parameters of `LoopStructure` then improve on it,
-from the candidates found and from a few starts around the plant's own poles. Where these starts find nothing, the
-search goes on from the nearest misses, by steps that no limit changes (`problem.hops`). Where nothing is found, the
-diagnosis says which requirements bind, and what has been tried instead.
+Local optima in the parameters of `LoopStructure` are looked for from a few starts that invert the plant. Where these
+find nothing, a loop is looked for in a fixed set of candidates (`candidates`), which depends on the plant alone:
+whatever keeps tight limits is found again under looser ones. Then the search goes on from the nearest misses, by steps
+that no limit changes (`problem.hops`). Where nothing is found, the diagnosis says which requirements bind, and what has
+been tried instead.
 
 Beyond the file's limits a loop keeps half of the display's resonance objective in reserve where that is possible
 (max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable where the plant allows that: a command

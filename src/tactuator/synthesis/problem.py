@@ -309,9 +309,9 @@ def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper bounds on the parameters, shape (COUNT,) each.
 
     Natural frequencies of zeros lie from 1 Hz, those of poles from 3 Hz, up to just below half the rate: a slow pole
-    winds up while the command is at its limit, and anti-windup keeps one of them from it. Zeros are damped by 0.7 or more, poles by
-    0.9: nothing in the controller rings, and T stays smooth enough for a prefilter of few poles. Zeros may be as soft
-    as the plant's own resonances, to cancel them.
+    winds up while the command is at its limit, and anti-windup keeps one of them from it. Zeros are damped by 0.7 or
+    more, poles by 0.9: nothing in the controller rings, and T stays smooth enough for a prefilter of few poles. Zeros
+    may be as soft as the plant's own resonances, to cancel them.
     """
     to_radians = 2.0 * np.pi / task.rate_hz
     low, high = np.full(COUNT, -np.inf), np.full(COUNT, np.inf)
