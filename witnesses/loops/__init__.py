@@ -1,1 +1,1 @@
-"""What a designed loop does in time, on plants that are drawn."""
+"""Loops: what the synthesis delivers, the best that is known, and a bound that none can beat."""

@@ -10,7 +10,8 @@ is relaxed to the convex hull of what it allows. The phase margin is left out: t
 The power |1 - exp(X)|^2 in the noise gain is relaxed to its convex envelope, by the steepest of many planes that lie
 below it, added where they are passed. Loads count one by one; the greatest of their bounds is told.
 
-What is numerical: x has 60 nodes. Three times as many make the bound up to 1 dB lower, so that it is told 1 dB lower.
+What is numerical: x has 60 nodes. With 90 the bound was 0.1 to 0.7 dB lower on five plants, so that it is told 1 dB
+lower. It is no proof.
 """
 
 from __future__ import annotations

@@ -1,0 +1,51 @@
+"""Delivered loops judged from outside, and the bound that none may beat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactuator.model.requirements import FeedbackRequirements
+from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.bound import _Program, bound_db
+from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.loop_synthesis import synthesise
+from tactuator.synthesis.screening import Task
+from tests.synthesis.displays import channel
+from witnesses.loops.search import Judge, delivered, named
+
+MOST_DB = {"LRA 175 Hz Q 15": -55.5, "voice coil": -52.6, "piezo 250 Hz Q 50": -45.3}
+"""facts, section 16: the best loops that an outsider's search knew, less 1 dB."""
+
+
+@pytest.mark.parametrize("plant", named()[:3], ids=lambda plant: plant.name)
+def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best_known(plant) -> None:
+    zeros, poles, gain, _, bound = delivered(plant)
+    judge = Judge(plant)
+    mean, excess = judge.figures(zeros, poles, gain)
+    assert excess < 2e-3
+    assert judge.is_stable(zeros, poles, gain)
+    assert mean <= MOST_DB[plant.name]
+    assert bound is not None
+    assert bound < mean
+    assert judge.figures(zeros, poles, 2.0 * gain)[1] > 0.02
+
+
+def test_bound__phase_of_a_delivered_loop__is_what_its_level_says() -> None:
+    """The program's matrix gives the angle of S from its level: on a loop that it has never seen."""
+    asked = FeedbackRequirements()
+    one = channel(plant=ContinuousSystem.from_polynomials([35530.0], [1.0, 113.0, 35530.0]), loads=(), feedback=asked)
+    task = Task.of(plant_family(one, 8000.0, 1), asked, 8000.0, 1.3)
+    program = _Program(task, task.family[0], 300)
+    response = FeedbackLoop(next(synthesise(task))[1], task.family[0].sampled).sensitivity(program._hz)
+    told = program._turn @ np.log(np.abs(response))
+    assert np.degrees(np.abs(told - np.unwrap(np.angle(response))))[5:-5].max() < 1.0
+    nothing = np.abs(program._analytic() @ np.log(np.abs(response)))
+    assert nothing.max() < 1e-3
+
+
+def test_bound__unstable_plant__none() -> None:
+    asked = FeedbackRequirements()
+    one = channel(plant=ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, -290.0]), loads=(), feedback=asked)
+    assert bound_db(Task.of(plant_family(one, 8000.0, 1), asked, 8000.0, 1.3)) is None
