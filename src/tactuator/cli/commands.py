@@ -71,10 +71,11 @@ def group_verbs(group: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.partition(" ")[0] for name in group))
 
 
-def build_app(verbs: Sequence[str] | None = None, listed: bool = False) -> typer.Typer:
+def build_app(verbs: Sequence[str] | None = None, listed: bool = False, part: str | None = None) -> typer.Typer:
     """Return the application with the given verbs (None: all); no verb's work is imported before it is run.
 
-    listed: True where the verbs are only named, each with its sentence, and not one of them will be run.
+    listed: True where the verbs are only named, each with its sentence, and not one of them will be run. part: the only
+    part of a verb that may be run (None: any); the others are named.
     """
     app = typer.Typer(
         name="tactuator", cls=GroupedHelp, help=ABOUT, pretty_exceptions_enable=False, rich_markup_mode=None
@@ -98,8 +99,11 @@ def build_app(verbs: Sequence[str] | None = None, listed: bool = False) -> typer
             app.command(name, help=PARTS[name] if parts else sentence_of(FUNCTIONS[name]))(lambda: None)
         elif parts:
             group = typer.Typer(cls=QuickGroup, help=PARTS[name], rich_markup_mode=None)
-            for part in parts:
-                group.command(part)(command_of(verb_of(f"{name} {part}")))
+            for each in parts:
+                if part in (None, each):
+                    group.command(each)(command_of(verb_of(f"{name} {each}")))
+                else:
+                    group.command(each, help=sentence_of(FUNCTIONS[f"{name} {each}"]))(lambda: None)
             app.add_typer(group, name=name)
         else:
             app.command(name)(command_of(verb_of(name)))

@@ -86,9 +86,10 @@ def _leave_at_once(status: int) -> NoReturn:
 def _status_of(arguments: Sequence[str]) -> int:
     """Run the verb that the arguments name, say in one line what went wrong, and return the exit status."""
     try:
-        named = any(not argument.startswith("-") for argument in arguments)
-        listed = not named and "_TACTUATOR_COMPLETE" not in os.environ  # a shell completes options, too
-        app = build_app(needed_verbs(arguments), listed)
+        named = [argument for argument in arguments if not argument.startswith("-")]
+        completes = "_TACTUATOR_COMPLETE" in os.environ  # a shell completes options, too
+        part = None if completes else "".join(named[1:2])
+        app = build_app(needed_verbs(arguments), not named and not completes, part)
         status = app(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()
     except KeyboardInterrupt:

@@ -1,6 +1,5 @@
 """The verb `console`: the page of the chain, served to this machine."""
 
-import secrets
 import sys
 import time
 from collections.abc import Iterator
@@ -37,6 +36,8 @@ def console(
     """Serve a page to shape a loop, and to drive a rig. A loop is shaped by dragging it, and a rig is watched and
     driven, until interrupted; the page's address goes to standard error.
     """
+    import secrets  # which takes a fifth of a help
+
     from tactuator.console.app import build_console
     from tactuator.console.ending import ConsoleServer
     from tactuator.console.state import ConsoleState

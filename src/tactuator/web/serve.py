@@ -1,7 +1,6 @@
 """The verb `experiment serve`: the study in a browser."""
 
 import os
-import secrets
 import sys
 import time
 from contextlib import closing
@@ -111,6 +110,8 @@ def _operator_token(path: Path | None) -> str:
     except BadInput as error:
         raise error.within(f"token file {path}") from None
     if given is None:
+        import secrets  # which takes a fifth of a help
+
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
         raise BadInput(
