@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from bench_loop import paper_controller, paper_display
+from paper_loop import paper_controller, paper_display
 from timing import in_turn, of_program
 
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, Tables

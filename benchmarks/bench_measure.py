@@ -7,7 +7,7 @@ a frequency; it settles for as long, and has no confidence, no distortion, no gr
 from __future__ import annotations
 
 import numpy as np
-from bench_loop import RATE_HZ, paper_controller, paper_display
+from paper_loop import RATE_HZ, paper_controller, paper_display
 from timing import in_turn
 
 from tactuator.measure.frequencies import tones

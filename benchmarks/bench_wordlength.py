@@ -5,7 +5,7 @@ The peer steps each format's loop, and the loop in double precision that it is c
 
 from __future__ import annotations
 
-from bench_loop import paper_controller, paper_display
+from paper_loop import paper_controller, paper_display
 from timing import in_turn
 
 from tactuator.errors import BadInput
