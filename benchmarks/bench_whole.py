@@ -71,7 +71,7 @@ def console_s() -> float:
     """Return the processor seconds of the console until it has answered with the curves of a display's first loop."""
     with served(DISPLAY) as (address, process):
         place, _, token = address.partition("/#token=")
-        with connect(re.sub("^http", "ws", place) + "/ws", origin=place) as socket:
+        with connect(re.sub("^http", "ws", place) + "/ws") as socket:
             socket.send(token)
             asked: dict[str, object] = {}
             for number, name in enumerate(("start", "bring", "draw")):
