@@ -47,7 +47,7 @@ def test_identify__mass_fixed_beside_friction__stands_and_the_rest_stays(motors)
 def test_identify__wrong_mass_fixed_beside_friction__is_not_trusted(motors) -> None:
     own, records = motors
     found = identify(records[0], fixed=(Fixed("mass", 1.3 * float(own.mass[0])),))
-    assert any("does not agree" in reason for reason in found.distrust)
+    assert any("off the record's own" in reason for reason in found.distrust)
 
 
 def test_identify__pole_fixed_beside_friction__damping_over_mass_stands(motors) -> None:
@@ -64,7 +64,7 @@ def test_validate__motor_of_other_constants__half_inside_does_not_hold(motors) -
     other = Record(RATE_HZ, 1.05 * records[2].command, records[2].position)
     stands = validate(found, other, "another")
     assert stands.inside < 0.8
-    assert any("80 % must" in failure for failure in stands.failures)
+    assert any("at least 80 %" in failure for failure in stands.failures)
 
 
 def test_motor_estimate__hold_not_known__intervals_hold_both() -> None:

@@ -9,7 +9,7 @@ import pytest
 from tactuator.identification.constancy import losses, resampled
 from tactuator.identification.trust import GROWING, STANDARDS
 from tactuator.model.trust import reasons
-from witnesses.trust.spoilt import RECORDS, judge
+from witnesses.trust.spoilt import RECORDS, judge, none
 
 PAGE = Path(__file__).parents[2] / "docs" / "identification.md"
 BY_NAME = {record.name: record for record in RECORDS}
@@ -41,6 +41,14 @@ def test_losses__of_one_column__are_placed_to_a_few_samples(lost: int) -> None:
     assert loss.lost == lost
     assert abs(loss.sample - at) <= 30
     assert losses(command, position) == ()
+
+
+@pytest.mark.parametrize("noise_db", [60.0, 20.0, 0.0])
+def test_losses__of_sound_records__are_none_however_noisy(noise_db: float) -> None:
+    for record in (BY_NAME["16 samples lost"], BY_NAME["4 samples lost"], BY_NAME["2 samples lost, chirp"]):
+        for seed in range(4):
+            taken = replace(record, fault=none, noise_db=noise_db, seconds=5.0).make(seed)
+            assert losses(taken.command, taken.position) == ()
 
 
 def test_resampled__sine_of_another_clock__is_read_at_its_times() -> None:

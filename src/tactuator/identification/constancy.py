@@ -23,12 +23,16 @@ _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
 """Pieces of a record, and the most and the least samples of one."""
 _ALIKE = 0.8
 """Correlation of the impulse responses of two pieces from which on their delay is known."""
-_SEEN = 0.25
-"""The same from which on a loss between them is looked for."""
+_SEEN, _BEST = 0.25, 0.5
+"""The same from which on a loss between them is looked for, and which the best of neighbouring ones must have."""
 _DEVIATIONS = 6.0
 _LEAST_PPM = 1.0
 _JUMP = 0.6
 """Least change of the delay, samples, that is taken for a lost one."""
+_FEW, _CLEARLY = 8, 0.5
+"""Samples below which a loss hardly changes the response, and what its own delay leaves over what the other leaves,
+from which on a longer one is seen.
+"""
 _MOST_CUTS = 8
 _TAPS = 32
 """Samples to either side by which a sample between them is read."""
@@ -73,7 +77,7 @@ def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, Float
         into, out = (np.fft.rfft(window * (row - row.mean()), size) for row in (
             command[begin : begin + length], position[begin : begin + length]))  # fmt: skip
         power = np.abs(into) ** 2
-        response = np.conj(into) * out / (power + 0.1 * float(np.mean(power)))
+        response = np.conj(into) * out / np.maximum(power + 0.1 * float(np.mean(power)), 1e-300)
         energy = float(np.sum(np.abs(response) ** 2))
         if len(before) > 1:
             other, energy_before = before[-2]
@@ -154,7 +158,7 @@ def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     """Return what was lost of command or position (n,), in order."""
     half, later, alike = pieces_delays(command, position)
     kept = later[alike > _ALIKE]
-    if kept.size < 6:
+    if kept.size < max(6, 0.5 * later.size):
         return ()
     spread = max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
     least = max(_JUMP, _DEVIATIONS * spread)
@@ -163,9 +167,10 @@ def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     for run in _runs(jumps):
         best = max(run, key=lambda k: float(alike[k]))
         lost = -round(float(later[best]))
-        if lost:
+        if lost and alike[best] > (_ALIKE if abs(lost) < _FEW else _BEST):
             # piece best + 2 begins where the one before it, two halves earlier, ends
-            blocks.append(_placed(command, position, lost, sum(loss.lost for loss in blocks), (best, best + 4), half))
+            block = _placed(command, position, lost, sum(loss.lost for loss in blocks), (best, best + 4), half)
+            blocks += [block] if block is not None else []
     return tuple(blocks[:_MOST_CUTS])
 
 
@@ -176,9 +181,9 @@ def _runs(marked: np.ndarray) -> list[range]:
 
 def _placed(
     command: FloatArray, position: FloatArray, lost: int, before: int, halves: tuple[int, int], half: int
-) -> LostBlock:
-    """Return the loss at the sample where one delay explains the position up to it and the other from it on; before:
-    samples lost earlier.
+) -> LostBlock | None:
+    """Return the loss at the sample where one delay explains the position up to it and the other from it on, None where
+    neither does much better than the other; before: samples lost earlier.
     """
     begin, end = halves[0] * half, min(halves[1] * half, position.size)
     response = _impulse(command, position, before, max(begin - 6 * half, 0), max(begin, 4 * half))
@@ -189,8 +194,10 @@ def _placed(
         off = position[begin:end] - moved[place]
         return np.asarray((off - off.mean()) ** 2)
 
-    gained = np.cumsum(missed(before) - missed(before + lost))
-    return LostBlock(begin + int(np.argmin(gained)) + 1, lost)
+    early, late = missed(before), missed(before + lost)
+    at = int(np.argmin(np.cumsum(early - late))) + 1
+    is_clear = early[:at].sum() < _CLEARLY * late[:at].sum() and late[at:].sum() < _CLEARLY * early[at:].sum()
+    return LostBlock(begin + at, lost) if is_clear or abs(lost) < _FEW else None
 
 
 def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, end: int) -> FloatArray:
@@ -202,7 +209,9 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
     size = int(scipy.fft.next_fast_len(2 * out.size, real=True))
     lines = [np.fft.rfft(window * (row - row.mean()), size) for row in (into, out)]
     power = np.abs(lines[0]) ** 2
-    response = np.fft.irfft(np.conj(lines[0]) * lines[1] / (power + 0.01 * float(np.mean(power))), size)
+    response = np.fft.irfft(
+        np.conj(lines[0]) * lines[1] / np.maximum(power + 0.01 * float(np.mean(power)), 1e-300), size
+    )
     length = min(out.size // 4, 4096)
     return np.concatenate([response[-(length // 8) :], response[: length - length // 8]])
 

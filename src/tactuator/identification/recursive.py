@@ -59,7 +59,7 @@ def recursive(common: Prepared) -> Identification:
     rest = residual_of_record(fit, taken, 0.47 * rate_hz)
     residual = rest.measured - rest.simulated
     tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
-    tests = replace(tests, feedback=feedback_seen(rest, fit.grid.hold))
+    tests = replace(tests, feedback=None if tests.is_misfit else feedback_seen(rest, fit.grid.hold))
     model = model.judged(*check_length(np.roots(estimate.den), 0.0, record.duration_s))
     if not tests.uncorrelated_with_input:
         model = replace(model, excess=_departure(common, estimate.num, estimate.den))

@@ -106,9 +106,7 @@ def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *
     tests = check_residual(innovation[:_TESTED], moved, slopes, taken.rate_hz)
     knock, jump = jump_of(innovation)
     jump = None if jump is None else jump + skip + taken.shift
-    # what a model misses of the command looks like a loop, too
-    is_misfit = tests.uncorrelated_p < _CHANCE and tests.unexplained > _MISFIT
-    feedback = None if is_misfit else feedback_seen(of_lines, fit.grid.hold)
+    feedback = None if tests.is_misfit else feedback_seen(of_lines, fit.grid.hold)
     return replace(tests, feedback=feedback, knock=knock, jump=jump)
 
 
@@ -171,8 +169,6 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
 
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
-_CHANCE, _MISFIT = 1e-3, 0.01
-"""Chance of a residual that follows the command so much, and its share that does, beyond which no loop is told."""
 _LOOP = 10.0
 """Fall of -2 log likelihood of the command, all paid for, from which on a loop is taken to be there."""
 _LENGTHS = (2, 5, 10, 20, 40)

@@ -11,6 +11,8 @@ from tactuator.arrays import FloatArray
 
 _LAGS = 40
 _BURST = 50
+_CHANCE, _MISFIT = 1e-3, 0.01
+"""Chance of a residual that follows the command so much, and its share that does, beyond which no loop is told."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,11 @@ class ResidualTests:
     part: int = 0
     skew_ppm: tuple[float, float] = (0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_misfit(self) -> bool:
+        """Tell whether so much of the residual follows the command that a loop cannot be told from it."""
+        return self.uncorrelated_p < _CHANCE and self.unexplained > _MISFIT
 
     @property
     def white(self) -> bool:
