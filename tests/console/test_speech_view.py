@@ -59,9 +59,10 @@ def test_render__of_what_is_no_sound__says_so(rendered):
 
 @pytest.mark.parametrize("coding", ["nothing", "../../secret.toml"])
 def test_render__with_a_coding_that_is_none__is_refused(rendered, coding):
-    _, state, found = rendered
+    _, state, _ = rendered
+    key = dropped(state, EXAMPLES / "speech.wav")
     with pytest.raises(BadInput, match="is not known"):
-        SpeechRendered(display=FILE, file=found["key"], coding=coding).answer(state)
+        SpeechRendered(display=FILE, file=key, coding=coding).answer(state)
 
 
 def test_made__without_the_token_or_under_another_name__is_not_given(rendered):

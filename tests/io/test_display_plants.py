@@ -132,9 +132,9 @@ def test_read_display__several_models__designed_for_all_and_each_named(tmp_path:
     assert controller.channels[0].designed_for == names
     flatness = judge(controller).objectives[0]
     assert {finding.load for finding in flatness.findings} == set(names)
-    rows = [finding for finding in flatness.worst() if finding.quantity == "error of |H|"]
+    rows = [finding for finding in flatness.worst() if finding.quantity == "felt less asked"]
     assert [finding.model for finding in rows] == ["cold", "hot"]
-    hot = next(finding for finding in flatness.of("tip", "none, hot") if finding.quantity == "error of |H|")
+    hot = next(finding for finding in flatness.of("tip", "none, hot") if finding.quantity == "felt less asked")
     alone = judge(controller, read_list(tmp_path, '["hot.json"]')).objectives[0].findings[0]
     assert hot.value == pytest.approx(alone.value)
 

@@ -29,9 +29,9 @@ _DEVIATIONS = 6.0
 _LEAST_PPM = 1.0
 _JUMP = 0.6
 """Least change of the delay, samples, that is taken for a lost one."""
-_FEW, _CLEARLY = 8, 0.5
-"""Samples below which a loss hardly changes the response, and what its own delay leaves over what the other leaves,
-from which on a longer one is seen.
+_FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9
+"""Samples below which a loss hardly changes the response; and what its own delay leaves over what the other leaves, below
+which a longer one is seen, and one of few samples.
 """
 _MOST_CUTS = 8
 _TAPS = 32
@@ -196,8 +196,9 @@ def _placed(
 
     early, late = missed(before), missed(before + lost)
     at = int(np.argmin(np.cumsum(early - late))) + 1
-    is_clear = early[:at].sum() < _CLEARLY * late[:at].sum() and late[at:].sum() < _CLEARLY * early[at:].sum()
-    return LostBlock(begin + at, lost) if is_clear or abs(lost) < _FEW else None
+    most = _HARDLY if abs(lost) < _FEW else _CLEARLY
+    is_clear = early[:at].sum() < most * late[:at].sum() and late[at:].sum() < most * early[at:].sum()
+    return LostBlock(begin + at, lost) if is_clear else None
 
 
 def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, end: int) -> FloatArray:

@@ -214,7 +214,10 @@ def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *,
     for early in (0, _SMEARED) if filtered else (0,):
         for length in _LENGTHS:
             lags = (np.arange(-early, length) + taken.shift) % taken.samples
-            taps = scipy.linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
+            try:
+                taps = scipy.linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
+            except np.linalg.LinAlgError:  # a residual of a few lines alone: no longer filter can be told
+                break
             share = float(taps @ shared[lags]) * taken.samples / (2.0 * lines)
             # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
             won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * lags.size
