@@ -30,8 +30,8 @@ _LEAST_PPM = 1.0
 _JUMP = 0.6
 """Least change of the delay, samples, that is taken for a lost one."""
 _FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9
-"""Samples below which a loss hardly changes the response; and what its own delay leaves over what the other leaves, below
-which a longer one is seen, and one of few samples.
+"""Samples below which a loss hardly changes the response; and what its own delay leaves over what the other leaves,
+below which a longer one is seen, and one of few samples.
 """
 _MOST_CUTS = 8
 _TAPS = 32
