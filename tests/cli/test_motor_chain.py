@@ -22,6 +22,7 @@ curve = "bolanowski-1988"
 band_hz = [0.4, 30.0]
 [feedback]
 command_noise_gain_max = {noise_gain:g}
+rejection_band_hz = [0.4, 5.0]
 [[channel]]
 name = "index"
 sensor_gain_v_per_mm = 0.05

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
@@ -18,6 +17,7 @@ from tactuator.report.envelope import hull
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
+from tactuator.signals.threads import single_threaded
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.prefilter import fit_prefilter
@@ -35,7 +35,7 @@ def channel_controller(plants: ChannelPlants, feedback: SampledSystem) -> Channe
     Raises UnstableLoop where the loop is unstable on a plant of the family; BadInput where no prefilter fits.
     """
     display, channel = plants.display, plants.channel
-    with threadpool_limits(limits=1):  # as `design` does: the same figures on any machine
+    with single_threaded():  # as `design` does: the same figures on any machine
         fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, channel.prefilter.poles)
         return assemble(display, channel, feedback, fit, plants.family)
 

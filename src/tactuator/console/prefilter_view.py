@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from threadpoolctl import threadpool_limits
 
 from tactuator.console.loop_chart import verdict_rows
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
@@ -18,6 +17,7 @@ from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
+from tactuator.signals.threads import single_threaded
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
 from tactuator.verbs.controller import design
 
@@ -70,7 +70,7 @@ class PrefilterFitted(_Curved):
             channel = replace(channel, threshold=replace(channel.threshold, curve=given))
         prefilter = channel.prefilter if self.poles is None else replace(channel.prefilter, poles=self.poles)
         feedback = state.file_design(self.display, self.channel).feedback(display.rate_hz)
-        with threadpool_limits(limits=1):
+        with single_threaded():
             fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, prefilter.poles)
         frequency = np.geomspace(*channel.threshold.band_hz, _LINES)
         wanted = channel.threshold.curve.level_db_re_1um_at(frequency)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -22,6 +21,7 @@ from tactuator.identification.uncertainty import left_over, log_slopes, moved, p
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.signals.record import FrequencyResponse
+from tactuator.signals.threads import single_threaded
 
 _STEPS = 40
 
@@ -51,7 +51,7 @@ def identify_response(
     given: FrequencyResponse, asked: Asked, note: Callable[[str], None] = lambda _: None
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
-    with threadpool_limits(limits=1):
+    with single_threaded():
         if given.assumed and given.phase_rad is not None:
             given = _with_own_noise(given, asked, note)
         return _identify_response(given, asked, note)

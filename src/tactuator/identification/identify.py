@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
@@ -48,6 +47,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.model.trust import Weighed
 from tactuator.signals.multisine import Periods, periods_of
 from tactuator.signals.record import Record
+from tactuator.signals.threads import single_threaded
 
 _FEWEST_LINES = 8
 
@@ -152,7 +152,7 @@ def identify(
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     # threads of BLAS wait for each other over matrices of a dozen columns
-    with threadpool_limits(limits=1):
+    with single_threaded():
         common = prepared(records, asked)
         if asked.method == "rls":
             return judged(recursive(common), common)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -28,6 +27,7 @@ from tactuator.identification.trust import (
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
+from tactuator.signals.threads import single_threaded
 
 _FEWEST = 10
 """Points of the record's own response below which their share in the band is not judged."""
@@ -43,7 +43,7 @@ _SHORT = 1e-3
 
 def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
-    with threadpool_limits(limits=1):
+    with single_threaded():
         validations = tuple(validate(result, record, name) for name, record in records)
     rows = (row for validation in validations for row in validation.weighed)
     remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
@@ -24,6 +23,7 @@ from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.threads import single_threaded
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family
@@ -76,7 +76,7 @@ def design_channel(
     good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
     best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
-    with threadpool_limits(limits=1):  # sums that BLAS splits over threads round differently
+    with single_threaded():  # sums that BLAS splits over threads round differently
         return _designed(display, channel, poles, error_db)
 
 

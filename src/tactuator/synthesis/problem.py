@@ -378,7 +378,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     return beginnings
 
 
-_HOPS = 64
+_HOPS = 128
 _SIZES = (0.3, 0.7)
 """Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
 _POOL_MAX = 6
@@ -387,7 +387,7 @@ _SAME_DB = 1e-3
 
 def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Solution]:
     """Yield stable local solutions, those of `beginnings` first: each that of a step away from one yielded before, the
-    nearer to the limits the more often. The sequence ends after 64 steps; whoever is content ends it
+    nearer to the limits the more often. The sequence ends after _HOPS steps; whoever is content ends it
     before.
     """
     pool: list[Solution] = []
