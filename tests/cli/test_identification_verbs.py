@@ -124,6 +124,9 @@ def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -
     np.testing.assert_allclose(one["error_db"], felt_less_asked)
     np.testing.assert_allclose(one["error_jnd"], np.abs(felt_less_asked) / 1.65)  # Israr, Tan and Reed 2006: the least
     np.testing.assert_allclose(one["model_error_db"], felt_less_asked - off)
+    parts = [np.array(one[f"{name}_error_db"]) for name in ("prefilter", "load", "rest")]
+    np.testing.assert_allclose(sum(parts), felt_less_asked, atol=1e-9)
+    assert parts[1][1] < -0.2  # a third of a decibel at 122 Hz
     with (folder / "measured" / "response.csv").open() as table:
         rows = list(csv.DictReader(table))
     assert [float(row["measured_v"]) for row in rows][:2] == pytest.approx(one["magnitude_v"])

@@ -121,20 +121,25 @@ def expected_response(controller: Controller, name: str, load: str | None, frequ
 @dataclass(frozen=True, eq=False)
 class ResponseLevels:
     """Levels of a response at each of its frequencies, dB SL, (m,): asked for; felt, by the sensor; and predicted by
-    the controller's own model. The error is felt less asked; what of it is the model's is told beside it.
+    the controller's own model, under the response's load and without one. The error is felt less asked; what of it is
+    the model's, and there the prefilter's and the load's, is told beside it.
     """
 
     asked_db_sl: FloatArray
     felt_db_sl: FloatArray
     predicted_db_sl: FloatArray
+    predicted_free_db_sl: FloatArray
 
     @classmethod
     def of(cls, response: Response, controller: Controller) -> ResponseLevels:
         """Return the levels of a response that was measured under `controller`."""
         threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
         asked = np.full(response.frequency_hz.shape, response.level_db_sl)
-        predicted = db(expected_v(response, controller) / threshold_v)
-        return cls(asked, asked + error_db(response, controller.display), predicted)
+        free = expected_response(controller, response.channel, None, response.frequency_hz)
+        predicted = [
+            db(volts / threshold_v) for volts in (expected_v(response, controller), response.reference * np.abs(free))
+        ]
+        return cls(asked, asked + error_db(response, controller.display), *predicted)
 
     @property
     def error_db(self) -> FloatArray:
@@ -158,8 +163,20 @@ class ResponseLevels:
         return self.predicted_db_sl - self.asked_db_sl
 
     @property
+    def prefilter_db(self) -> FloatArray:
+        """Return the part of the error that the prefilter leaves by design, dB: predicted without a load less asked."""
+        return self.predicted_free_db_sl - self.asked_db_sl
+
+    @property
+    def load_db(self) -> FloatArray:
+        """Return the part of the error that the load makes by the model, dB: predicted under it less without it."""
+        return self.predicted_db_sl - self.predicted_free_db_sl
+
+    @property
     def unpredicted_db(self) -> FloatArray:
-        """Return the part of the error that the model does not expect, dB: felt less predicted."""
+        """Return the part of the error that the model does not expect, dB: felt less predicted. It is of friction, of
+        noise, and of a plant or a load that is another than the model's.
+        """
         return self.felt_db_sl - self.predicted_db_sl
 
 

@@ -292,6 +292,9 @@ class MeasuredResponses(Result):
                 "error_db": levels.error_db,
                 "error_jnd": levels.error_jnd,
                 "model_error_db": levels.model_db,
+                "prefilter_error_db": levels.prefilter_db,
+                "load_error_db": levels.load_db,
+                "rest_error_db": levels.unpredicted_db,
                 "expected_level_db_sl": levels.predicted_db_sl,
             }
             for response, levels in self._levels()
@@ -309,7 +312,8 @@ class MeasuredResponses(Result):
             "error dB",
             "± dB",
             "JND",
-            "model",
+            "prefilter",
+            "load",
             "rest",
             "phase °",
             "delay ms",
@@ -318,8 +322,9 @@ class MeasuredResponses(Result):
         )
         note = (
             "felt: dB SL; error: felt less asked, the largest first; JND: the error in just-noticeable differences of "
-            f"{AMPLITUDE_JND_DB:g} dB; model: what of the error the controller's own model expects, rest: what it does "
-            "not; delay: of the phase; dist.: distortion against the fundamental, dB; cut: a limit was reached"
+            f"{AMPLITUDE_JND_DB:g} dB; prefilter, load: what of the error the controller's own model expects of each; "
+            "rest: what it does not expect: friction, noise, another plant or load; delay: of the phase; dist.: "
+            "distortion against the fundamental, dB; cut: a limit was reached"
         )
         rows = tuple(row for response, levels in self._levels() for row in self._rows(response, levels))
         learnt = map(_learnt_line, self.learnt)
@@ -339,7 +344,8 @@ class MeasuredResponses(Result):
                 f"{levels.error_db[k]:+.2f}",
                 f"{response.confidence_db[k]:.2g}",
                 f"{levels.error_jnd[k]:.1f}",
-                f"{levels.model_db[k]:+.2f}",
+                f"{levels.prefilter_db[k]:+.2f}",
+                f"{levels.load_db[k]:+.2f}",
                 f"{levels.unpredicted_db[k]:+.2f}",
                 f"{np.degrees(response.phase_rad[k]):.1f}",
                 f"{1e3 * response.latency_s[k]:.2f}",
