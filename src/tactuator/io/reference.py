@@ -13,7 +13,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +31,7 @@ from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
+from tactuator.model.description import Channel
 from tactuator.parameters import Number, Positive, plain, table
 from tactuator.table import brief
 
@@ -85,6 +86,11 @@ class ReferenceHead:
             f"tactuator reference: 1.0 = {self.full_scale_db_sl:g} dB SL; channels {','.join(self.channels)}; "
             f"curve {curve or 'unknown'}"
         )
+
+
+def curves_of(channels: Iterable[Channel]) -> dict[str, tuple[str, str]]:
+    """Return name and hash of the curve of every channel, as a head states them."""
+    return {c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels}
 
 
 class ReferenceWriter:

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
-from tactuator.io.reference import ReferenceHead
+from tactuator.io.reference import ReferenceHead, curves_of
 from tactuator.model.controller import Controller
 from tactuator.parameters import Band, Number, Positive, table
 from tactuator.patterns.clip import Clip, Format, Tap, Tone
@@ -137,7 +137,7 @@ def render_clip(clip: Clip, controller: Controller, mapping: PatternMap | None =
     head = ReferenceHead(
         rate_hz=rate_hz,
         channels=tuple(channel.name for channel in channels),
-        curves={c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels},
+        curves=curves_of(channels),
         band_hz=(min(lows), max(highs)),
         provenance={"clip": clip.name, "format": clip.format, "map": vars(mapping)},
     )

@@ -21,7 +21,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.reference import ReferenceHead, check_suffix, write_reference
+from tactuator.io.reference import ReferenceHead, check_suffix, curves_of, write_reference
 from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
@@ -290,7 +290,6 @@ def render_file(
 
 def _head(making: Rendering, job: RenderJob) -> ReferenceHead:
     channels = job.controller.display.channels
-    curves = {c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels}
     band = (min(c.threshold.band_hz[0] for c in channels), max(c.threshold.band_hz[1] for c in channels))
     provenance = {
         "speech": making.speech.path.name,
@@ -299,4 +298,4 @@ def _head(making: Rendering, job: RenderJob) -> ReferenceHead:
         "notes": list(making.speech.notes),
         **job.parameters(),
     }
-    return ReferenceHead(job.controller.rate_hz, making.channels, curves, band, provenance=provenance)
+    return ReferenceHead(job.controller.rate_hz, making.channels, curves_of(channels), band, provenance=provenance)

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.reference import ReferenceHead, write_reference
+from tactuator.io.reference import ReferenceHead, curves_of, write_reference
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.signals.excitation import ramps
@@ -100,7 +100,7 @@ def write_waveforms(waveforms: WaveformSet, controller: Controller, folder: str 
     """Write every waveform of the set as a reference FOLDER/LABEL.wav within the display's limits, like speech."""
     folder = Path(folder)
     channels = controller.display.channels
-    curves = {c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels}
+    curves = curves_of(channels)
     common: dict[str, Any] = {"controller": controller.content_hash, "waveforms": asdict(waveforms)}
     written = []
     for label in waveforms.labels():

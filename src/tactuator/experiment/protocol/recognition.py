@@ -16,7 +16,7 @@ from pydantic import Field
 from tactuator.experiment.keys import Seconds
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol, each_once
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial.trial import Timing, Trial
 from tactuator.parameters import Flag, Number, Whole, table
 
 Paradigm = Literal["recognition", "middle-of-three", "abx"]
@@ -55,8 +55,8 @@ class AskingPart:
         Paradigm,
         Field(description="one item alone, the middle of three (Tan et al. 1999), or A, B and which of them X was"),
     ] = "recognition"
-    lead_s: Annotated[_Pause, Field(description="silence before the first item")] = 0.3
-    gap_s: Annotated[_Pause, Field(description="silence between the items of a trial")] = 0.3
+    lead_s: Annotated[_Pause, Field(description="silence before the first item")] = Timing.lead_s
+    gap_s: Annotated[_Pause, Field(description="silence between the items of a trial")] = Timing.gap_s
     feedback_s: Annotated[_Pause, Field(description="time for which feedback is shown")] = 1.0
 
 
