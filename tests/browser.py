@@ -1,6 +1,8 @@
 """One browser for all tests of pages, whichever folder they stand in: there can be one in a process alone."""
 
 import shutil
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -16,7 +18,7 @@ ARGUMENTS = [
 
 
 @pytest.fixture(scope="session")
-def browser():
+def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     path = shutil.which("chromium") or shutil.which("chromium-browser")

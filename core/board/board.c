@@ -171,6 +171,7 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
         channel->single = &board->image.tables.single[c];
         channel->q31 = &board->image.tables.q31[c];
         channel->touch = &board->image.touch[c];
+        channel->strength = &board->image.strength[c];
         adapts &= channel->touch->feedback_count && channel->touch->is_designed;
         if (image->format == TACT_Q31) {
             tact_controller_q31 *table = &board->image.tables.q31[c];

@@ -60,9 +60,11 @@ typedef struct {
     int32_t is_cut;                    /* until the next run: nothing is put out any more */
     float slow;                        /* part of the reference, within travel_max */
     tact_touch_state touch_state;
+    tact_strength_state strength_state;
     const tact_safety_channel *safety; /* in the board's table */
     const tact_controller *single;     /* in the board's image */
     const tact_controller_q31 *q31;
+    const tact_strength *strength;     /* in the board's image; its is_on 0: a reference stays as it comes */
     const tact_touch *touch;           /* in the board's image; its feedback_count 0: nothing is fed forward */
 } tact_board_channel;
 
@@ -145,7 +147,8 @@ int tact_board_waits(const tact_board *board);
 void tact_board_ask(tact_board *board, float *wants);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
- * stays; what does not follow on is left out. References are limited to comfort and travel here, where they come in. */
+ * stays; what does not follow on is left out. References are reshaped by their strength, where
+ * the image says so, and limited to comfort and travel here, where they come in. */
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
 
 /* Whether samples of the stimulus are due. Outside of the interrupt: for as long as they are, make a row (which takes

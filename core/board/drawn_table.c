@@ -43,7 +43,6 @@ static void draw_channel(tact_safety_channel *channel, tact_noise *noise)
     draw_converter(&channel->converter, noise);
     if (channel->position_code_max >= channel->converter.code_max)
         channel->position_code_max = channel->converter.code_max - 1;
-    channel->frozen_ticks = ticks(channel->frozen_ticks, noise);
     channel->stop_max_v = limit(channel->stop_max_v, 1e6f, noise);
     channel->command_max_v = limit(channel->command_max_v, 31.0f, noise);
     channel->reference_max = limit(channel->reference_max, 1e5f, noise);
@@ -66,6 +65,8 @@ void tact_drawn_safety(tact_safety *safety, const tact_safety *from, tact_noise 
     safety->ramp_ticks = ticks(safety->ramp_ticks, noise);
     safety->quick_ticks = ticks(safety->quick_ticks, noise);
     safety->lock_ticks = (int32_t)tact_drawn_of(noise, FEW_TICKS);
+    for (int32_t c = 0; c < safety->channels; c++)
+        safety->channel[c].frozen_ticks = ticks(safety->channel[c].frozen_ticks, noise);
     if (tact_drawn_of(noise, CALM) != 0) { /* the limits that were designed: what is usual goes on for a while */
         safety->turns = 1 + (int32_t)tact_drawn_of(noise, 4);
         return;
@@ -113,6 +114,13 @@ static void draw_q31(tact_controller_q31 *table, uint32_t kind, float share)
     }
 }
 
+/* Another delay than the display's, with which a finger is not fed in one piece. */
+static void draw_touch(tact_touch *touch, tact_noise *noise)
+{
+    touch->delay = 1 + (int32_t)tact_drawn_of(noise, TACT_TOUCH_DELAY_MAX);
+    (void)tact_touch_settle(touch);
+}
+
 void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noise)
 {
     *image = *from;
@@ -121,6 +129,8 @@ void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noi
     for (int32_t c = 0; c < image->channels; c++) {
         const uint32_t kind = tact_drawn_of(noise, 10);
         const float share = tact_drawn_share(noise);
+        if (kind > 5 && image->touch[c].feedback_count)
+            draw_touch(&image->touch[c], noise);
         if (image->format == TACT_Q31)
             draw_q31(&image->tables.q31[c], kind, share);
         else

@@ -153,6 +153,19 @@ static int32_t read_touch(tact_reader *reader, tact_touch *touch, int32_t feedba
     return read_touch_floats(reader, touch->hum[0], 2 * touch->hum_count);
 }
 
+static int32_t read_strength(tact_reader *reader, tact_strength *strength)
+{
+    float *const row = strength->gain[0];
+    strength->follow = tact_read_f32(reader);
+    strength->damping = tact_read_f32(reader);
+    for (int i = 0; i < TACT_STRENGTH_PAIRS; i++)
+        strength->turn[i] = tact_read_f32(reader);
+    for (int i = 0; i < TACT_STRENGTH_LEVELS * TACT_STRENGTH_GAINS; i++)
+        row[i] = tact_read_f32(reader);
+    strength->is_on = 1;
+    return tact_strength_is_valid(strength) ? TACT_IMAGE_GOOD : TACT_IMAGE_COEFFICIENT;
+}
+
 static int32_t read_tables(tact_reader *reader, tact_image *image, int32_t channel, int32_t prefilters,
                            int32_t feedbacks, float limit_v)
 {
@@ -165,18 +178,21 @@ static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t chan
 {
     tact_read_bytes(reader, image->names[channel], TACT_NAME_SIZE);
     const int32_t prefilters = tact_read_u8(reader), feedbacks = tact_read_u8(reader);
-    const int32_t touch = tact_read_u16(reader);
-    if (touch != 0 && touch != TACT_TOUCH_LAYOUT)
+    const int32_t touch = tact_read_u8(reader), strength = tact_read_u8(reader);
+    if ((touch != 0 && touch != TACT_TOUCH_LAYOUT) || (strength != 0 && strength != TACT_STRENGTH_LAYOUT))
         return TACT_IMAGE_VERSION_UNKNOWN;
     if (prefilters < 1 || prefilters > TACT_PREFILTER_MAX || feedbacks > TACT_FEEDBACK_MAX)
         return TACT_IMAGE_SECTIONS;
     const float limit_v = tact_read_f32(reader);
     if (!(limit_v > 0.0f && limit_v < COMMAND_LIMIT_MAX))
         return TACT_IMAGE_LIMIT;
-    const int32_t refusal = read_tables(reader, image, channel, prefilters, feedbacks, limit_v);
+    int32_t refusal = read_tables(reader, image, channel, prefilters, feedbacks, limit_v);
     image->adapts += touch != 0;
     image->touch[channel].feedback_count = 0;
-    return refusal || !touch ? refusal : read_touch(reader, &image->touch[channel], feedbacks);
+    image->strength[channel].is_on = 0;
+    if (!refusal && touch)
+        refusal = read_touch(reader, &image->touch[channel], feedbacks);
+    return refusal || !strength ? refusal : read_strength(reader, &image->strength[channel]);
 }
 
 static int32_t read_header(tact_reader *reader, tact_image *image)

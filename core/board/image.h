@@ -1,11 +1,13 @@
 /* Image: the controllers of all channels as bytes, checked before any of it is used.
  *
  *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
- *     then for each channel: name (16) | prefilter sections, feedback sections, touch, 0 | command_limit_v |
+ *     then for each channel: name (16) | prefilter sections, feedback sections, touch, strength | command_limit_v |
  *                            unwinding | sections | where touch is not 0 but 2, the number of this layout, how
  *                            it feeds forward for a finger (touch/table.h): delay, turns, turn, lines of hum (a byte
  *                            each) | plant, corner, command, position, mass, rest, first, second, slow, forgetting,
- *                            gate, ridge, shape, fading, slew, weight_max, push_max_v, hum_gain | sections | hum
+ *                            gate, ridge, shape, fading, slew, weight_max, push_max_v, hum_gain | sections | hum | where
+ *                            strength is not 0 but 1, the number of this layout, how its reference is reshaped
+ *                            (strength/strength.h): follow, damping, turns, rows of gains
  *     CRC-32 of all before
  *
  * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
@@ -29,11 +31,12 @@
 
 #include "control/controller.h"
 #include "control/controller_q31.h"
+#include "strength/strength.h"
 #include "touch/table.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
-enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
-enum { TACT_TOUCH_LAYOUT = 2 };
+enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 8192 };
+enum { TACT_TOUCH_LAYOUT = 2, TACT_STRENGTH_LAYOUT = 1 };
 enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
 
 typedef enum {
@@ -66,6 +69,7 @@ typedef struct {
     } tables;
     int32_t adapts; /* channels that feed forward for a finger */
     tact_touch touch[TACT_CHANNELS_MAX];
+    tact_strength strength[TACT_CHANNELS_MAX];
 } tact_image;
 
 /* TACT_IMAGE_GOOD and the image filled, or why not; then `image` is left in pieces and must not be run. */

@@ -31,6 +31,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
             tact_controller_reset(&board->channel[c].controller.single);
         if (board->image.adapts)
             tact_touch_reset(board->channel[c].touch, &board->channel[c].touch_state);
+        tact_strength_reset(&board->channel[c].strength_state);
         tact_stimulus_rewind(&board->stimulus[c]);
         tact_guard_begin(&board->channel[c].guard);
         board->channel[c].is_cut = 0;
@@ -161,7 +162,7 @@ void tact_board_fade(tact_board *board)
         board->fade = 1.0f, board->fade_step = 0.0f;
     if (board->command_fade >= 1.0f) {
         board->command_fade = 1.0f, board->command_fade_step = 0.0f;
-        if (board->ending == TACT_STAYS && board->fade == 0.0f)
+        if (board->fade == 0.0f) /* where the run ends, it ends below */
             board->fade_step = soft_step(board);
     }
     if (board->ending != TACT_STAYS && board->fade <= 0.0f) {

@@ -13,10 +13,17 @@ float tact_board_limit(const tact_safety *safety, int32_t channel, tact_board_ch
     return limited;
 }
 
+static float take_reference(tact_board *board, int32_t c, float asked)
+{
+    tact_board_channel *channel = &board->channel[c];
+    const float want = channel->strength->is_on ? tact_strength_step(channel->strength, &channel->strength_state, asked) : asked;
+    return tact_board_limit(&board->safety, c, channel, want);
+}
+
 static void take_row(tact_board *board, float *to, const float *row)
 {
     for (int32_t c = 0; c < board->channels; c++)
-        to[c] = board->drives ? row[c] : tact_board_limit(&board->safety, c, &board->channel[c], row[c]);
+        to[c] = board->drives ? row[c] : take_reference(board, c, row[c]);
 }
 
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)

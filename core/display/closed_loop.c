@@ -12,6 +12,7 @@ void tact_closed_loop_rest(tact_closed_loop *loop)
     tact_controller_reset(&loop->controller_state);
     if (loop->touch)
         tact_touch_reset(loop->touch, &loop->touch_state);
+    tact_strength_reset(&loop->strength_state);
     loop->delay_at = 0;
     for (int i = 0; i < TACT_DELAY_MAX; i++) {
         loop->delayed_code[i] = zero_code(loop);
@@ -99,6 +100,12 @@ static inline void drive_sample(int32_t order, tact_closed_loop *loop, float com
     tact_display_advance_order(order, loop->display, &loop->display_state);
 }
 
+static float wanted(tact_closed_loop *loop, double reference)
+{
+    const float asked = (float)reference;
+    return loop->strength ? tact_strength_step(loop->strength, &loop->strength_state, asked) : asked;
+}
+
 static int32_t order_of(const tact_closed_loop *loop)
 {
     return tact_display_plant(loop->display, &loop->display_state)->order;
@@ -113,9 +120,9 @@ void tact_closed_loop_play(tact_closed_loop *loops, int channels, const double *
             const int32_t order = order_of(&loops[c]);
             const double force = force_v ? force_v[at] : 0.0;
             if (order == 2)
-                play_sample(2, &loops[c], (float)reference[at], force, trace, at);
+                play_sample(2, &loops[c], wanted(&loops[c], reference[at]), force, trace, at);
             else
-                play_sample(order, &loops[c], (float)reference[at], force, trace, at);
+                play_sample(order, &loops[c], wanted(&loops[c], reference[at]), force, trace, at);
         }
 }
 

@@ -29,12 +29,4 @@ uint32_t tact_systick_left(void);
 /* The vector. */
 void tact_systick(void);
 
-/* The timer's interrupt kept out, with all of lower urgency; gives what was before, to be restored. */
-uint32_t tact_interrupts_enter(void);
-void tact_interrupts_leave(uint32_t before);
-
-/* Until the next interrupt; with a reason not to, only if there is none at the last moment. */
-void tact_sleep(void);
-void tact_sleep_unless(int (*reason)(void));
-
 #endif

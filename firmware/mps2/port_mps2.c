@@ -11,6 +11,7 @@
  * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE is one
  * instruction of the board and leaves the machine to the host meanwhile. Where the host is behind, time waits for it. */
 
+#include "cortex_m/interrupts.h"
 #include "cortex_m/systick.h"
 #include "emulated/bench.h"
 #include "emulated/display.h"

@@ -5,6 +5,7 @@
 #include "stm32f405/chip.h"
 #include "port.h"
 #include "cortex_m/startup.h"
+#include "cortex_m/interrupts.h"
 #include "cortex_m/systick.h"
 #include "stm32f405/usart.h"
 #include "stm32f405/watchdog.h"

@@ -1,30 +1,12 @@
 /* STM32F405: the registers that this board's program touches (reference manual RM0090, Armv7-M reference manual).
  *
- * Read and written by function, so that a test can put a model of the chip in their place: with TACT_MODELLED they are
- * functions of the test's.
- *
  * Example use:
  *   tact_set(GPIOB + GPIO_SET, 1u << 8);
  */
 #ifndef TACT_STM32F405_REGISTERS_H
 #define TACT_STM32F405_REGISTERS_H
 
-#include <stdint.h>
-
-#ifdef TACT_MODELLED
-uint32_t tact_get(uint32_t address);
-void tact_set(uint32_t address, uint32_t value);
-#else
-static inline uint32_t tact_get(uint32_t address)
-{
-    return *(volatile uint32_t *)(uintptr_t)address;
-}
-
-static inline void tact_set(uint32_t address, uint32_t value)
-{
-    *(volatile uint32_t *)(uintptr_t)address = value;
-}
-#endif
+#include "cortex_m/registers.h"
 
 #define GPIOA 0x40020000u
 #define GPIOB 0x40020400u
@@ -35,11 +17,9 @@ static inline void tact_set(uint32_t address, uint32_t value)
 #define FLASH 0x40023C00u
 #define PWR 0x40007000u
 #define IWDG 0x40003000u
-#define SYSTICK 0xE000E010u
 #define NVIC_ENABLE 0xE000E100u
 #define DWT 0xE0001000u
 #define DEBUG_TRACE 0xE000EDFCu /* DEMCR */
-#define SYSTEM_PRIORITY_3 0xE000ED20u
 
 enum { GPIO_MODE = 0x00, GPIO_SPEED = 0x08, GPIO_PULL = 0x0C, GPIO_IN = 0x10, GPIO_SET = 0x18, GPIO_FUNCTION_LOW = 0x20 };
 enum { GPIO_FUNCTION_HIGH = 0x24 };
@@ -47,7 +27,6 @@ enum { SPI_CONTROL = 0x00, SPI_STATE = 0x08, SPI_DATA = 0x0C };
 enum { USART_STATE = 0x00, USART_DATA = 0x04, USART_RATE = 0x08, USART_CONTROL = 0x0C };
 enum { RCC_CONTROL = 0x00, RCC_PLL = 0x04, RCC_CONFIGURE = 0x08, RCC_AHB1 = 0x30, RCC_APB1 = 0x40, RCC_RESETS = 0x74 };
 enum { IWDG_KEY = 0x00, IWDG_PRESCALER = 0x04, IWDG_RELOAD = 0x08 };
-enum { SYSTICK_CONTROL = 0x00, SYSTICK_RELOAD = 0x04, SYSTICK_VALUE = 0x08 };
 enum { DWT_CONTROL = 0x00, DWT_CYCLES = 0x04 };
 
 #endif

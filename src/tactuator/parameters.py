@@ -166,6 +166,7 @@ def literal(value: Any) -> str:
 _UNITS = {
     "hz": "Hz", "v": "V", "mm": "mm", "s": "s", "kg": "kg", "db": "dB", "db_sl": "dB SL", "deg": "degrees",
     "bits": "bits", "samples": "samples", "v_peak": "V, peak", "v_rms": "V, rms", "v_per_mm": "V/mm", "v_per_n": "V/N",
+    "mm2": "mm²", "n": "N", "years": "years",
 }  # fmt: skip
 
 

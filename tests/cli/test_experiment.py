@@ -77,11 +77,12 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     (tmp_path / "protocol.toml").write_text(SHORT)
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["truth"]) == 6
-    made = ["--keep-flagged", "--curve-out", "curve.csv", "--figures", "figures"]
+    made = ["--curve-out", "curve.csv", "--figures", "figures"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert len(found["thresholds"]) == 6
     assert len(found["curve"]) == 5
+    assert "bound" in (tmp_path / "curve.csv").read_text().splitlines()[3]
     assert (tmp_path / "curve.csv").exists()
     assert (tmp_path / "figures" / "fig11.svg").exists()
     assert main(["experiment", "export", "--store", "lab.db", "--format", "bids", "--out", "bids", "--json"]) == 0
@@ -94,14 +95,14 @@ def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(capsys, tm
     (tmp_path / "protocol.toml").write_text(SHORT.replace("[30, 90, 210]", "[30, 90]"))
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
     capsys.readouterr()
-    made = ["--keep-flagged", "--curve-out", "curve.csv"]
+    made = ["--curve-out", "curve.csv"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made]) == 2
     out, err = capsys.readouterr()
     assert "S1" in out
     assert "written" not in out
     assert err == "tactuator: a curve of 2 measured frequencies; allowed: three or more\n"
     assert not (tmp_path / "curve.csv").exists()
-    assert main(["experiment", "thresholds", "--store", "lab.db", "--keep-flagged"]) == 0
+    assert main(["experiment", "thresholds", "--store", "lab.db"]) == 0
 
 
 @pytest.mark.parametrize("port", ["/dev/there-is-none", "socket://127.0.0.1:9"])

@@ -1,7 +1,7 @@
 """The console in a real Chromium, by keyboard alone: a loop is designed, changed, undone, kept, checked and saved."""
 
 import json
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import pytest
 
@@ -26,9 +26,8 @@ def page(browser, tmp_path):
 
 
 def shape(page):
-    """Return the controller that the address holds."""
-
-    return json.loads(parse_qs(urlsplit(page.url).fragment)["shapes"][0])["index"]
+    """Return the controller that the address holds: the page's own, since `page.url` is told of a change later."""
+    return json.loads(parse_qs(page.evaluate("location.hash.slice(1)"))["shapes"][0])["index"]
 
 
 def gain_text(page):

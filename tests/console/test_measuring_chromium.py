@@ -114,7 +114,7 @@ def record_and_play(page, host, tmp_path):
     rows = np.random.default_rng(2).uniform(-30.0, 30.0, (2000, 1))
     with write_reference(tmp_path / "speech.h5", ReferenceHead(4000.0, ("index",))) as writer:
         writer.write(rows)
-    page.keyboard.press("Escape")
+    page.locator("#play:has-text('Silence')").click()
     page.wait_for_selector("#wave-now:has-text('silent')")
     page.locator("#wave").select_option("file")
     page.locator("#wave-level").fill(f"{20.0 * np.log10(np.abs(rows.astype(np.float32)).max())}")
@@ -128,7 +128,7 @@ def record_and_play(page, host, tmp_path):
     start = np.flatnonzero(played == np.float32(rows[0, 0]))[-1]
     np.testing.assert_array_equal(played[start : start + 2000], rows[:, 0].astype(np.float32))
     assert host.samples.lost == 0
-    page.locator("#rest").click()
+    page.locator("#stop").click()
     page.wait_for_selector("#rig-mode:has-text('at rest')")
 
 

@@ -71,7 +71,7 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     page.wait_for_selector("#wave-now:has-text('tone at 30 dB SL on index, 100 Hz')")
     tab_to(page, "#touch-index")
     page.keyboard.press("ArrowDown")
-    page.wait_for_selector("#levels dd:has-text('at the tone')")
+    page.wait_for_selector("#levels small:has-text('at the tone')")
     until(page, "Math.abs(parseFloat(document.querySelector('#levels dd').textContent) - 30) < 2")
     assert console.host.status.touch["index"] == "finger"
     page.locator("#cursors").focus()
@@ -91,14 +91,16 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     download.value.save_as(tmp_path / "index.csv")
     record = read_record(tmp_path / "index.csv")
     assert record.command.tolist() == pytest.approx(console.host.samples.rows(int(end) - 800, int(end))[:, 3].tolist())
-    page.keyboard.press("Escape")
+    page.wait_for_selector("#play:has-text('Silence')")
+    tab_to(page, "#play")
+    page.keyboard.press("Enter")
     page.wait_for_selector("#wave-now:has-text('silent')")
     until(page, "window.scopeLast.lost === 0")
+    until(page, "document.querySelector('#levels dt').textContent === 'index: the sensor’s own'")
     page.locator("#pause").focus()
     page.keyboard.press("Enter")
     frames_past(page)
-    page.locator("#rest").focus()
-    page.keyboard.press("Enter")
+    page.keyboard.press("Escape")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
 
 
@@ -122,7 +124,7 @@ def test_two_consoles__one_has_the_controls_and_the_other_watches(page, browser,
 def test_live__while_a_controller_is_on_its_way__waits_for_it(page, console, monkeypatch):
     """Found where a machine was busy: what was begun before the file had come was ended by it, and stood still."""
     begun(page, console)
-    page.locator("#rest").focus()
+    page.locator("#stop").focus()
     page.keyboard.press("Enter")
     page.wait_for_selector("#live:not([disabled])")
     may_come = threading.Event()

@@ -81,6 +81,7 @@ def test_handles_marks_and_points__under_a_fingertip__follow_it_and_the_page_sta
         before = level_db(page, point)
         assert not drag(point, 0, 60)[1]
         page.wait_for_selector(f"{point}:not([aria-valuenow='{before:.1f}'])")
+        page.wait_for_selector("#error[aria-busy=false]")
         assert level_db(page, point) > before + 5.0
 
 

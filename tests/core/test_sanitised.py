@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ARITHMETIC = (
     "arithmetic/converter arithmetic/finite arithmetic/float_pair arithmetic/noise arithmetic/section "
     "control/controller control/controller_q31 arithmetic/section_q31 "
-    "touch/table touch/learning touch/feed_forward touch/adaptive_controller"
+    "touch/table touch/learning touch/feed_forward touch/adaptive_controller strength/strength"
 )
 DISPLAY = "display/closed_loop display/display display/friction display/hum display/plant"
 

@@ -15,19 +15,23 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
-SOURCES = ("bus.c", "watchdog.c", "usart.c", "silicon/ad5754.c", "silicon/ad7606.c", "silicon/clock.c",
-           "silicon/converters.c", "silicon/cycles.c")  # fmt: skip
+SOURCES = ("stm32f405/bus.c", "stm32f405/watchdog.c", "stm32f405/usart.c", "stm32f405/silicon/ad5754.c",
+           "stm32f405/silicon/ad7606.c", "stm32f405/silicon/clock.c", "stm32f405/silicon/converters.c",
+           "stm32f405/silicon/cycles.c", "cortex_m/systick.c")  # fmt: skip
 STUB = (
     "#include <stdint.h>\n"
     "void tact_sleep_unless(int (*reason)(void)) { (void)reason; }\n"
     "uint32_t tact_interrupts_enter(void) { return 7; }\n"
     "void tact_interrupts_leave(uint32_t before) { if (before != 7) __builtin_trap(); }\n"
+    "void tact_interrupts_come(void) {}\n"
 )
 
 PORTS = {0x40020000: "A", 0x40020400: "B", 0x40020800: "C"}
 MODE, IN, SET, FUNCTION_HIGH = 0x00, 0x10, 0x18, 0x24
 SPI2, USART3, RCC, FLASH, IWDG = 0x40003800, 0x40004800, 0x40023800, 0x40023C00, 0x40003000
 DWT, DEMCR = 0xE0001000, 0xE000EDFC
+PWR, EXTI, NVIC = 0x40007000, 0x40013C00, 0xE000E100
+SYSTICK, WRAPPED = 0xE000E010, 1 << 16
 FULL_V, STEP_V = 10.0, 20.0 / 65536.0
 CRYSTAL_HZ = 12e6
 
@@ -67,6 +71,7 @@ class Ad5754:
     ranges: list[int] = field(default_factory=lambda: [0] * 4)
     power: int = 0
     alerts: int = 0
+    settings: int = 0
     written: list[int] = field(default_factory=lambda: [0] * 4)
     loaded: list[int] = field(default_factory=lambda: [0] * 4)
     bits: list[int] = field(default_factory=list)
@@ -103,6 +108,8 @@ class Ad5754:
                 self.ranges[c] = data & 7
         elif register == 2:
             self.power = data & 0x1F
+        elif register == 3 and address == 1:
+            self.settings = data
 
     def load(self) -> None:
         """LDAC fell."""
@@ -133,6 +140,7 @@ class Chip:
         self.spi_stands, self.crystal_works = False, True
         self.received: list[int] = []
         self.from_host: list[int] = []
+        self.to_host: list[int] = []
         self.cycles = 0
 
     def get(self, address: int) -> int:
@@ -159,6 +167,10 @@ class Chip:
             return self.from_host.pop(0)
         if address == DWT + 4:
             return self.cycles
+        if address == SYSTICK:  # a read takes the mark of a wrap back
+            control = self.registers.get(SYSTICK, 0)
+            self.registers[SYSTICK] = control & ~WRAPPED
+            return control
         return self.registers.get(address, 0)
 
     def set(self, address: int, value: int) -> None:
@@ -173,6 +185,10 @@ class Chip:
                     self._move(f"{port}{n}", 0)
         elif address == DWT + 4:
             self.cycles = value
+        elif address == USART3 + 4:
+            self.to_host.append(value)
+        elif address == SYSTICK + 8:  # any write clears
+            self.registers[address] = 0
         elif port and offset == MODE:
             for n in range(16):
                 self.moved.append(("mode", f"{port}{n}", value >> (2 * n) & 3))
@@ -209,7 +225,7 @@ def build(folder: Path) -> ctypes.CDLL:
     compiler = shlex.split(sysconfig.get_config_var("CC") or "cc")[0]
     (folder / "stub.c").write_text(STUB)
     library = folder / "drivers.so"
-    paths = [str(FIRMWARE / "stm32f405" / name) for name in SOURCES]
+    paths = [str(FIRMWARE / name) for name in SOURCES]
     flags = ["-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-DTACT_MODELLED"]
     flags += ["-Wl,--unresolved-symbols=ignore-all", f"-I{ROOT / 'core'}", f"-I{FIRMWARE}"]
     (folder / "model.c").write_text(

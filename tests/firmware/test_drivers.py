@@ -9,9 +9,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.runtime._core import ffi
-from tests.firmware.chip_model import CRYSTAL_HZ, FLASH, IWDG, MODE, RCC, STEP_V, USART3, Chip, Drivers, build
+from tests.firmware.chip_model import (
+    CRYSTAL_HZ,
+    EXTI,
+    FLASH,
+    IWDG,
+    MODE,
+    NVIC,
+    PWR,
+    RCC,
+    STEP_V,
+    SYSTICK,
+    USART3,
+    WRAPPED,
+    Chip,
+    Drivers,
+    build,
+)
 
 CODES = st.lists(st.integers(-32768, 32767), min_size=3, max_size=3)
+STOPS_WHERE_HOT, LIMITS_CURRENT = 1 << 3, 1 << 2
+"""Of the control register (data sheet of the AD5754R)."""
 LSI_HZ = (17e3, 47e3)
 """The watchdog's oscillator, least and most (data sheet of the chip)."""
 
@@ -116,6 +134,7 @@ def test_bus__stands_still__is_told(library):
 def test_ad5754__no_longer_as_it_was_set__is_found_out(library, spoil):
     on = drivers(library)
     assert on.call("tact_ad5754_begin") == 1
+    assert on.chip.output.settings == STOPS_WHERE_HOT | LIMITS_CURRENT
     assert on.call("tact_ad5754_is_sound") == 1
     spoil(on.chip.output)
     assert on.call("tact_ad5754_is_sound") == 0
@@ -145,9 +164,18 @@ def test_converters__without_a_d_a__do_not_begin(library):
     assert converters(library, chip)[1] == 0
 
 
-def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks(library):
+def resets_itself(output):
+    output.ranges, output.power = [0] * 4, 0
+
+
+def is_hot(output):
+    output.alerts = 1 << 5
+
+
+@pytest.mark.parametrize("spoil", [resets_itself, is_hot])
+def test_converters__d_a_that_resets_itself_or_is_hot__is_found_out_within_64_ticks(library, spoil):
     on, _ = converters(library, Chip())
-    on.chip.output.ranges, on.chip.output.power = [0] * 4, 0
+    spoil(on.chip.output)
     for _ in range(64):
         on.call("tact_chip_put_out", three([0, 0, 0]))
     assert on.call("tact_chip_is_sound") == 0
@@ -209,6 +237,51 @@ def test_usart__2_megabaud_and_bytes_in_order_as_many_as_the_ring_holds(library)
         size = on.call("tact_usart_receive", taken, ctypes.c_size_t(16384))
         assert size == min(length, 8192)
         assert taken.raw[:size] == bytes(n % 251 for n in range(size))
+
+
+def test_usart__bytes_to_the_host__go_out_once_each_in_order(library):
+    content, on = bytes(n % 251 for n in range(3000)), drivers(library)
+    on.call("tact_usart_send", content, ctypes.c_size_t(len(content)))
+    assert bytes(on.chip.to_host) == content
+
+
+def test_supply__below_2_9_v__interrupts(library):
+    """RM0090: PLS of 7 is 2.9 V, the least at which the converters' own supply of 3.3 V is sound; the watch is line 16,
+    which rises when the supply falls; interrupt 1."""
+    on = drivers(library)
+    before = dict(on.chip.registers)
+    on.call("tact_supply_watch")
+    after = on.chip.registers
+    assert after[RCC + 0x40] & ~before[RCC + 0x40] == 1 << 28
+    assert after[PWR] >> 4 & 0b1111 == 0b1111
+    assert (after[EXTI], after[EXTI + 0x08], after.get(EXTI + 0x0C, 0)) == (1 << 16, 1 << 16, 0)
+    assert after[NVIC] == 1 << 1
+
+
+TICK = ctypes.CFUNCTYPE(None)
+
+
+@pytest.mark.parametrize(("late", "misses"), [(0, 0), (420, 0), (41_998, 0), (100, 1)])
+def test_systick__late_or_missed__is_told_in_256ths_of_a_period(library, late, misses):
+    """Counts down from 41,999; a wrap while the step runs is a tick that nobody gets, told with the next."""
+    told, on = [], drivers(library)
+
+    def step():
+        told.append(on.compiled.tact_systick_lateness())
+        if len(told) <= misses:
+            on.chip.registers[SYSTICK] |= WRAPPED
+
+    tick = TICK(step)
+    on.call("tact_systick_start", ctypes.c_uint32(42_000), tick)
+    assert on.chip.registers[SYSTICK + 4] == 41_999
+    assert on.chip.registers[SYSTICK] == 7
+    assert on.chip.registers[0xE000ED20] >> 24 == 0x80
+    for _ in range(misses + 2):
+        on.chip.registers[SYSTICK] |= WRAPPED  # the wrap that brings it
+        on.chip.registers[SYSTICK + 8] = 41_999 - late
+        on.call("tact_systick")
+    share = late * 256 // 42_000
+    assert told == [share, *[share + 256] * misses, share]
 
 
 def period(on, clocks):

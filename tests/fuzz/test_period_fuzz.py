@@ -17,7 +17,7 @@ from tactuator.runtime.safety_table import safety_bytes
 from tests.rig.guard.guarded import adaptive, designed
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("arithmetic", "board", "control", "touch", "wire")
+PARTS = ("arithmetic", "board", "control", "strength", "touch", "wire")
 COVERED = ("board/period.c", "board/board.c", "board/stream.c", "board/guard.h")
 CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW = range(
     16

@@ -9,6 +9,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.experiment.store.store import Store
 from tactuator.io.controller import write_controller
+from tactuator.io.csv_tables import write_contours
 from tactuator.io.display import write_environment
 from tactuator.io.kinds import KINDS, kind_of
 from tactuator.io.model import write_model
@@ -17,6 +18,7 @@ from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.io.response import write_responses
 from tactuator.io.shipped import EXAMPLES
 from tactuator.model.plant_model import PlantModel
+from tactuator.perception.contours import Contours
 from tactuator.signals.record import Record, Response
 from tests.measure.loops import controller, display
 
@@ -26,7 +28,7 @@ FILES = {
     "reference": "reference.wav", "reference in HDF5": "reference.h5", "sound": "speech.wav",
     "protocol": "protocol.toml", "store": "store.sqlite", "curve": "curve.csv", "loss": "loss.csv",
     "pairs": "pairs.csv", "environment": "environment.json", "matrix": "confusion.csv", "coding": "coding.toml",
-    "coupling": "coupling.json",
+    "coupling": "coupling.json", "contours": "contours.csv",
 }  # fmt: skip
 VERBS = {
     "design FILE": {"display"},
@@ -81,6 +83,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Store(lab / "store.sqlite").close()
     write_environment(lab / "environment.json", {"index": {}})
     (lab / "coupling.json").write_text('{"format": "tactuator-coupling/1"}')
+    write_contours(lab / "contours.csv", Contours("P1", [30.0, 300.0], [20.0], [[20.0, 20.0]]))
     return lab
 
 

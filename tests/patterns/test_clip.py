@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.patterns.clip import Clip, read_clip
+from tactuator.patterns.clip import Clip
+from tactuator.patterns.reading import read_clip
+from tests.patterns.formats import HJIF
 
 HAPTIC = {
     "version": {"major": 1, "minor": 0, "patch": 0},
@@ -122,14 +124,15 @@ def test_ahap__controls__multiply_strength_and_add_to_sharpness_and_values_clamp
     (tone,), (tap,) = clip.tones, clip.taps
     np.testing.assert_allclose(tone.strength.at(np.array([0.0, 0.1, 0.2, 0.5])), [1.0, 1.0, 0.75, 0.5])
     np.testing.assert_allclose(tone.pitch.at(np.array([0.0, 0.4])), [0.7, 1.0])
-    assert (tap.strength, tap.pitch, clip.duration_s) == (0.8, pytest.approx(0.95), 0.5)
+    # the sharpness control "affects only continuous haptics" (Apple, on AHAP files): the tap keeps its default
+    assert (tap.strength, tap.pitch, clip.duration_s) == (0.8, 0.5, 0.5)
     assert clip.clamped == 2  # an intensity of 2, and a sharpness of 1.3
 
 
 def test_ahap__sound_and_unknown_parameters__are_passed_over(tmp_path) -> None:
     sound = {"Event": {"Time": 0.0, "EventType": "AudioCustom"}}
     clip = read(tmp_path, "a.ahap", changed(AHAP, ("Pattern",), [sound, {"Parameter": {}}, *AHAP["Pattern"]]))
-    assert clip.ignored == ("Pattern[0].Event", "Pattern[1].Parameter")
+    assert clip.ignored == ("Pattern[0].Event", "Pattern[1].Parameter.None")
 
 
 @pytest.mark.parametrize(
@@ -165,6 +168,10 @@ def test_android__basic_and_advanced__begin_at_zero_and_reach_each_point_in_its_
         ('intensity="0.0"', 'intensity="0.4"', "intensity is 0.4; allowed: 0 at the end"),
         ('intensity="0.2"', 'intensity="1.2"', "intensity is 1.2; allowed: 0 to 1"),
         ('durationMs="100"', 'durationMs="0"', "durationMs is 0"),
+        ('durationMs="100"', 'durationMs="10.5"', "durationMs is 10.5; allowed: a whole number"),
+        ('initialSharpness="0.3"', 'initialSharpness="1.3"', "initialSharpness is 1.3; allowed: 0 to 1"),
+        ('initialSharpness="0.3">', 'initialSharpness="0.3">here', "text between its tags"),
+        ('sharpness="0.5" d', "d", "sharpness is missing"),
         ('sharpness="0.5" d', 'colour="1" d', "colour is not a key that is known"),
         ('intensity="0.2"', 'intensity="nan"', "intensity is 'nan'; allowed: a number"),
         ("basic-envelope-effect", "waveform-effect", "allowed: vibration-effect with one of"),
@@ -182,7 +189,48 @@ def test_clip__of_no_known_ending__is_refused(tmp_path) -> None:
         read(tmp_path, "a.json", HAPTIC)
 
 
-TEXTS = {"a.haptic": json.dumps(HAPTIC), "a.ahap": json.dumps(AHAP), "a.xml": BASIC}
+def test_android__frequency_of_0__is_refused(tmp_path) -> None:
+    with pytest.raises(BadInput, match="frequencyHz is 0; allowed"):
+        read(tmp_path, "a.xml", ADVANCED.replace('"80"', '"0"'))
+
+
+def test_android__more_than_every_device_plays__is_told(tmp_path) -> None:
+    point = '<control-point amplitude="0.5" frequencyHz="80" durationMs="{}" />'
+    points = "".join(point.format(ms) for ms in (10, 1500, *[20] * 15))
+    clip = read(tmp_path, "a.xml", ADVANCED.replace("<control", points + "<control", 1))
+    assert [line.split(";")[0] for line in clip.unsure] == [
+        "18 control points", "a step of 10 ms", "a step of 1500 ms", "an end at 0.5",
+    ]  # fmt: skip
+    assert read(tmp_path, "b.xml", BASIC).unsure == ()
+
+
+def test_ahap__as_tutorials_write_it__is_read_by_the_documented_defaults(tmp_path) -> None:
+    """Keys that are missing, whole numbers, sound, dynamic parameters, shaping, a byte-order mark, thirty seconds."""
+    sound = {"EventType": "AudioCustom", "EventWaveformPath": "a/b.caf", "Time": 0.25, "Priority": 1}
+    long = {"EventType": "HapticContinuous", "Duration": 40, "Priority": 2, "EventParameters": [
+        {"ParameterID": "HapticIntensity", "Value": 1}, {"ParameterID": "Sustained", "ParameterValue": 0}]}  # fmt: skip
+    halved = {"ParameterID": "HapticIntensityControl", "ParameterValue": 0.5, "Time": 2.0}
+    rising = {"ParameterID": "HapticIntensityControl", "Time": 4, "ParameterCurveControlPoints": [
+        {"Time": 0, "ParameterValue": 1}, {"Time": 1, "ParameterValue": 0}]}  # fmt: skip
+    document = {"Metadata": {"Project": "x"}, "Pattern": [
+        {"Event": sound}, {"Event": long}, {"Event": {"EventType": "HapticTransient"}}, {"Parameter": halved},
+        {"ParameterCurve": rising}]}  # fmt: skip
+    clip = read(tmp_path, "a.ahap", "\ufeff" + json.dumps(document))
+    (tone,), (tap,) = clip.tones, clip.taps
+    assert (tap.time_s, tap.strength, tap.pitch, tone.end_s, clip.clamped) == (0.0, 1.0, 0.5, 30.0, 1)
+    at = np.array([0.0, 1.9, 2.1, 3.9, 4.0, 4.5, 9.0])  # held between, from the parameter to the curve
+    np.testing.assert_allclose(tone.strength.at(at), [1.0, 1.0, 0.5, 0.5, 1.0, 0.5, 0.0])
+    assert clip.ignored == ("Metadata", "Pattern[0].Event", "Pattern[1].Event.Priority")
+    assert clip.unrendered == ("Sustained",)
+
+
+def test_ahap__of_sound_alone__is_valid_and_silent(tmp_path) -> None:
+    sound = {"Version": 1, "Pattern": [{"Event": {"EventType": "AudioContinuous", "EventDuration": 0.5}}]}
+    clip = read(tmp_path, "a.ahap", sound)
+    assert (clip.duration_s, clip.tones, clip.taps) == (0.5, (), ())
+
+
+TEXTS = {"a.haptic": json.dumps(HAPTIC), "a.ahap": json.dumps(AHAP), "a.xml": BASIC, "a.hjif": json.dumps(HJIF)}
 
 
 @given(st.sampled_from(sorted(TEXTS)), st.data())

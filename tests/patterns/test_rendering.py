@@ -96,9 +96,14 @@ def test_render_verb__clip__writes_a_reference_and_ends_with_1_where_more_is_los
 def test_pattern_verb__clip__says_what_it_is_or_the_rule_that_it_breaks(tmp_path, capsys) -> None:
     clip = tmp_path / "a.xml"
     clip.write_text(ADVANCED)
-    assert main(["pattern", str(clip), "--json", "--figures", str(tmp_path / "f")]) == 0
+    # valid, but a device need not play an envelope that does not end at 0: the answer is told, and does not hold
+    assert main(["pattern", str(clip), "--json", "--figures", str(tmp_path / "f")]) == 1
     told = json.loads(capsys.readouterr().out)
     assert (told["format"], told["valid"], told["duration_s"]) == ("android-advanced", True, 0.05)
+    assert told["unsure"] == ["an end at 0.5; sure: an end at 0"]
+    ending = '<control-point amplitude="0" frequencyHz="80" durationMs="50" /></w'
+    clip.write_text(ADVANCED.replace("</w", ending))
+    assert main(["pattern", str(clip)]) == 0
     clip.write_text(ADVANCED.replace("0.5", "5"))
     assert main(["pattern", str(clip)]) == 2
     assert "amplitude is 5; allowed: 0 to 1" in capsys.readouterr().err

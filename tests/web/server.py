@@ -11,6 +11,7 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from websockets import Origin
 from websockets.sync.client import ClientConnection, connect
 
 from tactuator.web.server import listener, server_config
@@ -29,10 +30,10 @@ class Socket:
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
 
-    def receive_json(self) -> dict:
-        return json.loads(self._connection.recv(timeout=10.0))
+    def receive_json(self) -> dict[str, Any]:
+        return dict(json.loads(self._connection.recv(timeout=10.0)))
 
-    def send_json(self, message: dict) -> None:
+    def send_json(self, message: dict[str, Any]) -> None:
         self._connection.send(json.dumps(message))
 
     def send_text(self, text: str) -> None:
@@ -54,7 +55,8 @@ class Client:
 
     @contextmanager
     def websocket_connect(self, path: str, origin: str | None = None) -> Iterator[Socket]:
-        with connect(f"ws://127.0.0.1:{self.port}{path}", origin=origin) as connection:
+        named = None if origin is None else Origin(origin)
+        with connect(f"ws://127.0.0.1:{self.port}{path}", origin=named) as connection:
             yield Socket(connection)
 
 

@@ -180,7 +180,7 @@ def test_operator__correction__sends_what_was_changed_with_its_reason(shared, br
     form = operator.locator("form.day").nth(1)
     form.locator("button").click()
     assert form.locator("[data-reason]").evaluate("field => field.validity.valueMissing")
-    form.locator("select").first.select_option("hearing")
+    form.locator("[list=groups]").fill("hearing")
     form.locator("[data-reason]").fill("asked again")
     operator.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
     form.locator("button").click()

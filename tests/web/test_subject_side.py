@@ -213,10 +213,31 @@ def test_time_left__of_trials_that_take_a_tenth_of_what_they_are_said_to__is_tol
     from tactuator.experiment.session.session import Pace
 
     pace = Pace()
-    for trial in range(5):
-        pace.answered(0.35 * trial, played_s=2.0)
+    for _ in range(5):
+        pace.answered(0.35, played_s=2.0)
     assert pace.trial_s(2.0) == pytest.approx(0.35)
     assert pace.trial_s(5.5) == pytest.approx(0.7)
+
+
+def test_time_left__with_rests_between_trials__is_that_of_the_trials_alone(make) -> None:
+    from tactuator.experiment.session.presented_session import PresentedSession
+    from tactuator.experiment.store.records import Answer
+
+    left = []
+    for rest_s in (0.0, 50.0):
+        lab = make()
+        presented = lab.study.session(lab.sessions[0])
+        presented.give_consent() if presented.stage == "consent" else None
+        at = PresentedSession(presented)
+        for _ in range(2):
+            following = at.present(lambda interval, begins: None)
+            lab.clock.wait(2.0)
+            at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+            lab.clock.wait(rest_s)
+        left.append(presented.time_left_s)
+        lab.close()
+        lab.store.path.unlink()
+    assert left[0] == left[1]
 
 
 def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_the_run(make) -> None:

@@ -5,6 +5,7 @@
 
 #include "stm32f405/chip.h"
 
+#include "cortex_m/interrupts.h"
 #include "cortex_m/systick.h"
 #include "emulated/bench.h"
 #include "emulated/display.h"

@@ -6,7 +6,7 @@
 #include "stm32f405/silicon/cycles.h"
 #include "stm32f405/bus.h"
 #include "stm32f405/chip.h"
-#include "cortex_m/systick.h"
+#include "cortex_m/interrupts.h"
 #include "stm32f405/usart.h"
 
 enum { NO_READING = INT16_MAX, LOOK_EVERY = 64 };

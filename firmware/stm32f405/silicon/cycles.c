@@ -1,7 +1,7 @@
 #include "stm32f405/silicon/cycles.h"
 
 #include "stm32f405/registers.h"
-#include "cortex_m/systick.h"
+#include "cortex_m/interrupts.h"
 
 enum { TRACE_ON = 1 << 24, CYCLES_ON = 1, MOST_PERIODS = 1000000 };
 

@@ -32,7 +32,7 @@ def build_console(
     """Return the web application of the console; whoever has the token may use it. apart: where figures are computed
     (None: in a thread). rig: the one whose samples the scope shows, if there is one.
     """
-    pages = StudyPages()
+    pages, state.has_rig = StudyPages(), rig is not None
     session = None if rig is None else RigSession(rig, state)
     study = None if session is None else StudyAtRig(pages, session, state)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import WebSocket
@@ -38,8 +39,9 @@ class Start(ViewRequest):
     """Request for what the start page shows."""
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return the display of the command line, and the examples."""
-        return {"named": state.named, "examples": state.examples()}
+        """Return the display of the command line and the name of its file, whether there is a rig, the examples."""
+        file = "" if state.named is None else Path(state.command_name(state.named)).name
+        return {"named": state.named, "file": file, "rig": state.has_rig, "examples": state.examples()}
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,14 @@ class _OfChannel(ViewRequest):
 
 
 class Bring(_OfChannel):
-    """Request for what a channel's chart is drawn on, with a shape to begin with."""
+    """Request for what a channel's chart is drawn on, with the shape to begin with."""
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return frequencies, instants and the chart's ground, and the shape."""
+        """Return frequencies, instants and the chart's ground; the first shape, and the design if it is made."""
         plants = state.plants(self.display, self.channel)
+        known = state.known_design(self.display, self.channel)
+        first = state.first_shape(self.display, self.channel).document()
+        design = None if known is None else known.document()
         return {
             "frequency_hz": digits(plants.frequency_hz),
             "time_s": plants.time_s.tolist(),
@@ -89,7 +94,9 @@ class Bring(_OfChannel):
             "plants": len(plants.family),
             "ground": ground(plants),
             "ranges": drag_ranges(plants.display.rate_hz),
-            "shape": state.first_shape(self.display, self.channel).document(),
+            "first": first,
+            "design": design,
+            "shape": design or first,
         }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from tactuator.console.requests import Answer, Name, ViewRequest
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.display import where_of
-from tactuator.io.shipped import display_template
+from tactuator.io.model import read_model
+from tactuator.io.shipped import display_template, with_model
 from tactuator.io.text import parse_toml, read_text
 from tactuator.model.description import SHARED_TABLES, Channel, keys_of
 from tactuator.model.plausibility import channel_reasons
@@ -129,9 +131,15 @@ class DisplayRead(ViewRequest):
 
     display: Name | None = None
     file: Name | None = None
+    model: Name | None = None
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return the text; without a display or a file that of a display to begin with."""
+        """Return the text; without a display or a file that of a display to begin with, as `init` writes it, with the
+        model that was dropped if there is one.
+        """
+        if self.model is not None:
+            path = state.uploads.path(self.model)
+            return {"text": with_model(display_template("tactuator"), read_model(path), path.name)}
         if self.file is not None:
             return {"text": read_text(state.uploads.path(self.file))}
         if self.display is not None:
@@ -141,16 +149,18 @@ class DisplayRead(ViewRequest):
 
 @dataclass(frozen=True)
 class DisplayJudge(ViewRequest):
-    """Request to judge a text; display: the one whose folder its relative paths start at."""
+    """Request to judge a text; display, model: the one whose folder its relative paths start at."""
 
     text: Text
     display: Name | None = None
+    model: Name | None = None
 
     def answer(self, state: ConsoleState) -> Answer:
         """Return the form, with a sketch and the key of the display, or with the refusal and its line."""
         judged: Answer = {"form": _form(self.text), "fault": None, "line": None, "doubts": []}
         try:
-            key = state.take_text(self.text, self.display)
+            beside = None if self.model is None else state.uploads.path(self.model).parent
+            key = state.take_text(self.text, self.display if beside is None else beside)
         except TactuatorError as error:
             return judged | {"fault": str(error), "line": line_of(self.text, error)}
         display = state.display(key)
@@ -174,10 +184,12 @@ class DisplaySet(ViewRequest):
     place: Annotated[int, Field(ge=0, le=1000)]
     key: Annotated[str, StringConstraints(pattern=r"^\w{1,60}$")]
     value: Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\n\r]+$")]
+    words: bool = False
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return the text with the value."""
-        return {"text": with_literal(self.text, self.table, self.place, self.key, self.value)}
+        """Return the text with the value; words are put in quotes, unless they are a list or a table."""
+        value = json.dumps(self.value, ensure_ascii=False) if self.words and self.value[0] not in "[{" else self.value
+        return {"text": with_literal(self.text, self.table, self.place, self.key, value)}
 
 
 REQUESTS = {"display.read": DisplayRead, "display.judge": DisplayJudge, "display.set": DisplaySet}
@@ -198,17 +210,24 @@ def _form(text: str) -> list[Answer]:
 
 
 def _table(text: str, name: str, place: int, title: str, keys: Mapping[str, FieldInfo]) -> Answer:
-    fields = [
-        {
-            "key": key,
-            "given": literal(text, name, place, key),
-            "usual": default(about),
-            "choices": choices(about),
-            "help": about.description,
-        }
-        for key, about in keys.items()
-    ]
+    fields = [_field(key, about, literal(text, name, place, key)) for key, about in keys.items()]
     return {"table": name, "place": place, "title": title, "fields": fields}
+
+
+def _field(key: str, about: FieldInfo, given: str | None) -> Answer:
+    """Return a field of the form: words without their quotes, everything else as the file has it."""
+    usual = default(about)
+    field = {"key": key, "given": given, "usual": usual, "choices": choices(about), "help": about.description}
+    if field["choices"] or not (given or usual or "").startswith('"'):
+        return field | {"words": False}
+    return field | {"given": given and _words(given), "usual": usual and _words(usual), "words": True}
+
+
+def _words(quoted: str) -> str:
+    try:
+        return str(parse_toml(f"x = {quoted}")["x"])
+    except BadInput:
+        return quoted
 
 
 def _channel(channel: Channel) -> Answer:

@@ -26,9 +26,11 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
 from tactuator.perception.curve import AMPLITUDE_JND_DB, check_level
 from tactuator.signals.decibels import db
 from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.felt import felt_db_sl, felt_hum_v
 
 _CURVE_POINTS = 120
 _OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
@@ -180,7 +182,10 @@ class RigSession:
         felt = self.rig.felt()
         if felt is None:
             return None
+        strongest = [int(np.argmax(level.spectrum_db_sl)) for level in felt]
         return {
+            "peak_hz": [round(float(self.rig.levels.frequency_hz[place]), 1) for place in strongest],
+            "peak_db_sl": [round(float(np.max(level.spectrum_db_sl)), 1) for level in felt],
             "spectrum_db_sl": [np.round(level.spectrum_db_sl, 1).tolist() for level in felt],
             "level_db_sl": [round(level.level_db_sl, 2) for level in felt],
             "tone_db_sl": [None if level.tone_db_sl is None else round(level.tone_db_sl, 2) for level in felt],
@@ -240,7 +245,9 @@ class RigSession:
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
         curves = expected_curves(self.loaded_controller(), level_db_sl, frequency_hz)
         asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB}
-        return {"frequency_hz": frequency_hz.tolist(), "curves": curves} | asked
+        controller = self.loaded_controller()
+        hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
+        return {"frequency_hz": frequency_hz.tolist(), "curves": curves, "hum": hum} | asked
 
     def _record(self, request: Save) -> Answer:
         """Return the samples of a channel as the text of a record, which `identify` reads."""
@@ -285,6 +292,16 @@ class RigSession:
         return {"command": command}
 
 
+def expected_hum(controller: Controller, channel: Channel) -> dict[str, Any]:
+    """Return the frequencies of the mains hum that the display file describes, and their level (dB SL) as the
+    controller's loop moves the finger with it; none for a channel without a loop.
+    """
+    loop, lines = ChannelPrediction.of(controller, channel.name).loop, np.array(channel.environment.hum_hz)
+    lines = lines if loop.feedback is not None else lines[:0]
+    level = felt_db_sl(channel, felt_hum_v(channel, loop), lines) if lines.size else lines
+    return {"frequency_hz": lines.tolist(), "level_db_sl": level.tolist()}
+
+
 def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: FloatArray) -> list[dict[str, Any]]:
     """Return the level (dB SL) that the controller's model expects at each frequency, for every channel, without load
     and under each load.
@@ -292,6 +309,9 @@ def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: Fl
     curves = []
     for channel in controller.display.channels:
         threshold_v = channel.threshold_voltage(frequency_hz)
+        strength = controller.channel(channel.name).strength
+        if strength is not None:
+            threshold_v = threshold_v / np.abs(strength.response(level_db_sl, frequency_hz, controller.rate_hz))
         for load in (None, *(load.name for load in channel.loads)):
             there = ChannelPrediction.of(controller, channel.name, load).loop.position_response(frequency_hz)
             level = level_db_sl + db(np.abs(there) / threshold_v)

@@ -36,6 +36,7 @@ from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
+from tactuator.synthesis.felt import felt_db_sl
 
 BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""
@@ -434,6 +435,7 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
     path = folder / "response.csv"
     write_responses(path, responses)
     levels = [ResponseLevels.of(response, order.controller) for response in responses]
+    channels = [order.controller.display.channel(response.channel) for response in responses]
     shown = [
         {
             "channel": response.channel,
@@ -447,13 +449,21 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
             "unpredicted_db": _finite(level.unpredicted_db),
             "worst_first": level.worst_first,
             "confidence_db": _finite(response.confidence_db),
+            "noise_db_sl": _finite(felt_db_sl(channel, response.noise_v, response.frequency_hz)),
+            "within": _within(response, level),
             "saturated": response.saturated.tolist(),
             "reached": response.reached.tolist(),
         }
-        for response, level in zip(responses, levels, strict=True)
+        for response, level, channel in zip(responses, levels, channels, strict=True)
     ]
     done = len(responses[0].frequency_hz) if responses else 0
     return orders.Points({"responses": shown}, done, len(order.settings.frequency_hz), path.read_text("utf-8"), over)
+
+
+def _within(response: Response, levels: ResponseLevels) -> str:
+    """Return the one line on a response: how near to the level asked, and between which frequencies."""
+    greatest, (low, high) = np.max(np.abs(levels.error_db)), np.sort(response.frequency_hz)[[0, -1]]
+    return f"felt within {greatest:.2f} dB of {response.level_db_sl:g} dB SL from {low:.4g} to {high:.4g} Hz"
 
 
 def _finite(values: FloatArray) -> list[float | None]:

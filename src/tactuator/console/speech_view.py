@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line
+from tactuator.console.rig_session import expected_hum
 from tactuator.console.state import ConsoleState
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
 from tactuator.perception.curve import check_level
@@ -44,6 +45,7 @@ class SpeechRendered(ViewRequest):
         rendered = result.rendered
         assert rendered.felt is not None
         figures = rendered.felt.figures()
+        hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
         return {
             "key": key,
             "files": [_REFERENCE, Path(_REFERENCE).with_suffix(".json").name, _FELT],
@@ -51,7 +53,8 @@ class SpeechRendered(ViewRequest):
             "shown_s": _SHOWN_S,
             "peak_db_sl": max(rendered.peak_db_sl.values()),
             "notes": list(rendered.speech.notes),
-            "fingers": [_finger(finger) for finger in rendered.felt.fingers],
+            "fingers": [_finger(finger) | {"hum": hum[finger.finger]} for finger in rendered.felt.fingers],
+            "hum": _hum_said([line for lines in hum.values() for line in zip(*lines.values(), strict=True)]),
             "rows": [
                 [
                     limiting.finger,
@@ -84,6 +87,18 @@ class SpeechCodings(ViewRequest):
 
 
 REQUESTS = {"speech.render": SpeechRendered, "speech.codings": SpeechCodings}
+
+
+def _hum_said(lines: list[tuple[float, float]]) -> str:
+    """Return what the mains hum does to the felt levels, in words; lines: frequency and level of each."""
+    if not lines:
+        return ""
+    hertz, level = max(lines, key=lambda line: line[1])
+    feels = "is felt" if level > 0.0 else "is below the threshold"
+    return (
+        f"Where felt rises above asked near {hertz:g} Hz, it is the mains hum of the display itself, which the loop "
+        f"hands on to the finger: at most {level:.1f} dB SL by the model, which {feels}."
+    )
 
 
 def _finger(felt: FingerFelt) -> Answer:

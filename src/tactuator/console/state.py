@@ -33,11 +33,12 @@ _Value = TypeVar("_Value")
 class ConsoleState:
     """Displays by key: `file`, the one that was named on the command line, or `example:NAME`; and what was dropped.
 
-    folder: where the stores of experiments are (default: the folder in which the console was begun).
+    folder: where the stores of experiments are (default: the folder in which the console was begun). has_rig: whether
+    the console has a rig.
     """
 
     def __init__(self, path: Path | None = None, folder: Path | None = None) -> None:
-        self._path, self.uploads = path, UploadedFiles()
+        self._path, self.uploads, self.has_rig = path, UploadedFiles(), False
         self.folder = folder or Path()
         self._displays: dict[str, Display] = {}
         self._texts: _Newest[tuple[str, Path]] = _Newest(64)
@@ -78,11 +79,11 @@ class ConsoleState:
         """Return the text of a display's file, or the one that was written on the page."""
         return self._texts[key,][0] if (key,) in self._texts else read_text(self.path(key))
 
-    def take_text(self, text: str, beside: str | None) -> str:
+    def take_text(self, text: str, beside: str | Path | None) -> str:
         """Keep a display that was written on the page and return its key; its paths start where those of the display
-        `beside` do. Raises BadInput where the text describes no display.
+        `beside` do, or at that folder. Raises BadInput where the text describes no display.
         """
-        folder = Path() if beside is None else self._folder(beside)
+        folder = Path() if beside is None else beside if isinstance(beside, Path) else self._folder(beside)
         display = parse_display(parse_toml(text), folder)
         key = _TEXT + hashlib.sha256(f"{folder}:{text}".encode()).hexdigest()[:16]
         if (key,) not in self._texts:
@@ -106,6 +107,8 @@ class ConsoleState:
             self._displays[key] = parse_display(parse_toml(text), folder)
             return self._displays[key]
         display = read_display(self.path(key))
+        if self._displays.get(key) == display:
+            return self._displays[key]
         self._displays[key] = display
         for kept in (self._plants, self._shaped, self._designed):
             kept.forget(key)
@@ -146,11 +149,19 @@ class ConsoleState:
         return LoopShape(-100.0, (), sign)
 
     def designed(self, key: str, channel: str) -> LoopShape:
-        """Run the synthesis for one channel and return what it found. Raises BadInput or NoDesign with the reason."""
-        plants = self.plants(key, channel)
-        controller = design_channel(plants.display, plants.channel)
-        feedback = controller.feedback(plants.display.rate_hz)
-        assert feedback is not None
+        """Return the loop that the synthesis makes of a channel. Raises BadInput or NoDesign with the reason."""
+        self.plants(key, channel)
+        self.file_design(key, channel)
+        shape = self.known_design(key, channel)
+        assert shape is not None
+        return shape
+
+    def known_design(self, key: str, channel: str) -> LoopShape | None:
+        """Return the loop of a channel's design where that is made already, or None."""
+        controller = self._designed.get((key, channel))
+        feedback = None if controller is None else controller.feedback(self.display(key).rate_hz)
+        if controller is None or feedback is None:
+            return None
         shape = taken_apart(feedback)
         self.keep(key, channel, shape, controller)
         return shape

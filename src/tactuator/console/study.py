@@ -36,7 +36,9 @@ from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.export.export import FORMS
 from tactuator.experiment.protocol.file import read_any_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.studies import fresh_token, open_study, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
@@ -190,11 +192,17 @@ class ExperimentLook(ViewRequest):
         language_file = protocol.study.language_file
         return {
             "study": protocol.study.name,
-            "kind": "recognition" if isinstance(protocol, RecognitionProtocol) else "detection",
+            "kind": _kind(protocol),
             "language": protocol.study.language,
             "subjects": [subject.code for subject in protocol.subject],
             "files": [*items, *([] if language_file is None else [language_file])],
         }
+
+
+def _kind(protocol: StudyProtocol) -> str:
+    if isinstance(protocol, JudgingProtocol):
+        return protocol.task.kind
+    return "recognition" if isinstance(protocol, RecognitionProtocol) else "detection"
 
 
 @dataclass(frozen=True)

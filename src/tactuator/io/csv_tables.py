@@ -1,4 +1,4 @@
-"""Small tables as CSV: threshold curves, pairs of a calibration, confusion matrices."""
+"""Small tables as CSV: threshold curves, equal-strength contours, pairs of a calibration, confusion matrices."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_text, table_rows
+from tactuator.parameters import from_table, parameters
+from tactuator.perception.contact import Contact
+from tactuator.perception.contours import REFERENCE_HZ, Contours
 from tactuator.perception.curve import (
     Provenance,
     RelativeCurve,
@@ -95,9 +98,7 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     if level is None:
         positive = np.where(columns[_ACCELERATION] > 0.0, columns[_ACCELERATION], np.nan)
         level = level_from_acceleration(columns["frequency_hz"], positive)
-    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
-    head = {key.strip().lower(): value.strip() for key, value in pairs}
-    head = head if "name" in head else {}
+    head = _head(lines)
     return ThresholdCurve(
         head.get("name", path.stem),
         columns["frequency_hz"],
@@ -105,7 +106,37 @@ def read_curve(path: str | Path) -> ThresholdCurve:
         cast(Provenance, head.get("provenance", "digitised")),
         head.get("source", path.name),
         columns.get(_ERROR),
+        _contact(head, path),
     )
+
+
+def _head(lines: Sequence[str]) -> dict[str, str]:
+    """Return the lines `# key: value` of a head that tells a name, by key; nothing of another head."""
+    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
+    head = {key.strip().lower(): value.strip() for key, value in pairs}
+    return head if "name" in head else {}
+
+
+def _contact(head: Mapping[str, str], path: Path) -> Contact:
+    """Return where a file's head says that it was felt. Raises BadInput for what is no number."""
+    stated: dict[str, object] = {key: head[key] for key in parameters(Contact) if head.get(key)}
+    for key in {"area_mm2", "preload_n"} & set(stated):
+        number = _number(head[key])
+        stated[key] = head[key] if number is None else number
+    if "age_years" in stated:
+        stated["age_years"] = tuple(_number(word) for word in head["age_years"].split(" to "))
+    return from_table(Contact, stated, f"{path}")
+
+
+def _head_text(noun: ThresholdCurve | Contours) -> str:
+    stated = {"name": noun.name, "provenance": noun.provenance, "source": noun.source}
+    for key in parameters(Contact):
+        value = getattr(noun.contact, key)
+        if isinstance(value, tuple):
+            stated[key] = f"{value[0]:g} to {value[1]:g}"
+        elif value not in (None, ""):
+            stated[key] = f"{value}"
+    return "".join(f"# {key}: {value}\n" for key, value in stated.items())
 
 
 def read_relative_curve(path: str | Path) -> RelativeCurve:
@@ -143,11 +174,71 @@ def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[o
         **(circumstances or {}),
     }
     stream = io.StringIO()
-    stream.write(f"# name: {threshold.name}\n# provenance: {threshold.provenance}\n# source: {threshold.source}\n")
+    stream.write(_head_text(threshold))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return stream.getvalue()
+
+
+_CONTOUR_COLUMNS = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
+
+
+def read_contours(path: str | Path) -> Contours:
+    """Read equal-strength contours, a row for each contour and frequency.
+
+    Columns: level_db_sl (at the reference frequency), frequency_hz, db_sl, and perhaps low_db_sl and high_db_sl. Lines
+    `# key: value` of the head give name, provenance, source, reference_hz, and where it was felt.
+
+    Raises BadInput for a file that is missing, not a table, without a level for each contour and frequency, or not
+    contours.
+    """
+    path = Path(path)
+    require_kind(path, "contours")
+    with _read("contours", path) as (lines, rows):
+        header = rows[0] if rows else []
+        if not set(_CONTOUR_COLUMNS[:3]) <= set(header) or len(rows) < 2:
+            got = f"columns {', '.join(header) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
+            raise BadInput(got, f"{', '.join(_CONTOUR_COLUMNS[:3])}, a row for each contour and frequency")
+        columns = _columns(rows, _CONTOUR_COLUMNS)
+        level, row = np.unique(columns["level_db_sl"], return_inverse=True)
+        frequency, column = np.unique(columns["frequency_hz"], return_inverse=True)
+        cells = level.size * frequency.size
+        if row.size != cells or np.unique(row * frequency.size + column).size != cells:
+            got = f"{row.size} rows for {level.size} contours and {frequency.size} frequencies"
+            raise BadInput(got, "each contour at each frequency, once")
+        tables = {name: np.zeros((level.size, frequency.size)) for name in columns if name in _CONTOUR_COLUMNS[2:]}
+        for name, values in tables.items():
+            values[row, column] = columns[name]
+        head = _head(lines)
+        reference_hz = _number(head.get("reference_hz", f"{REFERENCE_HZ}"))
+        if reference_hz is None:
+            raise BadInput(head["reference_hz"], "a frequency", key="reference_hz")
+    return Contours(
+        head.get("name", path.stem),
+        frequency,
+        level,
+        tables["db_sl"],
+        tables.get("low_db_sl"),
+        tables.get("high_db_sl"),
+        reference_hz,
+        cast(Provenance, head.get("provenance", "measured")),
+        head.get("source", path.name),
+        _contact(head, path),
+    )
+
+
+def write_contours(path: str | Path, contours: Contours) -> None:
+    """Write contours so that `read_contours` gives them back, whole or not at all."""
+    tables = {key: getattr(contours, key) for key in _CONTOUR_COLUMNS[2:] if getattr(contours, key) is not None}
+    stream = io.StringIO()
+    stream.write(f"{_head_text(contours)}# reference_hz: {contours.reference_hz!r}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow((*_CONTOUR_COLUMNS[:2], *tables))
+    for row, level in enumerate(contours.level_db_sl.tolist()):
+        for column, frequency in enumerate(contours.frequency_hz.tolist()):
+            writer.writerow((level, frequency, *(float(values[row, column]) for values in tables.values())))
+    write_text(path, stream.getvalue())
 
 
 @dataclass(frozen=True, eq=False)

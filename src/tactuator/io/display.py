@@ -15,7 +15,7 @@ from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.coupling import read_coupling
-from tactuator.io.csv_tables import resolve_curve
+from tactuator.io.csv_tables import read_contours, resolve_curve
 from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
 from tactuator.io.record import is_response, read_foreign_response
@@ -32,6 +32,7 @@ from tactuator.model.description import (
     ForceSensor,
     MeasuredEnvironment,
     Recorded,
+    Strength,
     Threshold,
     keys_of,
 )
@@ -47,6 +48,7 @@ from tactuator.model.requirements import (
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
 from tactuator.model.trust import Weighed, reasons
 from tactuator.parameters import Number, allowed, from_table, in_file, parameters, require_known
+from tactuator.perception.contact import Contact
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
@@ -227,6 +229,8 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
         "converter": converter,
         "feedback": feedback,
         "prefilter": from_table(PrefilterRequirements, *given["prefilter"]),
+        "strength": _strength(*given["strength"], beside),
+        "contact": from_table(Contact, *given["contact"]),
         "environment": channel_environment(*given["environment"], beside, str(mine.get("name")), friction),
     }
     channel = from_table(Channel, in_file(Channel) | mine | resolved, where)
@@ -304,6 +308,15 @@ def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
     except BadInput as error:
         raise error.within(where, "curve") from None
     return from_table(Threshold, keys | {"curve": resolved}, where)
+
+
+def _strength(keys: dict[str, Any], where: str, beside: Path) -> Strength:
+    contours = keys.get("contours")
+    try:
+        resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
+    except BadInput as error:
+        raise error.within(where, "contours") from None
+    return from_table(Strength, keys | {"contours": resolved}, where)
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,13 @@ KINDS: Mapping[str, Kind] = {
     "protocol": Kind("a protocol", "`tactuator experiment serve` takes it"),
     "store": Kind("the store of an experiment", "`tactuator experiment thresholds --store` takes it"),
     "curve": Kind("a threshold curve", "a display file names it as curve, or `tactuator design --curve`"),
+    "contours": Kind("equal-strength contours", "a display file names them under [strength]"),
     "loss": Kind("a curve in dB SL", "`tactuator experiment simulate --truth` takes it"),
     "pairs": Kind("the pairs of a calibration", "`tactuator calibrate` takes them"),
     "environment": Kind("a measured environment", "a display file names it as measured under [environment]"),
     "matrix": Kind("a confusion matrix", "`tactuator experiment information --matrix` takes it"),
     "coupling": Kind("a coupling", "a display file names it as measured under [coupling]"),
+    "profile": Kind("Android's frequency profile of a device", "`tactuator render --made-for` takes it"),
     "coding": Kind("a coding of speech", "`tactuator render --coding` takes it"),
 }
 """Kinds of files by name."""
@@ -57,6 +59,8 @@ _COLUMNS = (
     ("measured", {"frequency_hz", "magnitude_v", "level_db_sl"}),
     ("curve", {"frequency_hz", "level_db_re_1um"}),
     ("curve", {"frequency_hz", "acceleration_m_s2_rms"}),
+    ("contours", {"frequency_hz", "level_db_sl", "db_sl"}),
+    ("profile", {"frequency_hz", "acceleration_g"}),
     ("loss", {"frequency_hz", "level_db_sl"}),
     ("response", {"frequency_hz"}),
     ("pairs", {"displacement_mm", "voltage_v"}),

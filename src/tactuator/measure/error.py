@@ -15,7 +15,7 @@ from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.signals.decibels import db
+from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
@@ -93,10 +93,18 @@ def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
 _REMEDY = "where `check` calls i met, a new model (identify) and a design for it; else more poles in [prefilter]"
 
 
+def asked_v(response: Response, display: Display) -> FloatArray:
+    """Return the peak volts at the sensor that the response asked for, (m,): the reference above threshold, or what the
+    contours of its channel make of the level.
+    """
+    channel = display.channel(response.channel)
+    beyond = channel.strength.asked_db_sl(response.level_db_sl, response.frequency_hz) - response.level_db_sl
+    return np.asarray(response.reference * channel.threshold_voltage(response.frequency_hz) * from_db(beyond))
+
+
 def error_db(response: Response, display: Display) -> FloatArray:
     """Return the sensation level measured less the level asked, dB, (m,)."""
-    threshold_v = display.channel(response.channel).threshold_voltage(response.frequency_hz)
-    return db(response.magnitude_v / (response.reference * threshold_v))
+    return db(response.magnitude_v / asked_v(response, display))
 
 
 def expected_v(response: Response, controller: Controller) -> FloatArray:
@@ -105,7 +113,18 @@ def expected_v(response: Response, controller: Controller) -> FloatArray:
     """
     load = None if response.load == "none" else response.load
     answer = expected_response(controller, response.channel, load, response.frequency_hz)
-    return np.asarray(response.reference * np.abs(answer))
+    return np.asarray(_reshaped(response, controller) * np.abs(answer))
+
+
+def _reshaped(response: Response, controller: Controller) -> FloatArray:
+    """Return the amplitude of what the prefilter gets, threshold units, (m,): the reference, reshaped where it is."""
+    strength = controller.channel(response.channel).strength
+    reference = np.broadcast_to(response.reference, response.frequency_hz.shape)
+    if strength is None:
+        return np.asarray(reference)
+    return np.asarray(
+        reference * np.abs(strength.response(response.level_db_sl, response.frequency_hz, controller.rate_hz))
+    )
 
 
 def expected_response(controller: Controller, name: str, load: str | None, frequency_hz: FloatArray) -> ComplexArray:
@@ -134,11 +153,12 @@ class ResponseLevels:
     def of(cls, response: Response, controller: Controller) -> ResponseLevels:
         """Return the levels of a response that was measured under `controller`."""
         threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
-        asked = np.full(response.frequency_hz.shape, response.level_db_sl)
+        asked = controller.display.channel(response.channel).strength.asked_db_sl(
+            response.level_db_sl, response.frequency_hz
+        )
         free = expected_response(controller, response.channel, None, response.frequency_hz)
-        predicted = [
-            db(volts / threshold_v) for volts in (expected_v(response, controller), response.reference * np.abs(free))
-        ]
+        free_v = _reshaped(response, controller) * np.abs(free)
+        predicted = [db(volts / threshold_v) for volts in (expected_v(response, controller), free_v)]
         return cls(asked, asked + error_db(response, controller.display), *predicted)
 
     @property

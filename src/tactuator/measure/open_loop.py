@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +22,6 @@ from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.stream import SoundGap
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
@@ -175,7 +175,6 @@ _MARGIN = 0.7
 _WRONG = 0.01
 """Relative error to which a correction is followed: a tenth of the tolerance."""
 _ROUNDS = 2
-_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -375,13 +374,7 @@ def _measured(
     felt = []
     for name in rig.channels:
         note(f"{name}: verifying")
-        for tries_after in reversed(range(_TRIES)):
-            try:
-                felt.append(felt_flatness(rig, controller, name, asked, rng))
-                break
-            except SoundGap:
-                if not tries_after:
-                    raise
+        felt.append(rig.repeated(partial(felt_flatness, rig, controller, name, asked, rng)))
     return felt
 
 

@@ -8,13 +8,14 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from tactuator import __version__
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display, display_document, document_hash
-from tactuator.parameters import NotNegative, Number, Positive, Whole, kept_by, plain, table
+from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, plain, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
@@ -62,6 +63,49 @@ class FeedForward:
     __repr__ = brief
 
 
+@table("strength")
+class StrengthShaping:
+    """How the core reshapes a channel's reference by its own level, so that equal references are equally strong.
+
+    pairs_hz: (p,), corners of the pairs of poles that all levels share, damping: of all of them. gains: (levels, 1 +
+    2 p), for each level the gain of the reference itself, then of each pair's band-pass and low-pass; the levels are
+    those of tones from 0 dB SL on, a doubling of power (10 log10 2 dB) each. follow_s: time constant of each of the
+    level's two poles.
+    """
+
+    pairs_hz: Numbers
+    damping: Positive
+    gains: Numbers
+    follow_s: Positive
+
+    __repr__ = brief
+
+    def response(self, strength_db_sl: float, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
+        """Return what a tone of that level is multiplied by, at `frequency_hz` (any shape), once its level is known."""
+        power = float(np.clip(10.0 ** (strength_db_sl / 10.0), 1.0, 2.0 ** (len(self.gains) - 1)))
+        row = min(int(np.log2(power)), len(self.gains) - 2)
+        part = power / 2.0**row - 1.0
+        gains = self.gains[row] + part * (self.gains[row + 1] - self.gains[row])
+        return np.asarray(shaping_basis(self.pairs_hz, self.damping, frequency_hz, rate_hz) @ gains)
+
+
+def shaping_basis(pairs_hz: FloatArray, damping: float, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
+    """Return what each gain of a shaping is a multiple of, at `frequency_hz`: 1, then band-pass and low-pass of each
+    pair (core/strength/strength.h); shape of frequency_hz and (1 + 2 p,).
+    """
+    turn = pair_turns(pairs_hz, rate_hz)
+    back = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None] / rate_hz)
+    low_of_band = turn / (1.0 - back)
+    band = turn / (1.0 - back + turn * back * (low_of_band + damping))
+    pairs = np.stack((band, low_of_band * band), axis=-1).reshape(*band.shape[:-1], -1)
+    return np.concatenate((np.ones_like(back), pairs), axis=-1)
+
+
+def pair_turns(pairs_hz: ArrayLike, rate_hz: float) -> FloatArray:
+    """Return 2 sin(pi f T) of corners f: how far a pair turns in a sample."""
+    return np.asarray(2.0 * np.sin(np.pi * np.asarray(pairs_hz, dtype=np.float64) / rate_hz))
+
+
 FORMAT = "tactuator-controller/1"
 
 
@@ -99,6 +143,7 @@ class ChannelController:
     feedback_sos: (m, 6), the integrator in the last section. threshold_voltage_dc: H(0), volts of y per threshold
     unit. designed_for: names of the loads (and "family") the margins hold for. report: figures of the design, plain
     numbers and lists as they stand in controller.json. feed_forward: for the finger on it, None where there is none.
+    strength: how its reference is reshaped by its level, None where it stays as it comes.
     """
 
     name: str
@@ -110,6 +155,7 @@ class ChannelController:
     designed_for: tuple[str, ...] = ()
     report: Mapping[str, Any] = field(default_factory=dict)
     feed_forward: FeedForward | None = None
+    strength: StrengthShaping | None = None
 
     __repr__ = brief
 
@@ -124,7 +170,8 @@ class ChannelController:
     def document(self) -> dict[str, Any]:
         """Return the channel as plain tables."""
         tables: dict[str, Any] = plain(self)
-        return tables if self.feed_forward else {key: value for key, value in tables.items() if key != "feed_forward"}
+        absent = {key for key in ("feed_forward", "strength") if tables[key] is None}
+        return {key: value for key, value in tables.items() if key not in absent}
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import field
 from typing import Annotated, Any, Literal, get_args
 
@@ -23,8 +24,23 @@ from tactuator.model.requirements import (
     Touch,
     Wires,
 )
-from tactuator.parameters import Band, InFile, NotNegative, Number, Positive, Whole, Wording, parameters, plain, table
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.parameters import (
+    Band,
+    Flag,
+    InFile,
+    NotNegative,
+    Number,
+    Positive,
+    Whole,
+    Wording,
+    parameters,
+    plain,
+    table,
+)
+from tactuator.perception.contact import Contact
+from tactuator.perception.contours import Contours
+from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
+from tactuator.signals.decibels import from_db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import brief
 
@@ -67,19 +83,32 @@ def _own(table: Any) -> dict[str, Any]:
     return {key: plain(getattr(table, key)) for key in parameters(kind)}
 
 
-_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "models", "recorded")
+_WHERE_SAID = (
+    "contours",
+    "covariance",
+    "valid_hz",
+    "model_error_db",
+    "model_error_hz",
+    "controller",
+    "models",
+    "recorded",
+)
 """Keys of a channel that are left out where nothing is said."""
 
 
 def _channel_document(channel: Channel) -> dict[str, Any]:
-    given = channel.feedback.controller
+    given, threshold = channel.feedback.controller, plain(channel.threshold)
+    if not channel.threshold.curve.contact.said:
+        del threshold["curve"]["contact"]
     tables: dict[str, Any] = {
         **_own(channel),
         **plain(channel.converter),
-        **plain(channel.threshold),
+        **threshold,
         **plain(channel.feedback),
         **plain(channel.prefilter),
         **plain(channel.environment),
+        **(plain(channel.strength) if channel.strength != Strength() else {}),
+        **{key: plain(getattr(channel.contact, key)) for key in channel.contact.said},
         "plant": _system_document(channel.plant),
         "family": [_system_document(member) for member in channel.family],
         "controller": None if given is None else _system_document(given),
@@ -151,6 +180,47 @@ class Threshold:
                 f"curve {self.curve.name!r} reaches from {first:g} to {last:g} Hz",
                 f"one that covers the band of {low:g} to {high:g} Hz",
             )
+
+
+@table("[strength]")
+class Strength:
+    """What equal references are: equally far above threshold, or, where contours are named, equally strong."""
+
+    contours: Annotated[
+        Contours | None,
+        Wording("the path of a CSV (`level_db_sl,frequency_hz,db_sl`), or a table with the points"),
+        Field(
+            description="equal-strength contours: a reference of some level is then felt as strong as a tone of that "
+            "level at their reference frequency; without them it lies that far above threshold"
+        ),
+    ] = None
+    strength_db_sl: Annotated[
+        NotNegative, Field(le=COMFORT_DB_SL, description="of the contour that the prefilter is made for")
+    ] = 30.0
+    blended: Annotated[
+        Flag,
+        Field(
+            description="the prefilter follows the contour of the reference's own short-time level, in place of the "
+            "one of `strength_db_sl`"
+        ),
+    ] = False
+    balance_db: Annotated[
+        Number,
+        Field(ge=-20.0, le=20.0, description="what this finger gets more, so that all feel one reference alike"),
+    ] = 0.0
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        if self.blended and self.contours is None:
+            raise BadInput("true, while no contours are named", "contours, or false", key="blended")
+
+    def asked_db_sl(self, level_db_sl: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+        """Return the sensation level that a reference of `level_db_sl` asks for at `frequency_hz`; they broadcast."""
+        if self.contours is None:
+            level, _ = np.broadcast_arrays(np.asarray(level_db_sl, dtype=np.float64), frequency_hz)
+            return np.asarray(level + self.balance_db)
+        return self.contours.level_db_sl_at(level_db_sl, frequency_hz) + self.balance_db
 
 
 Disturbance = Literal["hum", "noise", "friction"]
@@ -268,6 +338,8 @@ class Channel:
     feedback: FeedbackRequirements = field(default_factory=FeedbackRequirements)
     prefilter: PrefilterRequirements = field(default_factory=PrefilterRequirements)
     environment: Environment = field(default_factory=Environment)
+    strength: Strength = field(default_factory=Strength)
+    contact: Contact = field(default_factory=Contact)
     family: Annotated[
         tuple[System, ...],
         Field(description="other plants that identification cannot tell from `plant`; a design must hold for them too"),
@@ -340,6 +412,16 @@ class Channel:
         whole = np.all(self.is_known([low, high]))
         return "" if whole else f"band_hz is [{low:g}, {high:g}], but {self.known_words}"
 
+    def contact_notices(self) -> Iterator[str]:
+        """Yield where the curve or the contours were felt otherwise than the channel is, in sentences."""
+        curve, contours = self.threshold.curve, self.strength.contours
+        given = [(f"the threshold curve {curve.name} was", curve.contact)]
+        if contours is not None:
+            given.append((f"the contours {contours.name} were", contours.contact))
+        for noun, contact in given:
+            for key, mine, theirs in self.contact.differences(contact):
+                yield f"{self.name}: {noun} not felt alike: {key} {theirs}; the display's is {mine}"
+
     def load(self, name: str) -> Load:
         """Return the load of that name. Raises BadInput if there is none."""
         for load in self.loads:
@@ -359,6 +441,19 @@ class Channel:
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         speed = (2.0 * np.pi * frequency) ** DERIVATIVES[self.quantity]
         return self.sensor_gain_v_per_mm * self.threshold.curve.displacement_mm(frequency) * speed
+
+    def asked_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+        """Return the |H| that is asked for, peak volts of y for r = 1, at `frequency_hz` (any shape), at the strength
+        that the prefilter is made for: the threshold voltage, or off it by what the contours and the balance say.
+        """
+        level = self.strength.strength_db_sl
+        return self.threshold_voltage(frequency_hz) * from_db(self.strength.asked_db_sl(level, frequency_hz) - level)
+
+    def prefilter_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+        """Return the part of `asked_voltage` that the prefilter gives: all of it, or what blending leaves."""
+        if self.strength.blended:
+            return self.threshold_voltage(frequency_hz) * from_db(self.strength.balance_db)
+        return self.asked_voltage(frequency_hz)
 
 
 @table("[display]")
@@ -423,6 +518,8 @@ SHARED_TABLES: dict[str, tuple[type, ...]] = {
     "feedback": (FeedbackRequirements,),
     "prefilter": (PrefilterRequirements,),
     "environment": (Environment, MeasuredEnvironment),
+    "strength": (Strength,),
+    "contact": (Contact,),
 }
 """Tables of a display file whose every key may stand in a channel as well, and wins there."""
 TABLES: dict[str, tuple[type, ...]] = {

@@ -281,7 +281,7 @@ def _thresholds(study: PaperStudy) -> Plate:
             np.hypot.reduce([threshold.se_db for threshold in measured if threshold.frequency_hz == f]) for f in hertz
         ]
         counts = np.array([len(row) for row in levels])
-        people.append(PersonThresholds(name, hertz, np.mean(levels, axis=1), np.array(errors) / counts))
+        people.append(PersonThresholds(name, hertz, np.mean(levels, axis=1), np.array(errors) / counts, simulated=True))
     return thresholds_plate(people, study.plan.display.channels[0].threshold.curve, study.curve)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Literal
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Numbers, table
+from tactuator.perception.contact import Contact
 from tactuator.signals.decibels import db, from_db
 from tactuator.table import brief
 
@@ -26,7 +27,7 @@ class ThresholdCurve:
 
     frequency_hz, level_db_re_1um: shape (n,), n >= 3. Between the points the level is linear in log frequency; beyond
     them it is held constant, so that DC has a meaning. standard_error_db: shape (n,), where the curve was measured.
-    provenance: how the numbers came about; source: one line for a figure's caption.
+    provenance: how the numbers came about; source: one line for a figure's caption. contact: where it was felt.
 
     Raises BadInput for fewer than three points, frequencies that are not positive and strictly ascending, or numbers
     that are not finite.
@@ -38,16 +39,17 @@ class ThresholdCurve:
     provenance: Provenance = "digitised"
     source: str = ""
     standard_error_db: Numbers | None = None
+    contact: Contact = field(default_factory=Contact)
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        for field in ("frequency_hz", "level_db_re_1um", "standard_error_db"):
-            values = getattr(self, field)
+        for key in ("frequency_hz", "level_db_re_1um", "standard_error_db"):
+            values = getattr(self, key)
             if values is not None:
                 array = np.array(values, dtype=np.float64)
                 array.flags.writeable = False
-                object.__setattr__(self, field, array)
+                object.__setattr__(self, key, array)
         try:
             self._check()
         except BadInput as error:
@@ -129,16 +131,18 @@ def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve:
     return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
 
 
-_SHIPPED: dict[str, tuple[str, Provenance, str]] = {
+_SHIPPED: dict[str, tuple[str, Provenance, str, Contact]] = {
     "bolanowski-1988": (
         "digitised-bolanowski-1988-thenar.csv",
         "inferred",
         "Bolanowski et al. (1988), thenar eminence; recovered from a table of accelerations, attribution inferred",
+        Contact("thenar", 290.0, "rigid"),
     ),
     "morioka-griffin-2006": (
         "morioka-griffin-2006-handle.csv",
         "digitised",
         "Morioka & Griffin (2006), hand-transmitted vibration on a handle; published accelerations converted",
+        Contact("hand on a handle"),
     ),
 }
 
@@ -153,14 +157,14 @@ def curve(name: str) -> ThresholdCurve:
     """Return the curve of that name. Raises BadInput, with the names that there are, for another."""
     if name not in _SHIPPED:
         raise BadInput(f"threshold curve {name!r} is not in the library", f"{', '.join(_SHIPPED)}")
-    filename, provenance, source = _SHIPPED[name]
+    filename, provenance, source, contact = _SHIPPED[name]
     text = files("tactuator.perception").joinpath("data", filename).read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows[1:]])
     frequency, values = table[:, 0], table[:, 1]
     if rows[0].split(",")[1] == "acceleration_m_s2_rms":
         values = level_from_acceleration(frequency, values)
-    return ThresholdCurve(name, frequency, values, provenance, source)
+    return ThresholdCurve(name, frequency, values, provenance, source, contact=contact)
 
 
 def level_from_acceleration(

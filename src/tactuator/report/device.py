@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.result import Identification
-from tactuator.measure.error import expected_v
+from tactuator.measure.error import asked_v, expected_v
 from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import AMPLITUDE_JND_DB
@@ -251,7 +251,7 @@ def save_measured(responses: Sequence[Response], controller: Controller, folder:
     runs = [
         LevelResponse(
             response.channel, response.level_db_sl, response.frequency_hz,
-            response.reference * display.channel(response.channel).threshold_voltage(response.frequency_hz),
+            asked_v(response, display),
             expected_v(response, controller), response.magnitude_v, response.confidence_db, response.saturated,
         )
         for response in responses

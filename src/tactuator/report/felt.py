@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -103,9 +104,12 @@ def equality_plate(
 _MARKERS = "os^Dv<>"
 
 
-def thresholds_plate(people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None) -> Plate:
-    """Draw points with standard errors for every person, the library's curve (solid) and the new person (dashed, with
-    band). Flagged points are crossed out.
+def thresholds_plate(
+    people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None,
+    others: Mapping[str, ThresholdCurve] = MappingProxyType({}),
+) -> Plate:  # fmt: skip
+    """Draw points with standard errors for every person, the library's curve (solid), the new one (dashed, with band),
+    and others by name (dotted). Flagged points have a cross, censored ones an arrow.
     """
     drawing, axes = figure(height_in=4.2)
     low = min(float(person.frequency_hz.min()) for person in people)
@@ -114,23 +118,10 @@ def thresholds_plate(people: Sequence[PersonThresholds], library: ThresholdCurve
     label = f"{library.name} ({library.provenance})"
     axes.plot(fine, library.level_db_re_1um_at(fine), color=INK, linewidth=1.4, label=label)
     if new is not None:
-        axes.plot(fine, new.level_db_re_1um_at(fine), color=BLUE, linestyle="--", linewidth=1.6, label="new curve")
-        if new.standard_error_db is not None:
-            error = np.interp(np.log(fine), np.log(new.frequency_hz), new.standard_error_db)
-            level = new.level_db_re_1um_at(fine)
-            axes.fill_between(fine, level - error, level + error, color=BLUE, alpha=0.15, linewidth=0)
+        _draw_new(axes, new, others, fine)
     spread = np.linspace(-0.03, 0.03, len(people)) if len(people) > 1 else np.zeros(1)
     for index, (person, shift) in enumerate(zip(people, spread, strict=True)):
-        colour, marker = CYCLE[1 + index % (len(CYCLE) - 1)], _MARKERS[index % len(_MARKERS)]
-        at = person.frequency_hz * np.exp(shift)
-        axes.errorbar(
-            at, person.level_db_re_1um, person.standard_error_db, fmt=marker, color=colour, markersize=4,
-            fillstyle="none", elinewidth=0.8, label=person.name,
-        )  # fmt: skip
-        if person.flagged is not None and person.flagged.any():
-            axes.plot(
-                at[person.flagged], person.level_db_re_1um[person.flagged], "x", color=INK, markersize=9, zorder=5
-            )
+        _draw_person(axes, person, person.frequency_hz * np.exp(shift), index)
     frequency_axis(axes, low / 1.15, high * 1.15, "threshold (dB re 1 µm peak)")
     legend(axes, loc="lower left")
     caption = (
@@ -139,14 +130,56 @@ def thresholds_plate(people: Sequence[PersonThresholds], library: ThresholdCurve
     )
     caption += "; dashed: the new curve, with its standard error." if new is not None else "."
     flags = np.concatenate([np.zeros(p.frequency_hz.size, bool) if p.flagged is None else p.flagged for p in people])
-    crossed = int(flags.sum())
-    caption += f" Crossed out: {crossed} thresholds of runs with a disqualifying flag." if crossed else ""
+    bounds = [bound for person in people for bound in person.bound or [""] * person.frequency_hz.size]
+    crossed, beyond = int(flags.sum()), sum(bound != "" for bound in bounds)
+    caption += f" Crossed: {crossed} thresholds of flagged runs." if crossed else ""
+    caption += f" Arrows: {beyond} that lie beyond what was played." if beyond else ""
     names = ("frequency_hz", "level_db_re_1um", "standard_error_db")
     rows = [row for person in people for row in labelled((person.name,), *(getattr(person, name) for name in names))]
     table = table_of(("person", *names), rows)
     if any(person.flagged is not None for person in people):
-        table["flagged"] = flags.astype(int).tolist()
-    return Plate("fig11", "Detection thresholds and the new curve", caption, drawing, table)
+        table |= {"flagged": flags.astype(int).tolist(), "bound": list(bounds)}
+    simulated = any(person.simulated for person in people)
+    return Plate("fig11", "Detection thresholds and the new curve", caption, drawing, table, simulated)
+
+
+def _draw_new(axes: Axes, new: ThresholdCurve, others: Mapping[str, ThresholdCurve], fine: FloatArray) -> None:
+    """Draw the new curve with its standard error, and the others, at the frequencies `fine`."""
+    level = new.level_db_re_1um_at(fine)
+    axes.plot(fine, level, color=BLUE, linestyle="--", linewidth=1.6, label="new curve")
+    if new.standard_error_db is not None:
+        error = np.interp(np.log(fine), np.log(new.frequency_hz), new.standard_error_db)
+        axes.fill_between(fine, level - error, level + error, color=BLUE, alpha=0.15, linewidth=0)
+    for name, other in others.items():
+        axes.plot(fine, other.level_db_re_1um_at(fine), color=BLUE, linestyle=":", linewidth=1.6, label=name)
+
+
+def _draw_person(axes: Axes, person: PersonThresholds, at: FloatArray, index: int) -> None:
+    """Draw a person's thresholds at the frequencies `at`, in the colour and with the mark of that index."""
+    colour, marker = CYCLE[1 + index % (len(CYCLE) - 1)], _MARKERS[index % len(_MARKERS)]
+    axes.errorbar(
+        at, person.level_db_re_1um, np.nan_to_num(person.standard_error_db), fmt=marker, color=colour, markersize=4,
+        fillstyle="none", elinewidth=0.8, label=person.name,
+    )  # fmt: skip
+    for sign, up in ((">=", True), ("<=", False)):
+        beyond = np.array([bound == sign for bound in person.bound or [""] * at.size])
+        level = person.level_db_re_1um[beyond]
+        axes.errorbar(
+            at[beyond],
+            level,
+            _ARROW_DB,
+            fmt="none",
+            color=colour,
+            ecolor=colour,
+            elinewidth=1.0,
+            lolims=up,
+            uplims=not up,
+        )
+    if person.flagged is not None and person.flagged.any():
+        axes.plot(at[person.flagged], person.level_db_re_1um[person.flagged], "x", color=INK, markersize=9, zorder=5)
+
+
+_ARROW_DB = 5.0
 
 
 def threshold_plate(curve: ThresholdCurve) -> Plate:
@@ -214,7 +247,7 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
         )
     ]
     table = table_of(("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials"), rows_of_table)
-    return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table)
+    return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table, simulated)
 
 
 def _panel(axes: Axes, run: PsychometricTrials) -> None:
@@ -224,7 +257,8 @@ def _panel(axes: Axes, run: PsychometricTrials) -> None:
     for level, share, count in zip(run.level_db_sl, run.share, run.count, strict=True):
         size = _SMALLEST + (_LARGEST - _SMALLEST) * (count / most) ** 0.5
         axes.plot([level], [share], "o", color=INK, markersize=size, fillstyle="none", markeredgewidth=0.7)
-    axes.plot([fit.refit_low_db_sl, fit.refit_high_db_sl], [fit.point] * 2, color=RED, linewidth=2.0)
+    ends = np.clip([fit.refit_low_db_sl, fit.refit_high_db_sl], *axes.get_xlim())  # an open end leaves the panel
+    axes.plot(ends, [fit.point] * 2, color=RED, linewidth=2.0, scalex=False)
     axes.plot([fit.refit_db_sl], [fit.point], "|", color=RED, markersize=9)
     if fit.own_db_sl is not None:
         axes.plot([fit.own_db_sl], [fit.point - 0.05], "^", color=RED, markersize=4)

@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_folder, write_text
+from tactuator.report.style import RED
+
+NOBODY_FELT_IT = "simulated: nobody felt this"
+"""What a figure of simulated subjects says in itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plate:
     """A figure with its name and table. name: file name without ending. table: columns of equal length, name (with
-    unit) to values.
+    unit) to values. simulated: nobody felt what it shows, which figure and table say themselves.
     """
 
     name: str
@@ -29,8 +33,13 @@ class Plate:
     caption: str
     figure: Figure
     table: Mapping[str, Sequence[object]]
+    simulated: bool = False
 
     def __post_init__(self) -> None:
+        if self.simulated:
+            self.figure.suptitle(NOBODY_FELT_IT, fontsize=9, color=RED)
+            rows = max((len(column) for column in self.table.values()), default=0)
+            object.__setattr__(self, "table", {**self.table, "simulated": ["simulated"] * rows})
         lengths = {name: len(column) for name, column in self.table.items()}
         if len(set(lengths.values())) > 1:
             raise BadInput(f"columns of {self.name} have {lengths} rows", "as many in each")
@@ -46,7 +55,8 @@ class Plate:
     def _drawn(self) -> str:
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
             stream = io.StringIO()
-            self.figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "tactuator"})
+            about = {"Date": None, "Creator": "tactuator", **({"Title": NOBODY_FELT_IT} if self.simulated else {})}
+            self.figure.savefig(stream, format="svg", metadata=about)
         return stream.getvalue()
 
     def csv(self) -> str:

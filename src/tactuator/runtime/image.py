@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.controller import ChannelController, Controller, pair_turns
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import (
     FEEDBACK_SECTIONS_MAX,
@@ -36,9 +36,9 @@ _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
 CONDITIONING_MAX = 1e6
 """Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
-CHANNEL_HEAD = struct.Struct("<16sBBHf")
-"""Of a channel in an image: name, prefilter sections, feedback sections, 2 where it feeds forward for a finger, command
-limit in volts."""
+CHANNEL_HEAD = struct.Struct("<16sBBBBf")
+"""Of a channel in an image: name, prefilter sections, feedback sections, 2 where it feeds forward for a finger, 1 where
+its reference is reshaped by its strength, command limit in volts."""
 
 
 class ImageRefusal(IntEnum):
@@ -109,7 +109,8 @@ def build_image(controller: Controller, number_format: str) -> bytes:
     else:
         parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
     touches = [touch_bytes(channel, controller.rate_hz, place) for place, channel in enumerate(controller.channels)]
-    parts = [part + touch for part, touch in zip(parts, touches, strict=True)]
+    strengths = [strength_bytes(channel, controller.rate_hz) for channel in controller.channels]
+    parts = [b"".join(part) for part in zip(parts, touches, strengths, strict=True)]
     for channel, body in zip(controller.channels, parts, strict=True):
         _require_range(channel, body, number_format)
     body = bytes.fromhex(controller.content_hash) + b"".join(parts)
@@ -161,7 +162,27 @@ def _channel_head(channel: ChannelController) -> bytes:
     name = channel.name.encode()[:16].ljust(16, b"\0")
     feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
     adapts = lib.TACT_TOUCH_LAYOUT if channel.feed_forward is not None else 0
-    return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, adapts, channel.limits.command_v)
+    reshapes = lib.TACT_STRENGTH_LAYOUT if channel.strength is not None else 0
+    counts = channel.prefilter_sos.shape[0], feedback, adapts, reshapes
+    return CHANNEL_HEAD.pack(name, *counts, channel.limits.command_v)
+
+
+def strength_bytes(channel: ChannelController, rate_hz: float) -> bytes:
+    """Return the part of an image that says how a channel's reference is reshaped; nothing where it is not.
+
+    Raises BadInput for another number of poles or levels than the core's.
+    """
+    shaping = channel.strength
+    if shaping is None:
+        return b""
+    shape, pairs = (lib.TACT_STRENGTH_LEVELS, lib.TACT_STRENGTH_GAINS), (lib.TACT_STRENGTH_PAIRS,)
+    if shaping.gains.shape != shape or shaping.pairs_hz.shape != pairs:
+        got = f"gains {shaping.gains.shape}, pairs_hz {shaping.pairs_hz.shape}"
+        raise BadInput(got, f"{shape} and {pairs}", where=(f"channel {channel.name!r}", "strength"))
+    follow = -np.expm1(-1.0 / (shaping.follow_s * rate_hz))
+    turns = pair_turns(shaping.pairs_hz, rate_hz)
+    figures = np.concatenate(([follow, shaping.damping], turns, shaping.gains.ravel()))
+    return figures.astype("<f4").tobytes()
 
 
 def conditioning(channel: ChannelController) -> float:

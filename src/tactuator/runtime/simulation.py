@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import controller_table, display_table, frame_table, load_names
+from tactuator.runtime.tables import controller_table, display_table, frame_table, load_names, strength_table
 from tactuator.runtime.touch_table import touch_table
 
 REFERENCE_MAX = 1000.0
@@ -78,6 +78,7 @@ class Simulation:
         self._frame = frame_table(display)
         self._controllers: list[Any] = []
         self._touches: list[Any] = []
+        self._strengths: list[Any] = []
 
     def load(self, controller: Controller) -> None:
         """Load the controller of every channel; its states start at zero, the device goes on as it is."""
@@ -85,8 +86,10 @@ class Simulation:
         self._controllers = [controller_table(channel) for channel in controller.channels]
         rate_hz = controller.rate_hz
         self._touches = [touch_table(channel, rate_hz, place) for place, channel in enumerate(controller.channels)]
-        for loop, table, touch in zip(self._loops, self._controllers, self._touches, strict=True):
-            loop.controller = table
+        self._strengths = [strength_table(channel, rate_hz) for channel in controller.channels]
+        tables = zip(self._loops, self._controllers, self._touches, self._strengths, strict=True)
+        for loop, table, touch, strength in tables:
+            loop.controller, loop.strength = table, strength
             loop.touch = touch if touch.feedback_count else ffi.NULL
         self.rest()
 
@@ -131,10 +134,10 @@ class Simulation:
         """Go on from a state that this simulation saved, with the controller that is loaded now."""
         if len(state.loops) != ffi.sizeof(self._loops):
             raise BadInput("the state is another simulation's", "one that this simulation saved")
-        pointers = [(loop.controller, loop.display, loop.touch) for loop in self._loops]
+        pointers = [(loop.controller, loop.display, loop.touch, loop.strength) for loop in self._loops]
         ffi.buffer(self._loops)[:] = state.loops
-        for loop, (controller, display, touch) in zip(self._loops, pointers, strict=True):
-            loop.controller, loop.display, loop.touch = controller, display, touch
+        for loop, pointer in zip(self._loops, pointers, strict=True):
+            loop.controller, loop.display, loop.touch, loop.strength = pointer
         if self._frame is not None:
             self._shaken()[:] = state.frame
 

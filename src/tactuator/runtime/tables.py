@@ -24,7 +24,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed
+from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import held_state_space, matrix_exponential
 from tactuator.signals.systems import ContinuousSystem
@@ -202,7 +202,7 @@ def controller_table(controller: ChannelController) -> Any:
     to show what they do. Raises BadInput for too many sections, coefficients beyond float32, or a limit that is none.
     """
     body = float32_channel(controller)
-    _, prefilters, feedbacks, _, command_v = CHANNEL_HEAD.unpack_from(body)
+    _, prefilters, feedbacks, _, _, command_v = CHANNEL_HEAD.unpack_from(body)
     words = np.frombuffer(body, dtype="<f4", offset=CHANNEL_HEAD.size)
     table = ffi.new("tact_controller *")
     table.prefilter_count, table.feedback_count = prefilters, feedbacks
@@ -214,6 +214,24 @@ def controller_table(controller: ChannelController) -> Any:
     if not lib.tact_controller_is_valid(table):
         where = f"controller, channel {controller.name!r}: "
         raise BadInput(f"{where}command_v is {controller.limits.command_v:g}", "a positive number of volts")
+    return table
+
+
+def strength_table(controller: ChannelController, rate_hz: float) -> Any:
+    """Return the `tact_strength` of a channel, NULL where its reference stays as it comes. Raises BadInput for figures
+    that the core cannot run.
+    """
+    if controller.strength is None:
+        return ffi.NULL
+    words = np.frombuffer(strength_bytes(controller, rate_hz), dtype="<f4").tolist()
+    table = ffi.new("tact_strength *")
+    table.is_on, (table.follow, table.damping), rest = 1, words[:2], words[2:]
+    pairs, gains = lib.TACT_STRENGTH_PAIRS, lib.TACT_STRENGTH_GAINS
+    table.turn[0:pairs] = rest[:pairs]
+    for row in range(lib.TACT_STRENGTH_LEVELS):
+        table.gain[row][0:gains] = rest[pairs + row * gains :][:gains]
+    if not lib.tact_strength_is_valid(table):
+        raise BadInput("a figure is out of range", "as designed", where=(f"channel {controller.name!r}", "strength"))
     return table
 
 

@@ -115,16 +115,17 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
     frequency = scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz)
     heard, quiet = frequency <= QUIET_ABOVE_HZ, _quiet(frequency)
+    raised = _raised(controller, name, frequency)
     constraints, gain, weight = [], 1.0, channel.threshold.curve.displacement_mm(frequency)
     for load in (None, *(load.name for load in channel.loads)):
         prediction = ChannelPrediction.of(controller, name, load)
-        displacement = prediction.displacement(frequency)
+        displacement = raised * prediction.displacement(frequency)
         felt = displacement / weight
         gain = max(gain, float(np.abs(felt[heard]).max()))
         for kind, response, limit in (
             ("comfort", felt, comfort),
             ("travel", displacement, keep * channel.travel_mm),
-            ("command", prediction.command(frequency), command_v),
+            ("command", raised * prediction.command(frequency), command_v),
         ):
             norm = float(np.abs(scipy.fft.irfft(response * quiet, size)).sum())
             coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
@@ -132,6 +133,16 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     peak = 0.25 * np.pi * comfort / gain
     binding = [limit for limit in constraints if BINDING_SHARE * limit.ceiling < peak]
     return ChannelLimits(name, peak, tuple(binding))
+
+
+def _raised(controller: Controller, name: str, frequency_hz: FloatArray) -> FloatArray | float:
+    """Return the most that the reference is raised by at any of its levels, where it is reshaped by its strength."""
+    strength = controller.channel(name).strength
+    if strength is None:
+        return 1.0
+    levels = np.arange(0.0, COMFORT_DB_SL, 3.0)
+    gains = [np.abs(strength.response(level, frequency_hz, controller.rate_hz)) for level in levels]
+    return np.asarray(np.maximum(1.0, np.max(gains, axis=0)))
 
 
 def _quiet(frequency: FloatArray) -> FloatArray:

@@ -31,6 +31,7 @@ from tactuator.synthesis.loop_synthesis import diagnosis, require_consistent, sy
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
 from tactuator.synthesis.screening import Task
 from tactuator.synthesis.sections import anti_windup, feedback_sections
+from tactuator.synthesis.strength import fit_strength
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
@@ -179,6 +180,7 @@ def assemble(
         designed_for=tuple(member.name for member in members),
         report=_report(display, channel, nominal, fit, assessments, members, fed),
         feed_forward=fed,
+        strength=fit_strength(channel, display.rate_hz, display.objectives.flatness_db),
     )
 
 

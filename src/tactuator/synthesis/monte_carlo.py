@@ -142,6 +142,7 @@ class _Grids:
         self._feedback = None if feedback is None else feedback.response(self.frequency_hz)
         self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
         self._threshold_v = channel.threshold_voltage(self.frequency_hz)
+        self._asked_v = channel.prefilter_voltage(self.frequency_hz[self._band])
         self._push: ComplexArray | float = 0.0
         if controller.feed_forward is not None and load is not None:
             plant = zero_order_hold(channel.plant, rate_hz, display.delay_samples)
@@ -166,7 +167,7 @@ class _Grids:
 
     def _flatness(self, behind: ComplexArray, fed: ComplexArray | float = 0.0) -> FloatArray:
         position = np.abs(self._prefilter * behind + fed)[:, self._band]
-        return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
+        return np.asarray(np.max(np.abs(db(position / self._asked_v)), axis=1))
 
     def _is_stable(self, away: ComplexArray) -> NDArray[np.bool_]:
         """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""

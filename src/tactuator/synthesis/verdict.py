@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.model.controller import ChannelController, Controller, FeedForward
+from tactuator.model.controller import ChannelController, Controller, FeedForward, StrengthShaping
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
@@ -42,6 +42,8 @@ from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 from tactuator.synthesis.monte_carlo import DrawnPlants
+from tactuator.synthesis.prefilter import response_error_db
+from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.assessment import buildable
 
@@ -123,6 +125,7 @@ class _Judge:
     nominal: TwoDegreeLoop
     free: TwoDegreeLoop
     feed_forward: FeedForward | None = None
+    strength: StrengthShaping | None = None
 
     def open(self, objective: str, quantity: str, remark: str) -> Finding:
         """Return a finding that was not judged, and why."""
@@ -146,7 +149,11 @@ class _Judge:
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
             return self.open("i", FELT_LESS_ASKED, self.channel.known_words)
-        error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
+        error = response_error_db(self.channel, self.loop, frequency)
+        contours = self.channel.strength.contours
+        if self.strength is not None and contours is not None:
+            args = contours, frequency, self.display.rate_hz
+            error = furthest([error + shaping_error_db(self.strength, level, *args) for level in JUDGED_DB_SL])
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         remedy = "more poles in [prefilter], or a wider flatness_db"
@@ -272,7 +279,8 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
     bears_less = bears_any_lower_gain(family)
     for member, loop, is_stable in zip(family, loops, stable, strict=True):
         bare = member.model * (1 + len(channel.loads))  # the same model without load
-        judge = _Judge(channel, display, member, loop, loops[0], loops[bare], controller.feed_forward)
+        besides = controller.feed_forward, controller.strength
+        judge = _Judge(channel, display, member, loop, loops[0], loops[bare], *besides)
         if not is_stable:
             remedy = "a design for this display: the loop of this controller is unstable on it"
             for number in OF_THE_LOOP:

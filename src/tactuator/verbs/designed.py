@@ -52,6 +52,9 @@ class ControllerResult(Result, Controller):
     def holds(self) -> bool:
         return self.verdict.outcome is not Outcome.NOT_MET
 
+    def notices(self) -> Sequence[str]:
+        return [notice for channel in self.display.channels for notice in channel.contact_notices()]
+
     def headline(self) -> Mapping[str, str]:
         figures = {"rate": figure(self.rate_hz, "Hz")}
         for channel in self.channels:
@@ -84,7 +87,7 @@ class ControllerResult(Result, Controller):
         curves = []
         for number, channel in enumerate(self.display.channels):
             hertz = np.geomspace(*channel.threshold.band_hz, 300)
-            unit_v = channel.threshold_voltage(hertz)
+            unit_v = channel.prefilter_voltage(hertz)
             for load in (None, *(load.name for load in channel.loads)):
                 error = db(self.response(channel.name, hertz, load) / unit_v)
                 words, style = (channel.name, "-") if load is None else (f"{channel.name}, {load}", "--")

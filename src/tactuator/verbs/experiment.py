@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from getpass import getuser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,17 +25,19 @@ from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, columns_of, plain
 
 if TYPE_CHECKING:
+    from tactuator.experiment.protocol.judging import JudgingProtocol
     from tactuator.experiment.protocol.study import SubjectPart
-    from tactuator.experiment.result.store_results import StoreResults
+    from tactuator.experiment.result.store_results import GroupCurve, StoreResults
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
-StoreFile = Annotated[Place, Option("Database of the experiment (SQLite).", file=True)]
+StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql://...", type=str)]
 StoreToFill = Annotated[Place, Option("Database of the experiment (SQLite).", type=Path)]
 StudyName = Annotated[str | None, Option("Name of the study; default: the store's only one.")]
 Code = Annotated[str, Argument("Code of the subject: letters and digits.", metavar="CODE")]
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
+OperatorName = Annotated[str | None, Option("Who does this, which is kept; default: your login name.")]
 SkinTemperatureC = Annotated[float | None, Option("Skin temperature of the day, °C.")]
 
 
@@ -59,11 +62,12 @@ def enrol(
     code: Code,
     store: StoreFile,
     study: StudyName = None,
-    group: Annotated[str | None, Option("hearing, hearing-impaired, simulated or unknown (the default).")] = None,
+    group: Annotated[str | None, Option("Any name, as hearing or neuropathy (default: unknown).")] = None,
     participant_id: ParticipantId = None,
     skin_temperature_c: SkinTemperatureC = None,
     fact: Annotated[list[str] | None, Option("An item of [[demographic]]; repeatable.", metavar="NAME=VALUE")] = None,
     visit: Annotated[bool, Option("A further visit of a subject who is enrolled.")] = False,
+    operator: OperatorName = None,
 ) -> EnrolledResult:
     """Add a subject, or a further visit of one. The links of all visits are shown."""
     from tactuator.experiment.session.studies import add_visit, books_of, fresh_token
@@ -74,9 +78,8 @@ def enrol(
 
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
         raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
-    path = Path(store)
-    with closing(Store(path, must_exist=True)) as database, sessions_of(path), database.begin() as connection:
-        books = books_of(connection, study, fresh_token, SystemClock().utc())
+    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
+        books = books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
         if visit:
             add_visit(connection, books, code)
         else:
@@ -105,7 +108,7 @@ def correct(
     store: StoreFile,
     reason: Annotated[str, Option("Why: it is kept with what stood there before.")],
     study: StudyName = None,
-    group: Annotated[str | None, Option("hearing, hearing-impaired, simulated or unknown.")] = None,
+    group: Annotated[str | None, Option("Any name, as hearing or neuropathy.")] = None,
     participant_id: ParticipantId = None,
     visit: Annotated[int | None, Option("Visit of the data of the day; default: the only one.")] = None,
     skin_temperature_c: SkinTemperatureC = None,
@@ -113,6 +116,7 @@ def correct(
     fact: Annotated[
         list[str] | None, Option("An item of [[demographic]]; NAME= takes it away.", metavar="NAME=VALUE")
     ] = None,
+    operator: OperatorName = None,
 ) -> CorrectedResult:
     """Write correct data of a subject or a visit. What stood there stays in the store and in exports."""
     from tactuator.experiment.session.studies import Correction, books_of, fresh_token
@@ -126,9 +130,8 @@ def correct(
     facts = dict(_pairs("--fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
-    path = Path(store)
-    with closing(Store(path, must_exist=True)) as database, sessions_of(path), database.begin() as connection:
-        books = books_of(connection, study, fresh_token, SystemClock().utc())
+    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
+        books = books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
         changes = correct_subject(connection, books, code, correction, reason)
     return CorrectedResult(books.protocol.study.name, code, tuple(map(asdict, changes)))
 
@@ -169,20 +172,22 @@ def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) ->
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservedResult(Result):
-    """Simulated subjects who went through a study: subject, frequency (Hz) and true threshold (dB re 1 µm)."""
+    """Simulated subjects who went through a study: subject, frequency (Hz) and what is true of the person there."""
 
     store: Path
     truth: tuple[tuple[str, float, float], ...]
+    what: str = "true threshold (dB re 1 µm)"
 
     def columns(self) -> Mapping[str, Any]:
-        return columns_of(("subject", "frequency_hz", "true_db_re_1um"), self.truth)
+        level = "true_db_re_1um" if self.what.startswith("true") else "equal_db_sl"
+        return columns_of(("subject", "frequency_hz", level), self.truth)
 
     def to_dict(self) -> dict[str, Any]:
         return {"store": self.store, "truth": [dict(zip(self.columns(), row, strict=True)) for row in self.truth]}
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
-        columns = ("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
+        columns = ("subject", "frequency (Hz)", self.what)
         return [ResultTable("", columns, rows), f"written: {self.store}"]
 
 
@@ -199,18 +204,30 @@ def observe(
         list[str] | None, Option("A subject's threshold (frequency_hz,level_db_sl).", metavar="SUBJECT=CSV")
     ] = None,
     lapse: Annotated[list[str] | None, Option("A subject's lapse rate; repeatable.", metavar="SUBJECT=RATE")] = None,
+    law: Annotated[
+        list[str] | None, Option("A subject's law of strength, where tones are judged.", metavar="SUBJECT=LAW")
+    ] = None,
     seed: Seed = 0,
 ) -> ObservedResult:
     """Let simulated subjects go through the study. They feel what the loop of the simulated display makes of it."""
     import numpy as np
 
-    from tactuator.experiment.protocol.file import read_protocol
+    from tactuator.experiment.protocol.file import read_any_protocol, read_protocol
+    from tactuator.experiment.protocol.judging import JudgingProtocol
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.io.csv_tables import read_relative_curve
     from tactuator.rig.rig import require_finger_ports, usual_load
 
+    any_study, text = read_any_protocol(Path(protocol))
+    if isinstance(any_study, JudgingProtocol):
+        if truth:
+            raise BadInput("--truth where tones are judged", "--law and --lapse")
+        apparatus = (rig, display, controller)
+        return _observed_judging(any_study, text, Path(store), apparatus, load, law or [], lapse or [], seed)
+    if law:
+        raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
     study, text = read_protocol(Path(protocol))
     codes = [subject.code for subject in study.subject]
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
@@ -236,6 +253,48 @@ def observe(
         for hertz in frequencies_hz
     ]
     return ObservedResult(Path(store), tuple(rows))
+
+
+def _observed_judging(
+    protocol: "JudgingProtocol",
+    text: str,
+    store: Path,
+    apparatus: tuple[RigOption, DisplayOption, ControllerOption],
+    load: str | None,
+    law: Sequence[str],
+    lapse: Sequence[str],
+    seed: int,
+) -> ObservedResult:
+    """Let people with laws of strength judge. The truth of each is the level that is as strong as 30 dB SL."""
+    import numpy as np
+
+    from tactuator.experiment.session.task import SystemClock
+    from tactuator.experiment.simulated.judging_sitting import run_judging
+    from tactuator.experiment.simulated.strength_people import people_of
+    from tactuator.experiment.store.store import opened_store, sessions_of
+    from tactuator.rig.rig import require_finger_ports, usual_load
+
+    codes = [subject.code for subject in protocol.subject]
+    laws = dict(_pairs("--law", "SUBJECT=LAW", law))
+    with sessions_of(store), opened_apparatus(*apparatus, seed, None) as place:
+        require_finger_ports(place.rig, place.name)
+        channels = place.controller.display.channels
+        people = people_of(codes, laws, _lapses(lapse), channels[0].threshold.curve, seed)
+        touching = load or usual_load(channels)
+        with working("people", 1000 * len(people)) as step, opened_store(store) as database:
+
+            def show(subject: int, share: float) -> None:
+                step(round(1000 * (subject + share)))
+
+            named = None if touching == "none" else touching
+            run_judging(database, protocol, text, place, people, SystemClock(), named, show)
+    hertz = np.array([10.0, 30.0, 60.0, 100.0, 160.0, 250.0])
+    rows = [
+        (code, float(at), float(level))
+        for code, person in zip(codes, people, strict=True)
+        for at, level in zip(hertz, person.equal_to(30.0, hertz), strict=True)
+    ]
+    return ObservedResult(store, tuple(rows), "as strong as 30 dB SL at 100 Hz (dB SL)")
 
 
 def _lapses(texts: Sequence[str]) -> dict[str, float]:
@@ -289,7 +348,7 @@ class StoreThresholds(Result):
                 np.array([getattr(threshold, key) for threshold in of])
                 for key in ("frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl")
             )
-            half = np.maximum([level - low, high - level], 0.0)
+            half = np.nan_to_num(np.maximum([level - low, high - level], 0.0), posinf=_OPEN_DB)
             curves.append(ChartLine(f"{name}, ± 95 %", hertz, level, "o", half, [bool(t.flags) for t in of]))
         curve = self.results.reference.name
         return Chart("frequency (Hz)", "threshold (dB SL)", curves, log_x=True, limits={f"curve {curve!r}": 0.0})
@@ -301,26 +360,43 @@ class StoreThresholds(Result):
         from tactuator.experiment.language.words import shipped_words
         from tactuator.experiment.result.confusion import threshold_table
 
-        return [threshold_table(self.results.thresholds, shipped_words("en")), *self._who()]
+        measured = threshold_table(self.results.thresholds, shipped_words("en"))
+        return [measured, *([] if self.results.group is None else [self._curve(self.results.group)])]
 
-    def _who(self) -> list[str]:
-        group = self.results.group
-        if group is None:
-            return []
-        points = [(f, count) for f, count in zip(group.curve.frequency_hz, group.subjects, strict=True) if count]
-        counts = {count for _, count in points}
-        if len(counts) == 1:
-            people = f"people: {counts.pop()} at each of {len(points)} frequencies"
-        else:
-            people = "people: " + ", ".join(f"{count} at {hertz:.4g} Hz" for hertz, count in points)
-        return [
-            f"curve across subjects ({group.curve.provenance}): {people}",
-            *(
-                f"left out: {each.subject}, {each.finger}, {each.frequency_hz:.4g} Hz, run {each.run}: "
-                f"{', '.join(each.flags)}"
-                for each in group.left_out
-            ),
-        ]
+    def _curve(self, group: "GroupCurve") -> ResultTable:
+        """Return the curve across subjects as a table, beside it the one with, or without, doubtful thresholds."""
+        beside = self.results.beside
+        drawn = [group, *([] if beside is None else [beside])]
+        columns = ["Hz", "dB re 1 µm", "people (beyond what was played)"]
+        if beside is not None:
+            columns += [self.results.beside_is, "people"]
+        rows = []
+        for hertz, count in zip(group.curve.frequency_hz, group.subjects, strict=True):
+            if count:
+                cells_of = [_point(curve, float(hertz)) for curve in drawn]
+                rows.append((f"{hertz:.4g}", *(cell for cells in cells_of for cell in cells)))
+        left_out = dict.fromkeys(f"{each.subject}, run {each.run}" for each in group.left_out)
+        notes = [f"left out: {'; '.join(left_out)}"] if left_out else []
+        if beside is not None:
+            notes.append("a flag alone leaves nobody out: decide, and say --leave-out CODE or --leave-out flagged")
+        return ResultTable(
+            f"curve across subjects ({group.curve.provenance})", tuple(columns), tuple(rows), tuple(notes)
+        )
+
+
+_OPEN_DB = 100.0
+"""Length of a bar whose end is open: it leaves the axes."""
+
+
+def _point(group: "GroupCurve", hertz: float) -> tuple[str, str]:
+    """Return level with standard error, and people, of a curve at a frequency; dashes where it has no point there."""
+    at = [index for index, f in enumerate(group.curve.frequency_hz) if f == hertz and group.subjects[index]]
+    if not at or group.curve.standard_error_db is None:
+        return "–", "–"
+    level, error = group.curve.level_db_re_1um[at[0]], group.curve.standard_error_db[at[0]]
+    sign = {"": "", ">=": "≥ ", "<=": "≤ "}[group.bound[at[0]]]
+    beyond = f" ({group.censored[at[0]]})" if group.censored[at[0]] else ""
+    return f"{sign}{level:.1f} ± {error:.1f}", f"{group.subjects[at[0]]}{beyond}"
 
 
 def thresholds(
@@ -331,10 +407,13 @@ def thresholds(
         Place | None, Option("Write the curve across subjects (CSV) for `design`.", writes=True)
     ] = None,
     figures: Figures = None,
-    keep_flagged: Annotated[bool, Option("Take flagged runs into the curve across subjects as well.")] = False,
+    leave_out: Annotated[
+        list[str] | None, Option("Subject to leave out of the curve, or flagged: all doubtful thresholds; repeatable.")
+    ] = None,
 ) -> StoreThresholds:
     """Refit thresholds of every finished run. They come with flags, and with the curve across subjects.
 
+    The curve has everybody, unless somebody is left out; beside it stands the one without the doubtful thresholds.
     Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
 
     >>> tt.thresholds("lab.db").headline()["subjects"]
@@ -344,7 +423,7 @@ def thresholds(
     from tactuator.io.csv_tables import write_curve
 
     with working("refitting the runs"):
-        results = store_results(Path(store), group, reference, keep_flagged)
+        results = store_results(store, group, reference, leave_out or [])
     if results.group is not None and curve_out is not None:
         write_curve(Path(curve_out), results.group.curve, results.circumstances)
     if results.group is not None and figures is not None:
@@ -352,7 +431,8 @@ def thresholds(
 
         folder = Path(figures)
         folder.mkdir(parents=True, exist_ok=True)
-        thresholds_plate(results.people, results.reference, results.group.curve).save(folder)
+        others = {} if results.beside is None else {results.beside_is: results.beside.curve}
+        thresholds_plate(results.people, results.reference, results.group.curve, others).save(folder)
         for subject, trials in results.psychometric.items():
             psychometric_plate(subject, trials).save(folder)
     return StoreThresholds(results, curve_out is not None or figures is not None)
@@ -379,7 +459,7 @@ def export(
     from tactuator.experiment.export.export import export as exported
     from tactuator.experiment.store.store import Store
 
-    with working("exporting"), closing(Store(Path(store), must_exist=True)) as database:
+    with working("exporting"), closing(Store(store, must_exist=True)) as database:
         return ExportedResult(Path(out), form, exported(database, Path(out), form))
 
 
@@ -396,7 +476,7 @@ class QualityResult(Result):
         for key, value in self.figures.items():
             if isinstance(value, dict):
                 rows += [_quality_row(f"{key} {inner}", number) for inner, number in value.items()]
-            else:
+            elif key != "by_frequency":
                 rows.append(_quality_row(key, value))
         return dict(rows)
 
@@ -404,14 +484,20 @@ class QualityResult(Result):
         return dict(self.figures)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        return [ResultTable(f"{self.procedure}, {self.runs} runs", ("figure", "value"), tuple(self.headline().items()))]
+        whole = ResultTable(f"{self.procedure}, {self.runs} runs", ("figure", "value"), tuple(self.headline().items()))
+        at = tuple(
+            (f"{row['frequency_hz']:.4g}", f"{row['rms_error_db']:.2f}", f"{row['coverage95']:.2f}")
+            for row in self.figures.get("by_frequency", ())
+        )
+        heads = ("frequency (Hz)", "rms error (dB)", _WORDS["coverage95"])
+        return [whole, ResultTable("by frequency", heads, at)] if at else [whole]
 
 
 _WORDS = {
     "sd": "standard deviation", "rmse": "rms error", "rms error median": "rms error of the median person",
     "trials mean": "trials, mean", "trials p05": "trials, 5th percentile", "trials p95": "trials, 95th percentile",
     "coverage95": "share inside the 95 % interval", "unfinished": "runs that did not end",
-    "flagged": "share of runs that are flagged",
+    "flagged": "share of runs that are flagged", "notch excluded": "share of points without an unseen notch",
 }  # fmt: skip
 
 
@@ -427,7 +513,10 @@ def _quality_row(key: str, value: object) -> tuple[str, str]:
 
 
 def simulate(
-    procedure: Annotated[str, Option("imece2004, up-down, quest-plus, curve, or another package's.")] = "imece2004",
+    procedure: Annotated[
+        str,
+        Option("imece2004, up-down, quest-plus, curve, matching, magnitude-estimation, discrimination, or another's."),
+    ] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
     lapse: Annotated[float, Option("Lapse rate.")] = _SETTING.default("lapse"),
@@ -440,19 +529,40 @@ def simulate(
     guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = _SETTING.default("guessed"),
     drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = _SETTING.default("drift_db"),
     loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = _SETTING.default("loud_share"),
+    law: Annotated[
+        str | None, Option("Of matching and the like: everybody's law of strength (default: each in turn).")
+    ] = None,
     seed: Seed = 0,
 ) -> QualityResult:
-    """Say how good a procedure's estimates are. It is run many times against a Weibull observer."""
+    """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
+    from tactuator.experiment.simulated.judging_quality import TASKS
     from tactuator.experiment.simulated.quality import Setting, simulate_kind
     from tactuator.io.csv_tables import read_relative_curve
 
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
+    if procedure in TASKS:
+        if setting != Setting(runs, lapse=lapse, seed=seed) or truth is not None:
+            raise BadInput(f"options of thresholds with {procedure}", "--runs, --lapse, --trials, --law, --seed")
+        return _judged(procedure, runs, lapse, seed, law, trials)
+    if law is not None:
+        raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
     people = None if truth is None else read_relative_curve(Path(truth))
     with working(f"{runs} runs", 1.0) as step:
         quality = simulate_kind(procedure, setting, trials, people, step)
     figures = plain(quality)
     assert isinstance(figures, dict)
     return QualityResult(procedure, runs, figures)
+
+
+def _judged(task: str, runs: int, lapse: float, seed: int, law: str | None, trials: int | None) -> QualityResult:
+    """Say how good a task of judging is."""
+    from tactuator.experiment.simulated.judging_quality import JudgingSetting, simulate_judging
+
+    with working(f"{runs} people", 1.0) as step:
+        quality = simulate_judging(task, JudgingSetting(runs, lapse, seed, law, trials), step)
+    figures = plain(quality)
+    assert isinstance(figures, dict)
+    return QualityResult(task, runs, figures)
 
 
 def _slope_range(text: str) -> tuple[float, float]:

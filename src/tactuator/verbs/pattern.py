@@ -5,26 +5,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.errors import BadInput
 from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Argument, Figures, Option, Place
-from tactuator.verbs.result import Result, columns_of, figure, plain
+from tactuator.verbs.result import Result, figure, plain
 
 if TYPE_CHECKING:
     from tactuator.model.controller import Controller
     from tactuator.patterns.clip import Clip
-    from tactuator.patterns.rendering import RenderedClip
+    from tactuator.patterns.rendering import PatternMap, RenderedClip
 
 MOST_LOSS_DB = 3.0
+MADE_FOR_HELP = "Device that the clip was made for: its ACF, or Android's frequency profile (.csv)."
 LEGACY_HELP = "Take a .haptic whose frequency outlasts its amplitude, as older players do."
 _POINTS = 500
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PatternResult(Result):
-    """A haptic clip of another format that keeps the format's rules."""
+    """A haptic clip of another format that keeps the format's rules. It holds where every device has to play it."""
 
     path: Path
     clip: "Clip"
+
+    @property
+    def holds(self) -> bool:
+        """Return whether there is nothing in it that a device need not play."""
+        return not self.clip.unsure
 
     def headline(self) -> Mapping[str, str]:
         clip = self.clip
@@ -38,15 +45,13 @@ class PatternResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         clip = self.clip
-        figures = {name: getattr(clip, name) for name in ("format", "duration_s", "clamped", "ignored", "pitch_in_hz")}
+        names = ("format", "duration_s", "clamped", "ignored", "unrendered", "unsure", "pitch_in_hz")
+        figures = {name: plain(getattr(clip, name)) for name in names}
         counts = {"tones": len(clip.tones), "taps": [vars(tap) for tap in clip.taps]}
         return {"file": str(self.path), "valid": True, **figures, **counts}
 
     def notices(self) -> Sequence[str]:
-        clip = self.clip
-        clamped = f"{clip.clamped} values were outside 0 to 1: the format takes them back to it" if clip.clamped else ""
-        ignored = f"the format passes over {', '.join(clip.ignored[:5])}" if clip.ignored else ""
-        return tuple(line for line in (clamped, ignored) if line)
+        return clip_notices(self.clip)
 
     def chart(self) -> Chart:
         import numpy as np
@@ -65,22 +70,67 @@ class PatternResult(Result):
         return Chart("time (s)", "strength (0 to 1)", lines, right_label=pitches)
 
 
+def clip_notices(clip: "Clip") -> tuple[str, ...]:
+    """Return what is to be known of a clip as it was read."""
+    clamped = f"{clip.clamped} values were outside their range: the format takes them back to it"
+    ignored = f"the format passes over {_first(clip.ignored)}"
+    unrendered = f"not rendered: {_first(clip.unrendered)}"
+    unsure = f"not every device plays it: {'; '.join(clip.unsure)}"
+    lines = {clamped: clip.clamped, ignored: clip.ignored, unrendered: clip.unrendered, unsure: clip.unsure}
+    return tuple(line for line, there in lines.items() if there)
+
+
+def _first(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ActuatorResult(Result):
+    """An actuator configuration file (ACF) that keeps the rules of it, as the map that it states."""
+
+    path: Path
+    map: "PatternMap"
+
+    def headline(self) -> Mapping[str, str]:
+        return {"format": "acf", **{name: str(value) for name, value in self._stated().items()}}
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"file": str(self.path), "format": "acf", "valid": True, "map": plain(self._stated())}
+
+    def _stated(self) -> dict[str, Any]:
+        names = ("band_hz", "gain", "ducking", "tap_hz", "tap_s", "tap_gain", "tap_fade", "tap_shape")
+        return {name: getattr(self.map, name) for name in names}
+
+    def chart(self) -> Chart:
+        ends = (("tones", self.map.band_hz), ("taps", self.map.tap_hz))
+        lines = [ChartLine(words, (0.0, 1.0), hertz, "o-", colour=k) for k, (words, hertz) in enumerate(ends)]
+        return Chart("pitch (0 to 1)", "frequency (Hz)", lines)
+
+
 def pattern(
-    clip: Annotated[Place, Argument("Clip: .haptic, .ahap or Android's .xml.", file=True)],
+    clip: Annotated[Place, Argument("Clip: .haptic, .ahap, .hjif or Android's .xml; or an .acf.", file=True)],
     *,
     legacy: Annotated[bool, Option(LEGACY_HELP)] = False,
     figures: Figures = None,
-) -> PatternResult:
+) -> PatternResult | ActuatorResult:
     """Say what a haptic clip of another format is, and draw it. A clip that breaks a rule of its format is refused.
 
-    Raises BadInput with the rule that it breaks.
+    An Android envelope that keeps the format's rules and that not every device has to play does not hold. Raises
+    BadInput with the rule that a file breaks.
 
     >>> tt.pattern("knock.haptic")
     <Pattern format: haptic, duration: 0.3 s, tones: 1, taps: 1, clamped: 0>
     """
-    from tactuator.patterns.clip import read_clip
+    from tactuator.patterns.reading import read_clip
 
-    result = PatternResult(Path(clip), read_clip(Path(clip), legacy))
+    path = Path(clip)
+    result: PatternResult | ActuatorResult
+    if path.suffix.lower() == ".acf":
+        from tactuator.patterns.acf import read_acf
+
+        result = ActuatorResult(path, read_acf(path))
+    else:
+        result = PatternResult(path, read_clip(path, legacy))
     if figures is not None:
         _draw(result.chart(), Path(figures), Path(clip).stem)
     return result
@@ -118,22 +168,26 @@ class ClipResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         rendered = self.rendered
-        figures = {"format": rendered.clip.format, "duration_s": rendered.clip.duration_s, "map": vars(rendered.map)}
+        figures = {"format": rendered.clip.format, "duration_s": rendered.clip.duration_s, "map": plain(rendered.map)}
         return {
             "out": str(self.path), "clip": rendered.clip.name, **figures, "most_loss_db": self.most_loss_db,
             "loss": plain(rendered.loss.document()), "met": self.holds,
         }  # fmt: skip
 
+    def notices(self) -> Sequence[str]:
+        return clip_notices(self.rendered.clip)
+
     def columns(self) -> Mapping[str, Any]:
         loss = self.rendered.loss
-        rows = zip(loss.time_s, loss.asked_db_sl, loss.delivered_db_sl, strict=True)
-        return columns_of(("time_s", "asked_db_sl", "delivered_db_sl"), rows)
+        names = ("time_s", "asked_db_sl", "delivered_db_sl", "felt_db_sl")
+        return {name: getattr(loss, name) for name in names}
 
     def chart(self) -> Chart:
         loss = self.rendered.loss
         asked = ChartLine("asked", loss.time_s, loss.asked_db_sl, colour=0)
         given = ChartLine("delivered", loss.time_s, loss.delivered_db_sl, "--", colour=1)
-        return Chart("time (s)", "level (dB SL)", [asked, given], limits={"threshold": 0.0})
+        felt = ChartLine("felt, by the model", loss.time_s, loss.felt_db_sl, ":", colour=3)
+        return Chart("time (s)", "level (dB SL)", [asked, given, felt], limits={"threshold": 0.0})
 
     def tables(self) -> Sequence[ResultTable | str]:
         loss, rise = self.rendered.loss, self.rendered.loss.emphasis_rise_db
@@ -150,18 +204,35 @@ class ClipResult(Result):
 
 def render_pattern(
     clip: Path, controller: "Controller", out: Path, level_db_sl: float, most_loss_db: float, legacy: bool,
-    figures: Path | None,
+    figures: Path | None, made_for: Path | None = None,
 ) -> ClipResult:  # fmt: skip
     """Render a clip to a reference, strength 1 being `level_db_sl`. Raises BadInput as `render` does."""
     from tactuator.io.reference import write_reference
-    from tactuator.patterns.clip import read_clip
-    from tactuator.patterns.rendering import MAPS, render_clip
+    from tactuator.patterns.reading import read_clip
+    from tactuator.patterns.rendering import render_clip
 
     asked = read_clip(clip, legacy)
-    rendered = render_clip(asked, controller, replace(MAPS[asked.format], full_db_sl=level_db_sl))
+    rendered = render_clip(asked, controller, _map_of(asked, level_db_sl, made_for))
     with write_reference(out, rendered.head, len(rendered.reference)) as writer:
         writer.write(rendered.reference)
     result = ClipResult(out, rendered, most_loss_db)
     if figures is not None:
         _draw(result.chart(), figures, clip.stem)
     return result
+
+
+def _map_of(clip: "Clip", level_db_sl: float, made_for: Path | None) -> "PatternMap":
+    """Return what a clip's numbers stand for, on the device that it was made for where one is named."""
+    from tactuator.patterns.acf import read_acf
+    from tactuator.patterns.android import read_profile
+    from tactuator.patterns.rendering import MAPS, android_map
+
+    if made_for is None:
+        return replace(MAPS[clip.format], full_db_sl=level_db_sl)
+    is_android = clip.format.startswith("android")
+    if (made_for.suffix.lower() == ".csv") != is_android or (clip.pitch_in_hz and not is_android):
+        allowed = "a frequency profile (.csv) for Android's, an .acf for .haptic and .ahap"
+        raise BadInput(f"{made_for.name} for {clip.name}", allowed, key="--made-for")
+    if is_android:
+        return android_map(read_profile(made_for), clip.format)
+    return replace(read_acf(made_for), full_db_sl=level_db_sl)

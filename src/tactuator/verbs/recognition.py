@@ -208,7 +208,7 @@ def information(
     if seconds is not None:
         raise BadInput("--seconds with --store", "with --matrix, since a store knows its stimuli's durations")
     assert store is not None
-    with closing(Store(Path(store), must_exist=True)) as database:
+    with closing(Store(store, must_exist=True)) as database:
         subjects, abx = recognition_results(database, rng, study, draws)
     return StoreInformation(tuple(subjects), tuple(abx))
 

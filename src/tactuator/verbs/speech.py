@@ -27,7 +27,7 @@ from tactuator.verbs.parameters import (
     RigOption,
     Seed,
 )
-from tactuator.verbs.pattern import LEGACY_HELP, MOST_LOSS_DB, ClipResult, render_pattern
+from tactuator.verbs.pattern import LEGACY_HELP, MADE_FOR_HELP, MOST_LOSS_DB, ClipResult, render_pattern
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, columns_of, figure
 
@@ -93,21 +93,24 @@ def waveforms(
     with atomic_folder(out, frozenset(names)) as beside:
         with working("rendering waveforms"):
             written = write_waveforms(waveform_set, loaded, beside)
-        write_text(beside / PROTOCOL, _protocol(written, duration, repetitions, seed))
+        items = [(item.label, item.path.name) for item in written]
+        study = f"waveforms of {1e3 * duration:g} ms"
+        write_text(beside / PROTOCOL, recognition_protocol(study, items, repetitions, seed))
     return WaveformsResult(Path(out), written)
 
 
-def _protocol(written: "tuple[WrittenWaveform, ...]", duration_s: float, repetitions: int, seed: int) -> str:
+def recognition_protocol(study: str, items: Sequence[tuple[str, str]], repetitions: int, seed: int) -> str:
+    """Return the protocol of a recognition experiment over items: label and file of each."""
     keys = [*string.digits[1:], *string.ascii_lowercase, *string.ascii_uppercase]
     keys += [f"{number}" for number in range(10, 1000)]
-    items = "".join(
-        f'\n[[item]]\nlabel = "{item.label}"\nfile = "{item.path.name}"\nkey = "{key}"\n'
-        for item, key in zip(written, keys, strict=False)
+    listed = "".join(
+        f'\n[[item]]\nlabel = "{label}"\nfile = "{file}"\nkey = "{key}"\n'
+        for (label, file), key in zip(items, keys, strict=False)
     )
     return (
-        f'[study]\nname = "waveforms of {1e3 * duration_s:g} ms"\nseed = {seed}\n\n'
+        f'[study]\nname = "{study}"\nseed = {seed}\n\n'
         '[recognition]\nparadigm = "recognition"\nlead_s = 0.3\ngap_s = 0.3\n'
-        f'{items}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
+        f'{listed}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
         f'\n[[block]]\nkind = "test"\nrepetitions = {repetitions}\nfeedback = false\n'
         '\n[[subject]]\ncode = "S1"\n'
     )
@@ -166,7 +169,7 @@ def _limited(entry: Any) -> str:
 
 
 def render(
-    speech: Annotated[Place, Argument("Speech: WAV, FLAC, Ogg, ...; or a clip: .haptic, .ahap, .xml.", file=True)],
+    speech: Annotated[Place, Argument("Speech: WAV, FLAC, ...; or a clip: .haptic, .ahap, .hjif, .xml.", file=True)],
     controller: ControllerOption,
     out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5.", writes=True)],
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
@@ -185,6 +188,7 @@ def render(
         float, Option("Of a clip: shortfall that is allowed, dB.", ("--most-loss",), ge=0)
     ] = MOST_LOSS_DB,
     legacy: Annotated[bool, Option(LEGACY_HELP)] = False,
+    made_for: Annotated[Place | None, Option(MADE_FOR_HELP, file=True)] = None,
 ) -> SpokenResult | ClipResult:
     """Code speech onto the fingers and write the reference. Its level is set in dB SL, and the display's limits are
     kept. A haptic clip (.haptic, .ahap, Android's .xml) is rendered as well, and its loss told.
@@ -195,7 +199,7 @@ def render(
     >>> tt.render("speech.wav", controller, "reference.wav").path.name
     'reference.wav'
     """
-    from tactuator.patterns.clip import is_clip
+    from tactuator.patterns.reading import is_clip
     from tactuator.speech.coding import coding_of, write_coding
     from tactuator.speech.render import RenderJob, render_file
 
@@ -206,8 +210,8 @@ def render(
                 f"{speech} is a clip: it has no coding, and is not felt by simulation", "--level, --most-loss"
             )
         folder = None if figures is None else Path(figures)
-        loaded = chosen_controller(display, controller)
-        return render_pattern(source, loaded, Path(out), level_db_sl, most_loss_db, legacy, folder)
+        loaded, device = chosen_controller(display, controller), None if made_for is None else Path(made_for)
+        return render_pattern(source, loaded, Path(out), level_db_sl, most_loss_db, legacy, folder, device)
     if figures is not None and felt is None:
         raise BadInput("--figures without --felt", "both, since they show what was felt")
     chosen = coding_of(coding)

@@ -17,11 +17,17 @@ from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.session.task import JumpWatch
 from tactuator.experiment.store import records
+from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
 from tactuator.table import ResultTable
 
 _T = TypeVar("_T")
+_SHARING = -1
+"""Place of what the shared store is about among the calls, which are of sessions."""
+_SHARE_EVERY_S = 1.0
+_GATED = "\u26a0 "
+"""Beginning of a call about a gate, so that it goes when the gate is met."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -40,6 +46,7 @@ class Lab:
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
     calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
     tabs: how the open page of each session is told that another took over; control: the operator's page that has it.
+    sharing: the store that stations share, for a station.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -52,6 +59,7 @@ class Lab:
         self.calls: dict[int, str] = {}
         self.tabs: dict[int, Callable[[], Awaitable[None]]] = {}
         self.control: object | None = None
+        self.sharing: Shared | None = None
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
@@ -160,6 +168,24 @@ class Lab:
             self.start(session)
         return self.active == session and not self.paused
 
+    async def may_begin(self, presented: PresentedSession) -> bool:
+        """Return whether the next trial of the session may be presented: it is its turn, and no gate refuses it, which
+        is told to the operator otherwise.
+        """
+        session = presented.session
+        refused = await self.work(lambda: session.refused)
+        kept = self.calls.get(session.id, "")
+        if not refused:
+            if kept.startswith(_GATED):
+                del self.calls[session.id]
+            return self.may_play(session.id)
+        row = next(row for row in self._rows if row.id == session.id)
+        text = self.words("operator.gated", subject=row.subject_code, reason="; ".join(map(str, refused)))
+        if kept != _GATED + text:
+            self.calls[session.id] = _GATED + text
+            self.notify()
+        return False
+
     def start(self, session: int) -> None:
         """Put a session at the rig. Raises BadInput while another is there."""
         self._check(session)
@@ -218,9 +244,30 @@ class Lab:
         jump_s = self.jumps.jump_s()
         if jump_s is not None:
             with self.store.begin() as connection:
-                records.note(
-                    connection, None, "clock-jump", f"the wall clock moved by {jump_s:.1f} s", self.clock.utc()
-                )
+                detail = f"the wall clock moved by {jump_s:.1f} s"
+                records.note(connection, None, "clock-jump", detail, self.clock.utc(), records.PROGRAM)
+
+    async def note(self, session: int, kind: str, who: str) -> None:
+        """Store what an operator did to a session."""
+        opened = self.opened(session)
+        if opened is not None:
+            await self.work(lambda: opened.session.note(kind, "by the operator", who))
+
+    async def share(self) -> None:
+        """Exchange with the shared store for as long as this runs; the operator is told where it cannot be reached."""
+        while self.sharing is not None:
+            try:
+                done = await asyncio.to_thread(self.sharing.exchange)
+                said = "; ".join(conflict.what for conflict in done.conflicts)
+                if done.rows:
+                    await self.refresh()
+            except (TactuatorError, LabFault) as error:
+                said = self.words("operator.alone", reason=str(error))
+            if said != self.calls.get(_SHARING, ""):
+                self.calls.pop(_SHARING, None)
+                self.calls |= {_SHARING: said} if said else {}
+                self.notify()
+            await asyncio.sleep(_SHARE_EVERY_S)
 
     def notify(self) -> None:
         """Tell those who wait that something changed."""

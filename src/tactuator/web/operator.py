@@ -21,10 +21,10 @@ _REFRESH_S = 1.0
 
 
 class OperatorPage:
-    """One open page of an operator; one has control, the others look on until one takes it."""
+    """One open page of the operator of that name; one has control, the others look on until one takes it."""
 
-    def __init__(self, socket: WebSocket, lab: Lab) -> None:
-        self.socket, self.lab = socket, lab
+    def __init__(self, socket: WebSocket, lab: Lab, who: str) -> None:
+        self.socket, self.lab, self.who = socket, lab, who
 
     async def serve(self) -> None:
         """Serve the page until it closes; it has control if no other has."""
@@ -77,14 +77,14 @@ class OperatorPage:
                 participant_id=message.participant_id,
                 demographics=facts,
             )
-            await self.lab.work(lambda: study.enrol(part))
+            await self.lab.work(lambda: study.enrol(part, self.who))
         elif isinstance(message, NewVisit):
-            await self.lab.work(lambda: study.add_visit(message.subject))
+            await self.lab.work(lambda: study.add_visit(message.subject, self.who))
         elif isinstance(message, Correct):
             given = Correction(message.group, message.participant_id, message.demographics)
             if given == Correction():
                 raise BadInput(self.lab.words("operator.refused_same"))
-            await self.lab.work(lambda: study.correct(message.subject, given, message.reason))
+            await self.lab.work(lambda: study.correct(message.subject, given, message.reason, self.who))
         else:
             await self._day(message)
         await self.lab.refresh()
@@ -103,7 +103,8 @@ class OperatorPage:
         if all(row.id != day.session for row in self.lab.sessions):
             raise BadInput(f"session {day.session} is not of this study", "one that is")
         study = self.lab.study
-        await self.lab.work(lambda: study.set_day(day.session, day.skin_temperature_c, day.preload_n))
+        values = (day.skin_temperature_c, day.preload_n)
+        await self.lab.work(lambda: study.set_day(day.session, *values, self.who, day.posture))
 
     def _require_control(self) -> None:
         if self.lab.control is not self:
@@ -118,8 +119,10 @@ class OperatorPage:
             await self._results(_session(command))
             return
         self._require_control()
+        there = self.lab.active
         if command.type == "start":
-            self.lab.start(_session(command))
+            there = _session(command)
+            self.lab.start(there)
         elif command.type in ("pause", "resume"):
             self.lab.pause(command.type == "pause")
         elif command.type == "stop":
@@ -128,6 +131,8 @@ class OperatorPage:
             self.lab.tell(None)
         else:
             await self._give_up_run()
+        if there is not None and command.type != "clear-fault":
+            await self.lab.note(there, command.type, self.who)
 
     async def _give_up_run(self) -> None:
         presented = None if self.lab.active is None else self.lab.opened(self.lab.active)
@@ -161,6 +166,7 @@ class OperatorPage:
             "fault": lab.fault,
             "active": lab.active,
             "calls": list(lab.calls.values()),
+            "posture": lab.study.task.protocol.gates.posture,
             "demographics": [asdict(item) for item in lab.study.task.protocol.demographic],
             "rig": {
                 "name": apparatus.name,

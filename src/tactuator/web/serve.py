@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -24,7 +25,9 @@ from tactuator.verbs.parameters import (
 )
 
 if TYPE_CHECKING:
+    from tactuator.experiment.store.merge import Shared
     from tactuator.experiment.store.records import Found
+    from tactuator.experiment.store.store import Store
     from tactuator.web.lab import Lab
     from tactuator.web.server import Address
 
@@ -45,9 +48,18 @@ def serve(
     tls_key: TlsKey = None,
     operator_token_file: Annotated[
         Place | None,
-        Option("File with the operator's token; default: TACTUATOR_OPERATOR_TOKEN, or a fresh one.", type=Path | None),
+        Option(
+            "A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.",
+            type=Path | None,
+        ),
     ] = None,
     speed: Annotated[float, Option("Speed of presentation on a rig that could go faster; 0: as fast as it can.")] = 1.0,
+    shared: Annotated[
+        str | None, Option("Store that stations share (postgresql://... or a file); --store is this station's own.")
+    ] = None,
+    operator: Annotated[
+        list[str] | None, Option("An operator's name, kept with what they do; each has an address.", metavar="NAME")
+    ] = None,
     auto_start: Annotated[bool, Option("Subjects may begin without the operator.")] = False,
     amend: Annotated[str | None, Option("Why the protocol says something else than before: a new version.")] = None,
     show: Annotated[
@@ -75,23 +87,44 @@ def serve(
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
     with opened_apparatus(rig, display, controller, seed, speed or None) as apparatus, sessions_of(Path(store)):
-        operator_token = _operator_token(None if operator_token_file is None else Path(operator_token_file))
         study_protocol, text = read_any_protocol(Path(protocol))
+        tokens = None if operator_token_file is None else Path(operator_token_file)
+        names = operator or [study_protocol.study.experimenter or "operator"]
+        operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
         task = task_of(study_protocol, folder, apparatus)
         with closing(address.listen()) as sock, opened_store(Path(store)) as database:
-            study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder)
+            sharing = None if shared is None else _shared(database, shared)
+            study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder, names[0])
             lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-            server = uvicorn.Server(address.config(build_app(lab, operator_token), time.monotonic))
-            _tell(lab, address, address.base_url(sock), operator_token)
+            lab.sharing = sharing
+            server = uvicorn.Server(address.config(build_app(lab, operators), time.monotonic))
+            _tell(lab, address, address.base_url(sock), operators)
             try:
                 server.run(sockets=[sock])
             finally:
                 lab.close()
 
 
-def _tell(lab: "Lab", address: "Address", base: str, operator_token: str) -> None:
+def _shared(own: "Store", place: str) -> "Shared":
+    """Return the shared store, reached once; a station that knows a study already goes on without. Raises BadInput."""
+    from tactuator.errors import StoreFault
+    from tactuator.experiment.store import records
+    from tactuator.experiment.store.merge import Shared
+
+    sharing = Shared(own, place)
+    try:
+        sharing.exchange()
+    except (BadInput, StoreFault):
+        with own.read() as connection:
+            if not records.study_names(connection):
+                raise
+    return sharing
+
+
+def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str]) -> None:
     """Write the addresses to standard error."""
-    lines = [f"operator: {base}/operator#{operator_token}"]
+    named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
+    lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
     lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
     if address.warning:
         lines.append(address.warning)
@@ -99,20 +132,22 @@ def _tell(lab: "Lab", address: "Address", base: str, operator_token: str) -> Non
     sys.stderr.flush()
 
 
-def _operator_token(path: Path | None) -> str:
-    """Return the token of the file's first line, of the environment, or a fresh one; never of the command line, which
-    every user of the machine can read. Raises BadInput for one that may be guessed.
+def _operator_token(path: Path | None, line: int = 0) -> str:
+    """Return the token of a line of the file, of the environment (the first), or a fresh one; never of the command
+    line, which every user of the machine can read. Raises BadInput for one that may be guessed.
     """
     from tactuator.io.text import read_text
 
     try:
-        given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()
+        tokens = [os.environ.get(TOKEN_VARIABLE)] if path is None else [*read_text(path).splitlines(), ""]
     except BadInput as error:
         raise error.within(f"token file {path}") from None
+    given = tokens[line] if line < len(tokens) else "" if path else None
     if given is None:
         import secrets  # which takes a fifth of a help
 
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
+    given = given.strip()
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
         raise BadInput(
             f"the operator's token has {len(given)} characters", f"{_SHORTEST_TOKEN} or more, ASCII, no space"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -62,18 +62,29 @@ def same_origin(socket: WebSocket) -> bool:
 
 async def admitted(socket: WebSocket, token: str) -> bool:
     """Accept a connection, and return whether a page of this server made it and sent the token; others are closed."""
+    return await who_is(socket, {token: ""}) is not None
+
+
+async def who_is(socket: WebSocket, people: Mapping[str, str]) -> str | None:
+    """Accept a connection, and return whose token a page of this server sent; others are closed. people: names by
+    token.
+    """
     await socket.accept()
-    if same_origin(socket) and await _has_token(socket, token):
-        return True
-    await socket.close(CLOSE_FORBIDDEN)
-    return False
+    name = await _name_of(socket, people) if same_origin(socket) else None
+    if name is None:
+        await socket.close(CLOSE_FORBIDDEN)
+    return name
 
 
-async def _has_token(socket: WebSocket, token: str) -> bool:
-    """Return whether the first message is the token."""
+async def _name_of(socket: WebSocket, people: Mapping[str, str]) -> str | None:
+    """Return whose token the first message is, or None."""
     try:
         async with asyncio.timeout(_TOKEN_TIMEOUT_S):
             received = await receive_text(socket)
     except (TimeoutError, WebSocketDisconnect, BadInput):
-        return False
-    return hmac.compare_digest(received.encode(), token.encode())
+        return None
+    name = None
+    for token, whose in people.items():  # all of them, so that the duration gives no hint
+        if hmac.compare_digest(received.encode(), token.encode()):
+            name = whose
+    return name

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
-from contextlib import suppress
+from collections.abc import AsyncIterator, Coroutine, Mapping
+from contextlib import asynccontextmanager, suppress
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Response, WebSocket
@@ -13,16 +13,23 @@ from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage
 from tactuator.web.pages import answer_plainly, page, plain_text, static_file
-from tactuator.web.sockets import CLOSE_ABSENT, admitted, same_origin
+from tactuator.web.sockets import CLOSE_ABSENT, same_origin, who_is
 from tactuator.web.subject import SubjectTab
 
 _NOTHING = "There is no such page here."
 
 
-def build_app(lab: Lab, operator_token: str) -> FastAPI:
-    """Return the web application of one lab."""
-    app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None)
-    add_study_pages(app, StudyPages(lab), operator_token)
+def build_app(lab: Lab, operators: str | Mapping[str, str]) -> FastAPI:
+    """Return the web application of one lab. operators: names by token, or the only one's token."""
+
+    @asynccontextmanager
+    async def sharing(app: FastAPI) -> AsyncIterator[None]:
+        task = asyncio.create_task(lab.share())
+        yield
+        task.cancel()
+
+    app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None, lifespan=sharing)
+    add_study_pages(app, StudyPages(lab), operators)
 
     @app.get("/")
     async def index() -> Response:
@@ -70,9 +77,9 @@ class StudyPages:
         return lab
 
 
-def add_study_pages(app: FastAPI, pages: StudyPages, operator_token: str) -> None:
+def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[str, str]) -> None:
     """Add the pages of a study and their connections to an application, which serves their static files itself."""
-    _add_connections(app, pages, operator_token)
+    _add_connections(app, pages, {operators: "operator"} if isinstance(operators, str) else operators)
 
     @app.get("/s/{token}")
     async def subject_page(token: str, participant: Annotated[str | None, Query(max_length=64)] = None) -> Response:
@@ -100,7 +107,7 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operator_token: str) -> Non
         return page("operator", pages.lab.words, parts)
 
 
-def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> None:
+def _add_connections(app: FastAPI, pages: StudyPages, operators: Mapping[str, str]) -> None:
     @app.websocket("/ws/subject/{token}")
     async def subject(socket: WebSocket, token: str) -> None:
         await socket.accept()
@@ -113,9 +120,10 @@ def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> No
 
     @app.websocket("/ws/operator")
     async def operator(socket: WebSocket) -> None:
-        if not await admitted(socket, operator_token):
+        who = await who_is(socket, operators)
+        if who is None:
             return
         if pages.lab is None:
             await socket.close(CLOSE_ABSENT)
         else:
-            await pages.serve(socket, OperatorPage(socket, pages.lab).serve())
+            await pages.serve(socket, OperatorPage(socket, pages.lab, who).serve())

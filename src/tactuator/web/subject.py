@@ -129,8 +129,12 @@ class SubjectTab:
             while True:
                 await self._next_message()
         elif stage == "consent":
-            agrees = isinstance(await self._next_of(Consent, Decline), Consent)
-            await self._save_or_report(session.give_consent if agrees else session.decline)
+            said: Consent | Decline = await self._next_of(Consent, Decline)
+            if isinstance(said, Consent):
+                name, witness = said.name, said.witness
+                await self._save_or_report(lambda: session.give_consent(name, witness))
+            else:
+                await self._save_or_report(session.decline)
         else:
             if not await self._is_ready(presented, announced):
                 return  # the operator gave up the run that was introduced: the page is told of the next
@@ -143,7 +147,7 @@ class SubjectTab:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
         session = presented.session
         while session.stage == "trial":
-            if not self.lab.may_play(self.session):
+            if not await self.lab.may_begin(presented):
                 await self._stage(presented)
                 await self._until_changed()
                 continue
@@ -349,6 +353,8 @@ class SubjectTab:
             "subject": self.row.subject_code,
             "study": study.name,
             "consent": study.consent,
+            "consent_by": study.consent_by,
+            "consent_witness": study.consent_witness,
             "instructions": study.instructions,
             "prompt": question.prompt,
             "choices": [asdict(choice) for choice in question.choices],

@@ -15,7 +15,7 @@ from tactuator.wordlength.assessment import built
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
-PARTS = ("arithmetic", "control", "wire", "touch")
+PARTS = ("arithmetic", "control", "strength", "wire", "touch")
 
 pytestmark = pytest.mark.slow
 

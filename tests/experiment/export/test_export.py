@@ -150,12 +150,23 @@ def test_tidy__thresholds__follow_from_the_exported_trials_and_side_cars_alone(t
         assert float(row["point"]) == pytest.approx(settings["point"], abs=1e-6)
         levels = np.array([float(one["level_db_sl"]) for one in mine])
         found = posterior_by_hand(levels, [one["correct"] == "1" for one in mine], settings)
-        told = [float(row[name]) for name in ("refit_db_sl", "refit_sd_db", "refit_low_db_sl", "refit_high_db_sl")]
-        clip = [np.clip(found[index], levels.min(), levels.max()) for index in (0, 2, 3)]
-        assert told == pytest.approx([clip[0], found[1], clip[1], clip[2]], abs=1e-6)
-        assert row["bound"] == (">=" if found[0] > levels.max() else "<=" if found[0] < levels.min() else "")
+        names = ("refit_db_sl", "refit_sd_db", "refit_low_db_sl", "refit_high_db_sl")
+        told = [float(row[name]) if row[name] else math.nan for name in names]
+        bound = ">=" if found[0] > levels.max() else "<=" if found[0] < levels.min() else ""
+        low = math.nan if bound == "<=" or found[2] < levels.min() - 6.0 else min(found[2], levels.max())
+        high = math.nan if bound == ">=" or found[3] > levels.max() + 6.0 else max(found[3], levels.min())
+        expected = [np.clip(found[0], levels.min(), levels.max()), math.nan if bound else found[1], low, high]
+        assert told == pytest.approx(expected, abs=1e-6, nan_ok=True)
+        assert row["bound"] == bound
         shift = float(row["level_db_re_1um"]) - float(row["refit_db_sl"]) - float(mine[0]["curve_level_db_re_1um"])
         assert shift == pytest.approx(float(row["delivered_db"] or 0.0), abs=1e-9)
+
+
+def test_tidy__simulated_people__every_interval_and_event_says_so(tidy) -> None:
+    assert {row["simulated"] for row in rows(tidy / "intervals.csv")} == {"simulated"}
+    of_sessions = [row for row in rows(tidy / "events.csv") if row["visit"]]
+    assert of_sessions
+    assert {row["simulated"] for row in of_sessions} == {"simulated"}
 
 
 CATCH = "[catch]\nloud_share = 0.2\nblank_share = 0.2\n"
@@ -217,11 +228,11 @@ def test_tidy__whole_table_of_thresholds__is_computed_anew_from_the_export(tmp_p
     made.close()
     table, found = rows(tmp_path / "tidy" / "thresholds.csv"), thresholds(list(runs_of_export(tmp_path / "tidy")))
     assert {row["procedure"] for row in table} == {"quest-plus", "up-down", "curve"}
-    assert len(table) == len(found) == 1 + 1 + 12
+    assert len(table) == len(found) == 1 + 1 + 28
     for row, one in zip(table, found, strict=True):
         values = asdict(one) | {"flags": "|".join(one.flags)}
         for name in set(values) & set(row):
-            if isinstance(values[name], float) and not math.isnan(values[name]):
+            if isinstance(values[name], float) and math.isfinite(values[name]):  # an end that is open is empty
                 assert float(row[name]) == pytest.approx(values[name], abs=1e-9), name
             elif isinstance(values[name], float | None):
                 assert row[name] == "", name

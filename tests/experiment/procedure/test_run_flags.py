@@ -57,7 +57,7 @@ def test_flags__normal_people__are_seldom_raised() -> None:
 
 
 def test_flags__lapses_of_fifteen_percent_and_catch_trials__are_raised() -> None:
-    assert flagged(0.15, 80)["lapses"] >= 0.7
+    assert flagged(0.15, 80)["lapses"] >= 0.6
 
 
 def test_flags__guessers__are_all_raised() -> None:
@@ -77,9 +77,9 @@ def test_flags__loud_share_of_the_figures__is_that_of_the_shipped_protocols(kind
 @pytest.mark.slow
 def test_flags__two_thousand_runs__figures_of_the_documents() -> None:
     normal = flagged(0.02, 2000, seed=9)
-    assert flagged(0.15, 2000, seed=9)["lapses"] >= 0.80
-    assert normal["lapses"] <= 0.03
-    assert normal["drift"] <= 0.05
+    assert flagged(0.15, 2000, seed=9)["lapses"] >= 0.68
+    assert normal["lapses"] <= 0.02
+    assert normal["drift"] <= 0.02
 
 
 def test_quest_plus__estimates_from_counts__are_those_trial_by_trial() -> None:

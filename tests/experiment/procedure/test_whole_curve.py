@@ -8,10 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import norm
 
-from tactuator.experiment.procedure.curve_belief import CurveBelief, PointLikelihoods, Sites, refine
+from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
+from tactuator.experiment.procedure.curve_reading import mixed
+from tactuator.experiment.procedure.curve_refinement import PointLikelihoods, Sites, refine
 from tactuator.experiment.procedure.procedure import Answering
+from tactuator.experiment.procedure.unseen_notch import EXCLUDED_ODDS, unseen_notch
 from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve
@@ -104,23 +108,24 @@ def test_choosing__lapse_rate_with_little_weight__takes_part_with_all_of_it() ->
 
 def test_whole_curve__before_any_trial__is_the_prior() -> None:
     prior = CurvePrior()
-    mean, sd = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
-    shares = np.array([kind.share for kind in prior.kinds])[:, None] * np.array(Answering().lapse_shares)
+    read = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
+    kinds = [kind for kind in prior.kinds if not kind.is_local]  # the local ones join when trials speak for them
+    shares = np.array([kind.share for kind in kinds])[:, None] * np.array(Answering().lapse_shares)
     shares = (shares**0.75).sum(axis=1)  # tempered, as the band is
     shares = shares / shares.sum()
-    means = np.array([kind.mean_db for kind in prior.kinds])
     asked = [1.0, 11.0, 200.0]
-    variances = np.array([np.diag(kind.covariance(asked, asked, prior.middle_hz)) for kind in prior.kinds])
-    expected = shares @ (variances + means[:, None] ** 2) - (shares @ means) ** 2
+    means = np.array([kind.mean(asked) for kind in kinds])
+    variances = np.array([np.diag(kind.covariance(asked, asked, prior.middle_hz)) for kind in kinds])
+    expected = shares @ (variances + means**2) - (shares @ means) ** 2
     assert sum(kind.share for kind in prior.kinds) == pytest.approx(1.0)
-    assert mean == pytest.approx(np.full(3, shares @ means), abs=0.05)
-    assert sd == pytest.approx(np.sqrt(expected), rel=0.02)
+    assert read.mean == pytest.approx(shares @ means, abs=0.05)
+    assert read.sd == pytest.approx(1.3 * np.sqrt(expected), rel=0.02)  # bands are widened by that much
 
 
 def test_belief__one_kind_and_many_trials__is_the_near_the_laplace_approximation_of_a_gaussian_process() -> None:
     """The witness: a Laplace approximation with known slope and lapse, written from Rasmussen & Williams 2006, 3.4."""
     prior = CurvePrior(points=8, broad_share=0.0, uneven_share=1.0, uneven_db=3.0, steps_share=0.0, notch_share=0.0,
-    edge_share=0.0,
+    edge_share=0.0, channel_share=0.0,
                        normal_share=0.0, mains_hz=0.0)  # fmt: skip
     answering = Answering(slopes=(2.5,), lapses=(0.02,), lapse_shares=(1.0,))
     belief, rng = CurveBelief(prior, answering), np.random.default_rng(0)
@@ -137,10 +142,10 @@ def test_belief__one_kind_and_many_trials__is_the_near_the_laplace_approximation
     kind = prior.kinds[0]
     covariance = kind.covariance(prior.frequency_hz, prior.frequency_hz, prior.middle_hz)
     mode, sd = laplace(covariance, kind.mean_db, np.array(points), np.array(levels), np.array(correct), answering)
-    mean, spread = belief.curve(prior.frequency_hz)
-    assert np.mean(np.abs(mean[0] - mode) / sd) <= 0.5
-    assert np.max(np.abs(mean[0] - mode) / sd) <= 1.2
-    assert spread[0] == pytest.approx(sd, rel=0.3)
+    read = belief.curve(prior.frequency_hz)
+    assert np.mean(np.abs(read.mean[0] - mode) / sd) <= 0.5
+    assert np.max(np.abs(read.mean[0] - mode) / sd) <= 1.2
+    assert read.sd[0] == pytest.approx(1.3 * sd, rel=0.3)
 
 
 def laplace(covariance, mean_db, points, levels, correct, answering) -> tuple[np.ndarray, np.ndarray]:
@@ -180,7 +185,7 @@ def test_kind__values_between_points__follow_by_their_covariance() -> None:
     assert left[1] > 1.0
 
 
-BROAD = {f"{kind}_share": 0.0 for kind in ("normal", "uneven", "steps", "notch", "edge")}
+BROAD = {f"{kind}_share": 0.0 for kind in ("normal", "channel", "uneven", "steps", "notch", "edge")}
 THREE = CurvePrior(points=3, mains_hz=0.0, clearance_hz=0.0, broad_share=1.0, **BROAD)
 ONE = Answering(slopes=(2.0,), lapses=(0.02,), lapse_shares=(1.0,))
 
@@ -236,7 +241,7 @@ def test_curve_drift__answers_of_another_generator__are_flagged_where_the_curve_
         trials = answered(prior.points, 7, 150, drift_db, seed=7)
         found = curve_drift(learnt(prior, answering, trials), trials)
         assert least <= float(np.mean(found.log_odds > LEAST_LOG_ODDS)) <= most
-        assert ((found.power > 0.05) & (found.power < 1.0)).all()
+        assert ((found.power > 0.0) & (found.power < 1.0)).all()  # a limit of 3.0 leaves single runs with little
 
 
 def test_curve_drift__few_trials__say_that_they_cannot_tell() -> None:
@@ -310,7 +315,7 @@ def test_refine__two_points__is_the_integral_over_both(seed: int, scale: float) 
 
 def test_belief__same_trials_in_another_order__ends_as_the_same_curve() -> None:
     """Learnt one by one, a lucky guess at the start weighs otherwise than at the end; refined, it does not."""
-    prior = CurvePrior(points=6, steps_share=0.0, notch_share=0.0, edge_share=0.0, mains_hz=0.0)
+    prior = CurvePrior(points=6, steps_share=0.0, notch_share=0.0, edge_share=0.0, channel_share=0.0, mains_hz=0.0)
     rng = np.random.default_rng(4)
     point, level = rng.integers(6, size=50), rng.integers(-4, 14, size=50).astype(float)
     correct = rng.random(50) < ANSWERING.psi(level - 3.0, np.array(2.0), np.array(0.05))
@@ -319,6 +324,117 @@ def test_belief__same_trials_in_another_order__ends_as_the_same_curve() -> None:
     for belief, order in zip(beliefs, (np.arange(50), np.arange(50)[::-1]), strict=True):
         for at in order:
             belief.learn(point[at : at + 1], level[at : at + 1], correct[at : at + 1])
-    (one, one_sd), (other, other_sd) = (belief.curve(prior.frequency_hz) for belief in beliefs)
-    assert np.max(np.abs(one - other)) <= 0.1
-    assert one_sd == pytest.approx(other_sd, rel=0.05)
+        belief.refine()
+    one, other = (belief.curve(prior.frequency_hz) for belief in beliefs)
+    assert np.max(np.abs(one.mean - other.mean)) <= 0.1
+    assert one.sd == pytest.approx(other.sd, rel=0.05)
+
+
+def person(curve: np.ndarray, seed: int, trials: int = 150) -> tuple[WholeCurve, np.ndarray]:
+    """Run a logistic person with that curve over FINE_HZ; return the run, and the truth at its points."""
+    rng, run = np.random.default_rng(seed), WholeCurve(WholeCurveRule(trials))
+    hertz = run.rule.prior.frequency_hz
+    shape = Psychometric(Logistic(0.5), lapse=0.02)
+    while (placed := run.placement()) is not None:
+        threshold = np.interp(np.log10(placed.frequency_hz), DECADES, curve)
+        run.record(bool(rng.random() < shape.probability(placed.level_db_sl - threshold)))
+    return run, np.interp(np.log10(hertz), DECADES, curve)
+
+
+@pytest.mark.parametrize(("at_hz", "decades"), [(192.0, 0.1), (6.0, 0.2)])
+def test_whole_curve__notch_of_15_db_anywhere__is_found(at_hz: float, decades: float) -> None:
+    """The old prior had notches at nine places, and told 1.2 dB at 164 and at 298 Hz of one at 192 Hz."""
+    run, truth = person(notch(at_hz, 15.0, decades), seed=2)
+    read = run.curve(run.rule.prior.frequency_hz)
+    inside = np.abs(np.log10(run.rule.prior.frequency_hz / at_hz)) < decades
+    assert np.all(read.mean[inside] > 4.0)
+    assert np.mean((read.low <= truth) & (truth <= read.high)) >= 0.9
+
+
+def test_whole_curve__150_trials__no_third_of_an_octave_has_fewer_than_two() -> None:
+    run, _ = person(np.zeros(400), seed=1)
+    played = np.array([hertz for hertz, _, _ in run.played])
+    lows = 300.0 * 2.0 ** (-np.arange(1, 29) / 3.0)
+    within = [np.sum((played >= low / 1.06) & (played <= low * 2.0 ** (1.0 / 3.0) * 1.06)) for low in lows]
+    assert min(within) >= 2  # 1.06: points are moved from the mains by so much
+
+
+def test_unseen_notch__few_trials__says_how_many_would_tell_and_these_do() -> None:
+    run, _ = person(np.zeros(400), seed=3, trials=75)
+    before, rng = unseen_notch(run.belief), np.random.default_rng(0)
+    asked = np.flatnonzero(before.trials[0] > 0)
+    assert asked.size >= 3
+    for point in asked[:3]:
+        for _ in range(int(before.trials[0, point])):
+            run.belief.learn(np.array([point]), np.array([7.0]), rng.random(1) < 0.97)
+    after = unseen_notch(run.belief)
+    assert np.all(after.log_odds[0, asked[:3]] < before.log_odds[0, asked[:3]])
+    assert np.median(after.log_odds[0, asked[:3]]) <= -0.6 * np.log(EXCLUDED_ODDS)
+
+
+def test_unseen_notch__excluded__is_so_by_the_odds_of_its_own_trials() -> None:
+    """The witness: likelihoods of the trials at one point alone, with one slope and lapse rate, written out."""
+    prior = CurvePrior(points=6, mains_hz=0.0, notch_share=0.0, edge_share=0.0)
+    answering = Answering(slopes=(2.0,), lapses=(0.02,), lapse_shares=(1.0,))
+    belief = CurveBelief(prior, answering)
+    played = ((6.0, True), (8.0, True), (7.0, True), (5.0, True), (0.5, False))
+    for level, right in played:
+        for point in range(6):
+            belief.learn(np.array([point]), np.array([level]), np.array([right]))
+    curve, at = belief.curve(prior.frequency_hz).mean[0], np.log10(prior.frequency_hz)
+    spacing = (at[-1] - at[0]) / 5.0
+
+    def odds(place: float) -> float:
+        total = 0.0
+        for threshold, here in zip(curve, at, strict=True):
+            depth = 15.0 * np.exp(-0.5 * ((here - place) / (0.5 * spacing)) ** 2)
+            for level, right in played:
+                there, without = (
+                    float(answering.psi(np.array(level - threshold - raised), np.array(2.0), np.array(0.02)))
+                    for raised in (depth, 0.0)
+                )
+                total += np.log(there / without) if right else np.log((1.0 - there) / (1.0 - without))
+        return total
+
+    found = unseen_notch(belief)
+    for point in range(6):
+        places = [at[point], *(at[point] + side * 0.5 * spacing for side in (-1, 1) if 0 <= point + side <= 5)]
+        expected = max(odds(place) for place in places)
+        assert found.log_odds[0, point] == pytest.approx(expected, abs=0.5)  # thresholds are on a grid of 0.75 dB
+        assert (found.trials[0, point] == 0) == (found.log_odds[0, point] <= -np.log(EXCLUDED_ODDS))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(-20, 40), st.floats(0.3, 9)), min_size=1, max_size=5))
+def test_mixed__any_components__quantiles_leave_a_fortieth_beyond(parts) -> None:
+    share, level, sd = (np.array(column) for column in zip(*parts, strict=True))
+    share = share / share.sum()
+    read = mixed(share[None], level[None, :, None], sd[None, :, None])
+    mean = share @ level
+    for end, tail in ((read.low, 0.025), (read.high, 0.975)):
+        quantile = mean + (end[0, 0] - mean) / 1.3
+        assert share @ norm.cdf((quantile - level) / sd) == pytest.approx(tail, abs=1e-4)
+    assert read.mean[0, 0] == pytest.approx(mean)
+
+
+@pytest.mark.parametrize("channel", ["pacinian", "other"])
+def test_kind__loss_of_one_channel__leaves_the_band_of_the_other(channel) -> None:
+    kinds = [kind for kind in CurvePrior().kinds if kind.feature == channel]
+    low, high = (np.array([kind.mean([hertz])[0] for kind in kinds]) for hertz in (3.0, 280.0))
+    lost, kept = (high, low) if channel == "pacinian" else (low, high)
+    assert kept == pytest.approx(0.0)
+    assert lost == pytest.approx([kind.feature_mean_db for kind in kinds])
+
+
+def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twelve() -> None:
+    """None of the twelve was told above 6.1 dB where no trial was put to exclude a notch and none was weighed late."""
+    rule, rng, shape = WholeCurveRule(), np.random.default_rng(5), Psychometric(Logistic(0.5), lapse=0.02)
+    hertz, belief = rule.prior.frequency_hz, CurveBelief(rule.prior, rule.answering, 12)
+    truth = 15.0 * np.exp(-0.5 * (np.log10(hertz / 192.0) / 0.06) ** 2)
+    for _ in range(rule.trials):
+        point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
+        belief.learn(point, level, rng.random(12) < shape.probability(level - truth[point]))
+    deepest = int(np.argmax(truth))
+    read = belief.curve(hertz)
+    assert np.sum(read.mean[:, deepest] > 8.0) >= 9
+    assert np.mean((read.low[:, deepest] <= 14.0) & (read.high[:, deepest] >= 14.0)) >= 0.9

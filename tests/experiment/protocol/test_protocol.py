@@ -31,7 +31,7 @@ from tests.experiment.session.recognising import controller, items, opened_appar
         ("ramp_s = 0.01", "ramp_s = 0.04", "ramps of 0.04 s"),
         ('code = "S2"', 'code = "S1"', "each once"),
         ('code = "S2"', 'code = "S 2"', "subject.1.code"),
-        ('group = "hearing-impaired"', 'group = "deaf"', "subject.1.group"),
+        ('group = "hearing-impaired"', 'group = "=deaf"', "subject.1.group"),
         ("skin_temperature_c = 31", "skin_temperature_c = 300", "skin_temperature_c"),
         ("practice_trials = 2", "practise_trials = 2", "practise_trials"),
         ('masking_sound = "pink"', 'masking_sound = "brown"', "masking_sound"),

@@ -95,6 +95,9 @@ def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:
     errors = np.array([one.level_db_re_1um for one in found]) - truth
     assert float(np.sqrt(np.mean(errors**2))) < 3.5
     assert found[0].trials == 60
+    assert len(found) == 28  # every frequency at which trials may be put
+    assert all(one.notch_trials is not None and one.notch_trials >= 0 for one in found)
+    assert any(one.notch_trials for one in found)  # sixty trials cannot exclude a notch everywhere
 
 
 def test_group_curve__written__is_read_back_with_what_it_was_measured_under(study, tmp_path) -> None:

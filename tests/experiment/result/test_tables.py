@@ -16,7 +16,7 @@ from tactuator.experiment.result.confusion import (
     threshold_table,
 )
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
+from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold
 from tactuator.table import ResultTable
 
 MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})
@@ -26,7 +26,7 @@ ONE = MeasuredThreshold(
     own_db_sl=1.0, own_standard_error_db=1.0, refit_db_sl=1.1, refit_sd_db=1.0, refit_low_db_sl=-1.0,
     refit_high_db_sl=3.0, bound="", delivered_db=0.0, delivered_sd_db=0.1, own_level_db_re_1um=1.0,
     level_db_re_1um=1.1, level_low_db_re_1um=-1.0, level_high_db_re_1um=3.0, sd_db=1.0, curve="bolanowski-1988",
-    flags=tuple(sorted(DISQUALIFYING)), lapse_power=0.2, drift_power=0.2, simulated=True,
+    flags=tuple(sorted(DOUBTFUL)), lapse_power=0.2, drift_power=0.2, simulated=True,
 )  # fmt: skip
 
 
@@ -55,6 +55,16 @@ def test_tables__thresholds_in_a_language_of_ones_own__have_no_other_word() -> N
     assert words_left(table) == []
 
 
+def test_tables__notch_that_is_not_excluded__is_told_with_the_trials_that_would() -> None:
+    points = [replace(ONE, procedure="curve", frequency_hz=hertz, notch_trials=count) for hertz, count in
+              ((10.0, 0), (192.0, 3), (250.0, 4))]  # fmt: skip
+    notes = threshold_table(points, shipped_words("en")).notes
+    (told,) = [note for note in notes if "notch" in note]
+    assert told == ("7: a notch of 15 dB is not excluded at 192 Hz (3 more trials would), 250 Hz (4 more trials would)")
+    assert not words_left(threshold_table(points, MARKED))
+    assert not any("notch" in note for note in threshold_table([ONE], shipped_words("en")).notes)
+
+
 def test_tables__thresholds__have_no_digit_that_their_interval_leaves_open() -> None:
     one = replace(ONE, refit_db_sl=1.26, refit_low_db_sl=-1.4, refit_high_db_sl=3.9, level_db_re_1um=-7.44)
     (row,) = threshold_table([one], MARKED).rows
@@ -62,9 +72,13 @@ def test_tables__thresholds__have_no_digit_that_their_interval_leaves_open() -> 
     assert row[7] == "-7.4"
 
 
-@pytest.mark.parametrize(("bound", "told"), [(">=", "≥ -1.0"), ("<=", "≤ 3.0"), ("", "-1.0 to 3.0")])
-def test_tables__threshold_beyond_what_was_played__has_no_interval_that_ends_there(bound, told) -> None:
-    (row,) = threshold_table([replace(ONE, bound=bound)], shipped_words("en")).rows
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(-1.0, np.inf, "≥ -1.0"), (-np.inf, 3.0, "≤ 3.0"), (-1.0, 3.0, "-1.0 to 3.0"), (-np.inf, np.inf, "–")],
+)
+def test_tables__threshold_beyond_what_was_played__has_no_interval_that_ends_there(low, high, told) -> None:
+    one = replace(ONE, refit_low_db_sl=low, refit_high_db_sl=high)
+    (row,) = threshold_table([one], shipped_words("en")).rows
     assert row[6] == told
 
 
@@ -77,6 +91,6 @@ def test_tables__matrix_and_abx__have_no_other_word() -> None:
 @pytest.mark.parametrize("language", shipped_languages())
 def test_languages__every_flag_and_estimator__has_a_text(language: str) -> None:
     texts = shipped_words(language).texts
-    flags = {"cue", "floor", "ceiling", "trial-limit", "out-of-range", "saturated", "delivered-unknown", *DISQUALIFYING}
+    flags = {"cue", "floor", "ceiling", "trial-limit", "out-of-range", "saturated", "delivered-unknown", *DOUBTFUL}
     assert {f"results.flag_{name.replace('-', '_')}" for name in flags} <= set(texts)
     assert {f"results.estimator_{name}" for name in (*ESTIMATORS, POSTERIOR)} <= set(texts)

@@ -1,10 +1,12 @@
 """What a clinic may trust: who is left out of a group curve, what is clipped, what is called simulated."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.lines import CARETUPBASE
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
@@ -13,8 +15,14 @@ from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRul
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.played import delivered_level
-from tactuator.experiment.result.store_results import group_curve, person_thresholds, psychometric_trials
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, replayed, thresholds
+from tactuator.experiment.result.store_results import (
+    circumstances,
+    group_curve,
+    person_thresholds,
+    psychometric_trials,
+    store_results,
+)
+from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, replayed, thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
@@ -22,6 +30,7 @@ from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
+from tactuator.verbs.result import plain
 from tests.experiment.session.apparatuses import apparatus
 
 LIBRARY = library.curve("bolanowski-1988")
@@ -68,23 +77,50 @@ def study(tmp_path_factory):
     store.close()
 
 
-def test_thresholds__somebody_who_feels_nothing__is_flagged_clipped_and_left_out(study) -> None:
+def test_thresholds__somebody_who_feels_nothing__are_censored_and_stay_in_the_curve(study) -> None:
     store, _ = study
     found = thresholds(detection_runs(store))
     deaf = [one for one in found if one.subject == "S2"]
     assert len(deaf) == 3
     for one in deaf:
-        assert "chance" in one.flags
+        assert {"chance", "out-of-range"} <= set(one.flags)
         assert one.bound == ">="
-        assert "out-of-range" in one.flags
+        assert one.refit_high_db_sl == one.level_high_db_re_1um == np.inf
+        assert np.isnan(one.refit_sd_db)
     group = group_curve(found, LIBRARY, (0.4, 300.0))
+    assert group.subjects == (0, 2, 2, 2, 0)
+    assert group.censored == (0, 1, 1, 1, 0)
+    assert group.bound == (">=",) * 5  # one person measured and one beyond: the mean is known from one side
     alone = group_curve([one for one in found if one.subject == "S1"], LIBRARY, (0.4, 300.0))
+    assert np.all(group.curve.level_db_re_1um > alone.curve.level_db_re_1um + 5.0)
+    assert set(circumstances(group, detection_runs(store))["bound"]) == {">="}
+
+
+@pytest.mark.parametrize("leave_out", [["flagged"], ["S2"]])
+def test_group_curve__somebody_is_left_out__by_the_experimenter_alone(study, leave_out) -> None:
+    found = thresholds(detection_runs(study[0]))
+    alone = group_curve([one for one in found if one.subject == "S1"], LIBRARY, (0.4, 300.0), leave_out[:0])
+    group = group_curve(found, LIBRARY, (0.4, 300.0), leave_out)
     assert group.curve.level_db_re_1um == pytest.approx(alone.curve.level_db_re_1um)
     assert {one.subject for one in group.left_out} == {"S2"}
     assert group.subjects == (0, 1, 1, 1, 0)
-    assert group_curve(found, LIBRARY, (0.4, 300.0), keep_flagged=True).subjects == (0, 2, 2, 2, 0)
-    with pytest.raises(BadInput, match="left out for their flags"):
-        group_curve(deaf, LIBRARY, (0.4, 300.0))
+    with pytest.raises(BadInput, match="3 thresholds left out"):
+        group_curve([one for one in found if one.subject == "S2"], LIBRARY, (0.4, 300.0), leave_out)
+    with pytest.raises(BadInput, match="S9; allowed: flagged, S1, S2"):
+        group_curve(found, LIBRARY, (0.4, 300.0), ["S9"])
+
+
+def test_store_results__somebody_is_flagged__both_curves_are_told(study) -> None:
+    store, _ = study
+    for leave_out, subjects, which in (([], (2, 1), "without"), (["flagged"], (1, 2), "with")):
+        told = store_results(store.path, leave_out=leave_out)
+        document = json.loads(json.dumps(plain(told.document()), allow_nan=False))
+        counts = [max(point["subjects"] for point in document[name]) for name in ("curve", "curve_beside")]
+        assert tuple(counts) == subjects
+        assert told.beside_is == f"{which} those flagged"
+        assert {each["subject"] for each in document["doubtful"]} >= {"S2"}
+        deaf = [one for one in document["thresholds"] if one["subject"] == "S2"]
+        assert {(one["bound"], one["refit_high_db_sl"]) for one in deaf} == {(">=", None)}
 
 
 def test_thresholds__good_subject__unflagged_and_near_the_truth(study) -> None:
@@ -107,17 +143,30 @@ def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
     plates = psychometric_trials(detection_runs(store), found)
     plate = psychometric_plate("S1", plates["S1"])
     assert "simulated" in plate.caption
+    assert set(plate.table["simulated"]) == {"simulated"}
+    for drawn in (plate, thresholds_plate(person_thresholds(found), LIBRARY, None)):
+        assert "simulated: nobody felt this" in drawn.svg()
+        assert drawn.figure.get_suptitle() == "simulated: nobody felt this"
+        assert ",simulated\n" in drawn.csv()
+    felt = thresholds_plate(person_thresholds([replace(one, simulated=False) for one in found]), LIBRARY, None)
+    assert "simulated" not in felt.svg() + felt.csv()
     assert sum(plate.table["trials"]) == sum(int(one.count.sum()) for one in plates["S1"])
 
 
-def test_figure__thresholds_with_disqualifying_flags__are_crossed_out_and_told(study) -> None:
+def test_figure__doubtful_and_censored_thresholds__are_crossed_have_arrows_and_are_told(study) -> None:
     found = thresholds(detection_runs(study[0]))
     people = person_thresholds(found)
     assert [one.name for one in people] == ["S1", "S2"]
     assert people[1].flagged.all()
     plate = thresholds_plate(people, LIBRARY, None)
-    count = sum(bool(DISQUALIFYING & set(one.flags)) for one in found)
-    assert f"Crossed out: {count} thresholds" in plate.caption
+    count = sum(bool(DOUBTFUL & set(one.flags)) for one in found)
+    assert f"Crossed: {count} thresholds" in plate.caption
+    beyond = sum(bool(one.bound) for one in found)
+    assert f"Arrows: {beyond} that lie beyond" in plate.caption
+    arrows = [line for line in plate.figure.axes[0].lines if line.get_marker() == CARETUPBASE]
+    drawn = np.concatenate([line.get_xydata() for line in arrows])
+    assert sum(bool(bound) for bound in plate.table["bound"]) == beyond == len(drawn) == 3
+    assert np.all(drawn[:, 1] < plate.figure.axes[0].get_ylim()[1])
     assert sum(plate.table["flagged"]) == count
     crosses = [line for line in plate.figure.axes[0].lines if line.get_marker() == "x"]
     assert sum(line.get_xdata().size for line in crosses) == count
@@ -133,7 +182,7 @@ def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
     found = sorted(thresholds(detection_runs(study[0])), key=lambda one: one.frequency_hz)
     felt = [one for one in found if one.subject == "S1"]
     other = [replace(one, study_number=2, level_db_re_1um=one.level_db_re_1um + 8.0) for one in felt]
-    both = group_curve([*felt, *felt, *other], LIBRARY, (0.4, 300.0), keep_flagged=True)  # S1 of study 1 came twice
+    both = group_curve([*felt, *felt, *other], LIBRARY, (0.4, 300.0))  # S1 of study 1 came twice
     assert both.subjects == (0, 2, 2, 2, 0)
     assert both.curve.level_db_re_1um[1:4] == pytest.approx([one.level_db_re_1um + 4.0 for one in felt])
     assert [one.name for one in person_thresholds([*felt, *other])] == ["S1-1", "S1-2"]

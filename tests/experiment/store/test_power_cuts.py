@@ -61,7 +61,7 @@ def lost_or_doubled(asked: list[Asked], folder: Path, share: float, rng: np.rand
     if not promised and not (folder / "lab.db").exists():
         return ""
     try:
-        store = Store(folder / "lab.db", must_exist=True)
+        store = Store(folder / "lab.db", must_exist=bool(promised))  # before its tables there is nothing to lose
     except BadInput as error:
         return str(error)
     columns = (schema.session.c.subject_id, schema.run.c.position, schema.trial.c.number)

@@ -66,7 +66,7 @@ def test_store__damaged__is_refused(tmp_path) -> None:
     with store.begin() as connection:
         for number in range(300):
             connection.exec_driver_sql(
-                "INSERT INTO event (at_utc, kind, detail) VALUES ('2026', 'note', ?)", (f"{number}" * 40,)
+                "INSERT INTO event (at_utc, who, kind, detail) VALUES ('2026', '', 'note', ?)", (f"{number}" * 40,)
             )
     store.close()
     content = bytearray(path.read_bytes())

@@ -21,7 +21,6 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import simulated_card
-from tactuator.rig.sound.stream import SoundGap
 from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
 ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
@@ -50,13 +49,7 @@ def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) 
         rig.feed_far_ahead()
         rig.load(made.controller)
         for group in _groups(made.controller, "exciter", frequency, ASKED.level_db_sl):  # none of which is cut
-            for left in (2, 1, 0):
-                try:
-                    (response,) = multisine_response(rig, group, options, rng, exactly=False)
-                    break
-                except SoundGap:
-                    if not left:
-                        raise
+            (response,) = rig.repeated(lambda group=group: multisine_response(rig, group, options, rng, exactly=False))
             found.append(error_db(response, display))
     return np.concatenate(found)
 

@@ -141,6 +141,12 @@ FEW = (
     Mutant("q31 not rounded", "core/arithmetic/section_q31.h", "((int64_t)1 << (TACT_Q31_EXTRA - 1))", "0", "q31"),
     Mutant("no place of rest", _GUARD, "(moved + resting.first * next) + half", "moved + half"),
     Mutant("nothing put out", "firmware/main.c", "    tact_port_put_out(codes);\n", ""),
+    Mutant("frozen a tick later", "core/board/guard.c", "tick - state->changed_tick >= table->frozen_ticks",
+           "tick - state->changed_tick > table->frozen_ticks"),
+    Mutant("stop begins the soft start anew", _RUN, "        leave(board, TACT_FADES);\n    return",
+           "        board->fade < 1.0f ? fade_in(board) : (void)0, leave(board, TACT_FADES);\n    return"),
+    Mutant("ring of a finger's delay one short", _FED, "state->at + 1 < table->delay", "state->at + 2 < table->delay",
+           adaptive=True),
 )  # fmt: skip
 
 _TOUCH = (
@@ -148,6 +154,12 @@ _TOUCH = (
     ("fed forward without a bound", _FED, "if (__builtin_fabsf(added_v) <= table->push_max_v)", "if (1)"),
     ("place of a sample later", _FED, "state->by_place * s.first", "state->by_place * state->plant.s1"),
     ("unloaded plant without drag", _LEARNING, "table->rest[0] - first * table->mass[1];", "table->rest[0];"),
+    (
+        "ring of the model stands",
+        "core/touch/feed_forward.c",
+        "const float model_v = state->model_v[at];",
+        "const float model_v = state->model_v[0];",
+    ),
     ("learns at every tick", _FED, "++state->count >= table->turns", "++state->count >= 1"),
     ("weights leap", _LEARNING, "from + within(to - from, -slew, slew)", "slew > 0.0f ? to : from"),
     ("weights below zero", _LEARNING, "slew), 0.0f, most)", "slew), -most, most)"),
@@ -305,6 +317,7 @@ MANY = (
     Mutant("half as reversed", "core/board/guard.c", "#define REVERSED_SHARE (-0.5f)",
            "#define REVERSED_SHARE (-0.25f)"),
     Mutant("open on one side", "core/board/guard.c", "code < -safety->position_code_max", "0"),
+    Mutant("frozen looked at later", _GUARD, "same_ticks < table->frozen_ticks", "same_ticks <= table->frozen_ticks"),
     Mutant("frozen at once", "core/board/guard.c", "SAME_TICKS_OF_A_FROZEN_ONE = 8", "SAME_TICKS_OF_A_FROZEN_ONE = 1"),
     # arithmetic, conversions, controllers
     Mutant("section of another sign", _SECTION, "const float s2 = state->s2 + (section->b2 * x - section->a2 * y);",

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.errors import TactuatorError
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
-from tactuator.rig.boards import BOARDS, ROOT
+from tactuator.rig.boards import BOARDS, ROOT, build_firmware
 from tactuator.rig.emulator import Emulator
 from tactuator.rig.open import simulated_board_rig
 from tactuator.rig.transport import LinkDown
@@ -62,21 +62,28 @@ def differs(
 ) -> str:
     """Where a program differs; "" nowhere. A board whose guard ends the run, that breaks down, or that will not load,
     does. So does one that does not answer although it had its processor; if it had not, the emulator is starved, and
-    that is told as an error."""
+    that is told as an error. So is what the unaltered program refuses too: then what was asked for is wrong."""
     of = controller or designed()
+
+    def differs_first(rig: BoardRig) -> str:
+        return check_period(rig, of, ticks, formats=(number_format,), locates=locates).first_difference
+
     with running(board, program, answer_s, of) as (rig, emulator):
         before_s = processor_s(emulator)
         try:
-            return check_period(
-                rig, controller or designed(), ticks, formats=(number_format,), locates=locates
-            ).first_difference
+            return differs_first(rig)
         except LinkDown:
             spent_s = processor_s(emulator) - before_s
             if spent_s < HANGS_S + ticks / STRETCH_TICKS:
                 raise
             return f"it hangs: no answer in {spent_s:.0f} s of its processor"
-        except TactuatorError as error:
+        except DeviceFault as error:
             return f"it ends: {error}"
+        except BadInput as error:
+            refusal = f"it ends: {error}"
+    with running(board, build_firmware(board), answer_s, of) as (rig, _):
+        differs_first(rig)
+    return refusal
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +104,8 @@ class _Benches(dict[str, Bench]):
 
 @pytest.mark.parametrize("mutant", FEW, ids=lambda mutant: mutant.name)
 def test_check_period__altered_line__is_noticed(mutant: Mutant, benches: dict[str, Bench]) -> None:
-    program = benches["mps2-an500"].program(mutant)
-    assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS)
+    program, of = benches["mps2-an500"].program(mutant), adaptive() if mutant.adaptive else designed()
+    assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS, controller=of)
 
 
 @pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
@@ -138,6 +145,19 @@ BROKEN = {
 @pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.slow), "it ends: the board began anew"])
 def test_check_period__program_that_breaks_down__is_told(how: str, benches: dict[str, Bench]) -> None:
     assert differs("mps2-an500", benches["mps2-an500"].program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
+
+
+def test_differs__what_no_program_is_asked__is_not_taken_for_an_alteration(benches: dict[str, Bench]) -> None:
+    with pytest.raises(BadInput, match="ticks is 0"):
+        differs("mps2-an500", benches["mps2-an500"].program(FEW[0]), "float32", 0)
+
+
+def test_differs__emulator_that_has_no_processor__is_not_taken_for_an_alteration(
+    benches: dict[str, Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.rig.board_check.test_mutants.processor_s", lambda emulator: 0.0)
+    with pytest.raises(LinkDown):
+        differs("mps2-an500", benches["mps2-an500"].program(BROKEN["it hangs"]), "float32", 100, 0.3)
 
 
 @pytest.mark.soak

@@ -14,7 +14,7 @@ from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.guard.guarded import adaptive, designed
 
 ROOT = Path(__file__).resolve().parents[3]
-_PARTS = ("arithmetic", "board", "control", "display", "link", "touch", "wire")
+_PARTS = ("arithmetic", "board", "control", "display", "link", "strength", "touch", "wire")
 CONTROLLERS = ("fixed", "adaptive", "adaptive, q31")
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 

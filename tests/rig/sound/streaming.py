@@ -1,4 +1,4 @@
-"""Streaming three channels at 48 kHz through wires for SECONDS, with PROVOKED gaps on purpose: JSON lines.
+"""Streaming three or CHANNELS channels at 48 kHz through wires for SECONDS, with PROVOKED gaps on purpose: JSON lines.
 
 The reference is noise from a seed, and what comes back must be what was put out, bit by bit: a row that does not, and
 of which nothing was told, is a gap that went unnoticed.
@@ -46,8 +46,8 @@ def controller(display) -> Controller:
 class Echo:
     """What was put out, held against what comes back `late` rows after it."""
 
-    def __init__(self, late: int) -> None:
-        self.asked = np.zeros((late, COUNT))
+    def __init__(self, late: int, count: int = COUNT) -> None:
+        self.asked = np.zeros((late, count))
         self.compared = self.differing = self.untold = 0
         self.gap_row = -(10**9)
         self.rows = 0
@@ -82,26 +82,26 @@ def resident_mb() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
 
 
-def noise(rows: int) -> Iterator[np.ndarray]:
+def noise(rows: int, count: int) -> Iterator[np.ndarray]:
     rng = np.random.default_rng(7)
     for _ in range(rows // BLOCK):
-        yield rng.uniform(-100.0, 100.0, (BLOCK, COUNT))
+        yield rng.uniform(-100.0, 100.0, (BLOCK, count))
 
 
-def streaming(seconds: float, provoked: int, period: int = 4096) -> Iterator[dict[str, object]]:
+def streaming(seconds: float, provoked: int, count: int = COUNT, period: int = 4096) -> Iterator[dict[str, object]]:
     """Yield a table a minute, and one at the end."""
     rows = round(seconds * RATE_HZ)
     stops = [seconds * (k + 0.5) / provoked for k in range(provoked)]
     done = told = 0
-    with simulated_card([None] * COUNT, period=period) as card, opened(COUNT, lead_s=1.0) as rig:
+    with simulated_card([None] * count, period=period) as card, opened(count, lead_s=1.0) as rig:
         rig.load(controller(rig.display))
         rig.allow_gaps = True
-        first = rig.drive(np.random.default_rng(1).uniform(-1.0, 1.0, (48000, COUNT)))
+        first = rig.drive(np.random.default_rng(1).uniform(-1.0, 1.0, (48000, count)))
         late = delay_of(first.command_v[:, 0], first.position_v[:, 0])
-        echo, next_report, gaps = Echo(late), 0.0, 0
+        echo, next_report, gaps = Echo(late, count), 0.0, 0
         began, used = time.monotonic(), time.process_time()
         try:
-            for trace in rig.stream(noise(rows)):
+            for trace in rig.stream(noise(rows, count)):
                 now = echo.rows / RATE_HZ
                 more = rig._rows.gaps - gaps
                 gaps += more
@@ -129,6 +129,6 @@ def streaming(seconds: float, provoked: int, period: int = 4096) -> Iterator[dic
 
 
 if __name__ == "__main__":
-    for line in streaming(float(sys.argv[1]), int(sys.argv[2])):
+    for line in streaming(float(sys.argv[1]), int(sys.argv[2]), int((sys.argv[3:] or [COUNT])[0])):
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()

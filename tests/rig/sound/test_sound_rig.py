@@ -8,6 +8,7 @@ from scipy import signal
 
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.rig import Rig
+from tactuator.rig.sound.rig import TRIES
 from tactuator.rig.sound.stream import CardGone, CardRows, SoundGap
 from tests.rig.sound.turned_card import OVERFLOW, PERIOD, RATE_HZ, flat_controller, sound_display, turned_rig
 
@@ -136,10 +137,42 @@ def test_drive__one_gap_told_by_the_card__is_repeated():
     assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
 
 
+def test_drive__a_gap_every_time_but_the_last__is_repeated_and_every_gap_counted():
+    told = []
+
+    def flags(call: int) -> int:
+        if len(told) < TRIES - 1 and call % 40 == 39:
+            told.append(call)
+            return OVERFLOW
+        return 0
+
+    rig, _ = turned_rig(sound_display(latency_samples=PERIOD), flags=flags)
+    trace = rig.drive(commands(3000))
+    assert len(told) == rig.gaps == TRIES - 1
+    assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
+
+
 def test_drive__a_gap_every_time__is_refused():
     rig, _ = turned_rig(sound_display(), flags=lambda call: OVERFLOW)
     with pytest.raises(SoundGap, match="told of a gap"):
         rig.drive(commands(3000))
+    assert rig.gaps >= TRIES
+
+
+def test_repeated__after_gaps__is_fed_further_ahead_and_the_lead_is_as_before():
+    rig, _ = turned_rig(sound_display())
+    leads = []
+
+    def ask() -> int:
+        leads.append(rig._run.lead)
+        if len(leads) < 4:
+            raise SoundGap("the sound card told of a gap")
+        return 7
+
+    assert rig.repeated(ask) == 7
+    most = max(leads[0], rig._rows.capacity // 2)
+    assert leads == [min(leads[0] * 2**n, most) for n in range(4)]
+    assert rig._run.lead == leads[0]
 
 
 def test_stream__gaps_allowed__all_are_counted():

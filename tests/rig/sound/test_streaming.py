@@ -19,7 +19,7 @@ LATE = 100
 
 def echo(told_at: int | None, lost: bool) -> Echo:
     """What comes of 200 blocks, of which three rows are lost in the hundredth."""
-    asked = np.concatenate(list(noise(200 * BLOCK))) / 100.0
+    asked = np.concatenate(list(noise(200 * BLOCK, COUNT))) / 100.0
     wired = (asked / 2.0).astype(np.float32).astype(float) * 2.0
     heard = np.concatenate([np.zeros((LATE, COUNT)), wired])
     if lost:

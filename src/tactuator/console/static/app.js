@@ -1,12 +1,12 @@
 // The page: which view its address names, and the connection that all of them use.
 import { address, read, takeToken, write } from "./address.js";
-import { banner, el, make, refusal } from "./dom.js";
+import { banner, displayName, el, make, names, refusal } from "./dom.js";
 import { Link } from "./link.js";
 import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
-let shown = null, ready = false;
+let shown = null, ready = false, about = null;
 const remembered = {}; // of each view that was left, its own part of the address
 
 // A view: constructor(view, link, state), open(); and where it has them again() after a lost connection, take(message),
@@ -18,14 +18,18 @@ const link = new Link(takeToken(), (what) => {
   if (shown?.isOpen) shown.again?.(); else route();
 }, (message) => shown?.take?.(message));
 
+// Every view; one that needs what is not there says so.
 function navigation(state) {
   const { display } = state;
   // of the moment in which it is followed: a loop is shaped meanwhile
   const to = (view) => { const { channel, shapes, own } = state; return address({ view, display, channel, shapes, own: view === state.view ? own : remembered[view] }); };
-  const links = Object.entries(VIEWS).filter(([, one]) => display || !one.ofDisplay).map(([view, { title }]) => make("a",
-    { href: to(view), id: `to-${view}`, "aria-current": view === state.view ? "page" : null, onclick: (event) => event.currentTarget.setAttribute("href", to(view)) }, title));
+  const links = Object.entries(VIEWS).map(([view, { title, ofDisplay, ofRig }]) => {
+    const needs = ofDisplay && !display ? "needs a display" : ofRig && !about.rig ? "needs a rig" : "", words = [title, ...(needs ? [make("small", {}, ` ${needs}`)] : [])];
+    if (ofDisplay && needs) return make("span", { class: "needs", id: `to-${view}` }, ...words);
+    return make("a", { href: to(view), id: `to-${view}`, class: needs ? "needs" : null, "aria-current": view === state.view ? "page" : null, onclick: (event) => event.currentTarget.setAttribute("href", to(view)) }, ...words);
+  });
   el("views").replaceChildren(...links);
-  el("where").textContent = display ? display.replace("example:", "example ") : "";
+  el("where").textContent = display ? displayName(display) : "";
 }
 
 async function route() {
@@ -38,8 +42,10 @@ async function route() {
   shown?.close?.();
   const view = el("view");
   view.onkeydown = null;
-  navigation(state);
   try {
+    about ??= await link.ask("start");
+    names.file = about.file;
+    navigation(state);
     const { default: View } = await import(`./${state.view}.js`); // when it is opened first
     const made = shown = new View(view, link, state);
     await made.open();

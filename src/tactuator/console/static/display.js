@@ -1,5 +1,5 @@
 // The view Display: the file as a form and as text side by side; the server judges what is written and names the line.
-import { address } from "./address.js";
+import { address, write } from "./address.js";
 import { command, draw, make, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 
@@ -8,12 +8,21 @@ const WAIT_MS = 350, MOST = 60000;
 export default class Display {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, past: [], future: [] }); }
 
-  kept() { return `text of ${this.state.display ?? "a new display"}`; }
+  kept() { return `text of ${this.own.model ?? this.state.display ?? "a new display"}`; }
+  // what its relative paths start at: the folder of the display, or of the model that was dropped
+  get beside() { const { display } = this.state, { model } = this.own; return model ? { model } : display ? { display } : {}; }
+  get name() { return this.own.model ? "mine.toml" : "display.toml"; }
 
   async open() {
     const { view, link, state } = this;
-    this.drop = new Drop(link, { label: "Display file", accept: ".toml", hint: "Drop a display file here, or go on with the text below.",
-      taken: async (file) => { const { text } = await link.ask("display.read", { file }); this.set(text); } });
+    this.drop = new Drop(link, { label: "Display file or model", accept: ".toml,.json", hint: "Drop a display file, or a model.json to begin a display with it; or go on with the text below.",
+      taken: async (key, name) => {
+        const model = name.endsWith(".json");
+        const { text } = await link.ask("display.read", model ? { model: key } : { file: key });
+        this.own.model = model ? key : "";
+        write(this.state);
+        await this.set(text);
+      } });
     this.text = make("textarea", { id: "text", spellcheck: "false", "aria-label": "Display file as text", rows: "24", oninput: () => this.soon(), onscroll: () => { this.gutter.scrollTop = this.text.scrollTop; } });
     this.gutter = make("pre", { class: "gutter", "aria-hidden": "true" });
     this.told = make("p", { class: "crossed told", role: "alert", id: "fault" });
@@ -24,11 +33,11 @@ export default class Display {
     view.replaceChildren(make("h1", {}, "Display"),
       make("p", {}, "What the display is and what it must do. The form and the text are the same file: a change of one changes the other."),
       this.drop.box, this.bar, this.told,
-      make("div", { class: "loop" }, make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Form"), this.form)),
-        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Text"), make("div", { class: "editor" }, make("div", { class: "beside" }, this.gutter), this.text)))),
+      make("div", { class: "written" }, make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Form"), this.form)),
+        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Text"), make("div", { class: "editor" }, this.gutter, this.text)))),
       this.sketch);
     const kept = sessionStorage.getItem(this.kept());
-    this.text.value = kept ?? (await link.ask("display.read", state.display ? { display: state.display } : {})).text;
+    this.text.value = kept ?? (await link.ask("display.read", this.beside)).text;
     this.before = this.text.value;
     await this.judge();
   }
@@ -59,7 +68,7 @@ export default class Display {
     this.numbers(null);
     if (text.length > MOST) { this.fault(`The text has ${text.length} characters; allowed: up to ${MOST}.`, null); return; }
     try {
-      const found = await this.link.ask("display.judge", { text, ...(this.state.display ? { display: this.state.display } : {}) });
+      const found = await this.link.ask("display.judge", { text, ...this.beside });
       if (text !== this.text.value) return;
       if (found.form.length) this.fields(found.form);
       this.fault(found.fault, found.line);
@@ -75,9 +84,9 @@ export default class Display {
     this.text.setAttribute("aria-invalid", String(Boolean(text)));
   }
 
+  // Beneath the text the same text, unseen, with the numbers of its lines: long lines are broken in both alike.
   numbers(fault) {
-    const count = this.text.value.split("\n").length;
-    this.gutter.replaceChildren(...Array.from({ length: count }, (_, i) => make("span", { class: i + 1 === fault ? "fault" : null }, `${i + 1}\n`)));
+    this.gutter.replaceChildren(...this.text.value.split("\n").map((line, i) => make("span", { class: i + 1 === fault ? "fault" : null, "data-n": i + 1 }, line)));
     this.gutter.scrollTop = this.text.scrollTop;
   }
 
@@ -86,15 +95,15 @@ export default class Display {
     const lines = this.text.value.split("\n"), from = lines.slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
     this.text.focus();
     this.text.setSelectionRange(from, from + lines[line - 1].length);
-    this.text.scrollTop = Math.max(0, (line - 6) * (this.text.scrollHeight / lines.length));
+    this.text.scrollTop = Math.max(0, this.gutter.children[line - 1].offsetTop - 100);
   }
 
   actions({ key, fault, doubts }) {
     const [undo, redo] = this.buttons;
     undo.disabled = !this.past.length; redo.disabled = !this.future.length;
-    this.bar.replaceChildren(undo, redo, saved("Save display.toml", "display.toml", this.text.value, "text/plain"),
+    this.bar.replaceChildren(undo, redo, saved(`Save ${this.name}`, this.name, this.text.value, "text/plain"),
       ...(fault ? [] : [make("a", { id: "use", href: address({ view: "loop", display: key }) }, "Shape its loop")]), make("span", { class: "gap" }),
-      command("tactuator design display.toml --out controller.json"));
+      command(this.own.model ? "tactuator init --from model.json --out mine.toml" : "tactuator design display.toml --out controller.json"));
     if (!fault) say(doubts.length ? "the display file can be read; its numbers are doubted" : "the display file is right");
   }
 
@@ -107,11 +116,11 @@ export default class Display {
     if (focused) this.form.querySelector(`[data-field="${CSS.escape(focused)}"]`)?.focus();
   }
 
-  field(table, place, title, { key, given, usual, choices, help }) {
+  field(table, place, title, { key, given, usual, words, choices, help }) {
     const id = `${title} ${key}`, value = given ?? "";
     const set = async (to) => {
       if (to === value || to === "") return;
-      try { await this.set((await this.link.ask("display.set", { text: this.text.value, table, place, key, value: to })).text); } catch (error) { this.fault(error.message, null); }
+      try { await this.set((await this.link.ask("display.set", { text: this.text.value, table, place, key, value: to, words })).text); } catch (error) { this.fault(error.message, null); }
     };
     const input = choices
       ? make("select", { "data-field": id, "aria-label": id, onchange: (event) => set(event.target.value) }, ...[given === null ? "" : null, ...choices].filter((one) => one !== null).map((one) => make("option", { value: one, selected: one === value ? "" : null }, one === "" ? `${usual ?? "none"} (as usual)` : one.replaceAll('"', ""))))

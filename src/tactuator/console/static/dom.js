@@ -22,6 +22,10 @@ export function draw(name, attributes = {}, ...content) {
   return node;
 }
 
+// The name of a display, the same everywhere: that of its file. file: of the one that the command line named.
+export const names = { file: "" };
+export const displayName = (key) => (key.startsWith("text:") ? "the text in Display" : key === "file" ? names.file : key.replace("example:", "examples/"));
+
 // A number as a person reads it: three digits that count.
 export const digits = (value) => Number(value.toPrecision(3)).toString();
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -41,6 +45,9 @@ export const large = () => Number.parseFloat(getComputedStyle(document.documentE
 
 // True where a fingertip points: it takes more room than a mouse.
 export const COARSE = matchMedia("(pointer: coarse)").matches;
+
+// Where a pointer has gone to along one axis since it was down there: less than a pixel is none of a hand's doing.
+export const gone = (to, from) => (Math.abs(to - from) < 1 ? from : to);
 
 // A part of a drawing that is dragged: a fingertip on it does not scroll the page (touch-action does not count inside an SVG).
 export function draggable(node, begin) {

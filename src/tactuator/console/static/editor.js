@@ -26,10 +26,11 @@ export class Editor {
     });
   }
 
-  // all: the value that is being typed, too.
-  show(shape, all = false) {
+  // all: the value that is being typed, too. still: rows that come and go wait.
+  show(shape, all = false, still = false) {
     if (all || this.gain !== document.activeElement) this.gain.value = shape.gain_db.toFixed(2);
     const key = shape.factors.map((one) => one.kind).join();
+    if (key !== this.key && still) return;
     if (key !== this.key) { this.key = key; this.list.replaceChildren(...shape.factors.map((factor, index) => this.row(factor, index))); }
     shape.factors.forEach((factor, index) => {
       for (const name of namesOf(factor)) {

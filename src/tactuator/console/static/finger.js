@@ -7,8 +7,8 @@ export class Finger {
     Object.assign(this, { rig, channels });
     this.loads = channels.map((one) => make("select", { id: `touch-${one.name}`, onchange: (event) => rig.do("touch", { channel: one.name, load: event.target.value || null }) }, make("option", { value: "" }, "lifted"), ...one.loads.map((load) => make("option", { value: load }, load))));
     this.forces = channels.map((one) => make("input", { type: "number", step: "0.05", id: `press-${one.name}`, value: "0", onchange: (event) => rig.do("press", { channel: one.name, force_v: Number(event.target.value) }) }));
-    const rows = channels.map((one, k) => make("div", { class: "bar" }, make("strong", {}, one.name), make("label", {}, "touch ", this.loads[k]), make("label", {}, "press, V of command ", this.forces[k])));
-    this.box = make("div", { class: "panel" }, make("h2", {}, "Finger ", term("load")), ...rows);
+    const rows = channels.map((one, k) => make("div", { class: "bar" }, make("strong", {}, one.name), make("label", {}, "touch ", this.loads[k]), make("label", {}, "press, V ", this.forces[k])));
+    this.box = make("div", { class: "panel" }, make("h2", {}, "Finger ", term("load"), ": on the channel, and pressing with volts of command"), make("div", { class: "fingers" }, ...rows));
   }
 
   standing() {

@@ -15,7 +15,7 @@ export class GeneratorPanel {
     this.level = number("wave-level", "20", { step: "1" });
     this.inputs = { frequency: number("wave-hz", "100"), to: number("wave-to", "300"), seconds: number("wave-s", "5"), file: null };
     this.on = channels.map((one, k) => make("input", { type: "checkbox", id: `wave-on-${one.name}`, checked: k === 0 ? "" : null, onchange: changed }));
-    this.start = make("button", { type: "button", id: "play", class: "first", onclick: () => this.play() }, "Play");
+    this.start = make("button", { type: "button", id: "play", class: "first", onclick: () => (this.rig.standing.wave ? this.rig.do("stop") : this.play()) }, "Play");
     this.most = make("small", { id: "wave-most" });
     this.now = make("p", { id: "wave-now", role: "status" });
     const labels = { frequency: "Hz", to: "to Hz", seconds: "s one way" };
@@ -42,6 +42,7 @@ export class GeneratorPanel {
   standing() {
     const { rig } = this, { wave, mode } = rig.standing;
     this.start.disabled = !rig.mayPlay || mode !== "live";
+    this.start.textContent = wave ? "Silence" : "Play";
     this.now.textContent = wave ? `${wave.kind} at ${wave.level_db_sl} dB SL on ${wave.channels.join(", ")}${wave.kind === "tone" ? `, ${wave.frequency_hz} Hz` : ""}` : rig.experiment ? "an experiment has the rig" : mode === "live" ? "silent" : "not live: “Live” begins";
     this.fields();
   }

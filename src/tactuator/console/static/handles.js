@@ -1,6 +1,7 @@
 // Handles on |L|: one for each factor at its frequency, and one for the gain. Sideways: frequency; up and down: what else it has.
-import { COARSE, digits, draggable, draw } from "./dom.js";
-import { PARAMETERS, highest, limited, second, stepped, titleOf } from "./shape.js";
+import { COARSE, digits, draggable, draw, gone } from "./dom.js";
+import { PARAMETERS, highest, limited, namesOf, second, stepped, titleOf } from "./shape.js";
+import { Value } from "./value.js";
 
 const SIZE = COARSE ? " scale(1.7)" : "";
 const KEYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -10,6 +11,7 @@ export class Handles {
   constructor(plot, changed, done, removed) {
     Object.assign(this, { plot, changed, done, removed, dragged: null, drawn: [] });
     this.layer = draw("svg", { class: "handles", role: "group", "aria-label": "Handles of the controller on the open loop’s curve" });
+    this.value = new Value(plot.host);
     this.layer.onpointermove = (event) => this.drag(event);
     this.layer.onpointerup = this.layer.onpointercancel = () => { if (this.dragged !== null) { this.dragged = null; this.done(); } };
   }
@@ -27,17 +29,33 @@ export class Handles {
     while (this.drawn.length < places.length + 1) { const one = this.made(); this.drawn.push(one); this.layer.append(one); }
     const at = (hz) => { const i = Math.min(frequencies.length - 1, Math.max(0, frequencies.findIndex((one) => one >= hz))); return curve.gain_db[i]; };
     const crossing = curve.gain_db.findIndex((gain, i) => i > 0 && gain < 0 && curve.gain_db[i - 1] >= 0);
-    this.place(this.drawn[0], { index: -1, hz: frequencies[Math.max(0, crossing)], db: crossing < 0 ? curve.gain_db[0] : 0, label: "gain", value: shape.gain_db, text: `${shape.gain_db.toFixed(1)} dB` });
+    // while the gain is held, its handle rises with the curve at the place where it was taken
+    const held = this.dragged?.index === -1 ? this.dragged.hz : null, hz = held ?? frequencies[Math.max(0, crossing)];
+    this.place(this.drawn[0], { index: -1, hz, db: held === null && crossing >= 0 ? 0 : at(hz), label: "gain", value: shape.gain_db, text: `${shape.gain_db.toFixed(1)} dB` });
     places.forEach(({ index, factor }, i) => {
       const more = second(factor), text = `${digits(factor.hz)} Hz${more ? `, ${PARAMETERS[more].title} ${digits(factor[more])}` : ""}`;
       this.place(this.drawn[i + 1], { index, hz: factor.hz, db: at(factor.hz), label: titleOf(factor), value: factor.hz, text });
     });
+    this.value.show();
+  }
+
+  // What can be typed at a handle.
+  fields(index) {
+    const set = (how) => (to) => { this.changed(how(to), true); this.done(); };
+    if (index < 0) return [{ name: "", unit: "dB", value: this.shape.gain_db, set: set((to) => (shape) => { shape.gain_db = to; }) }];
+    const factor = this.shape.factors[index];
+    return factor ? namesOf(factor).map((name) => ({ name: name === "hz" ? "" : PARAMETERS[name].title, unit: PARAMETERS[name].unit, value: factor[name], set: set((to) => (shape) => { shape.factors[index][name] = limited(name, to); }) })) : [];
   }
 
   made() {
     const one = draw("path", { class: "handle", tabindex: 0, role: "slider" });
-    one.append(draw("title"));
-    draggable(one, (event) => { event.preventDefault(); one.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: one.index, x: event.clientX, y: event.clientY, begun: true }; });
+    draggable(one, (event) => {
+      event.preventDefault();
+      one.focus();
+      this.layer.setPointerCapture(event.pointerId);
+      this.dragged = { index: one.index, hz: one.hz, x: event.clientX, y: event.clientY, from: structuredClone(this.shape), begun: true };
+    });
+    this.value.attach(one, () => (one.index < 0 ? "gain" : titleOf(this.shape.factors[one.index] ?? { kind: "" })), () => this.fields(one.index));
     one.onkeydown = (event) => this.key(event, one.index);
     return one;
   }
@@ -45,7 +63,7 @@ export class Handles {
   place(node, { index, hz, db, label, value, text }) {
     const chart = this.plot.plot, high = chart.over.clientHeight;
     const x = chart.valToPos(hz, "x"), y = Math.max(8, Math.min(high - 8, chart.valToPos(db, "y")));
-    node.index = index;
+    Object.assign(node, { index, hz });
     node.classList.toggle("gain", index < 0);
     node.setAttribute("d", FORMS[index < 0 ? "gain" : label] ?? FORMS.other);
     node.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})${SIZE}`);
@@ -54,7 +72,6 @@ export class Handles {
     node.setAttribute("aria-valuemax", index < 0 ? 200 : highest("hz"));
     node.setAttribute("aria-valuenow", value);
     node.setAttribute("aria-valuetext", text);
-    node.firstChild.textContent = `${label}: ${text}`;
   }
 
   key(event, index) {
@@ -75,17 +92,17 @@ export class Handles {
     }, begun);
   }
 
+  // By how far the pointer has gone since the handle was taken, and no further.
   drag(event) {
     if (this.dragged === null) return;
-    const chart = this.plot.plot, { index, begun } = this.dragged, box = chart.over.getBoundingClientRect();
-    const hz = limited("hz", chart.posToVal(event.clientX - box.left, "x"));
-    const rise = chart.posToVal(event.clientY - box.top, "y") - chart.posToVal(this.dragged.y - box.top, "y");
-    Object.assign(this.dragged, { x: event.clientX, y: event.clientY, begun: false });
+    const { plot: { plot: chart } } = this, { index, begun, from, x, y } = this.dragged, box = chart.over.getBoundingClientRect(), at = (px, py) => [chart.posToVal(px - box.left, "x"), chart.posToVal(py - box.top, "y")];
+    const [hz, db] = at(gone(event.clientX, x), gone(event.clientY, y)), [hz0, db0] = at(x, y), rise = db - db0;
+    this.dragged.begun = false;
     this.changed((shape) => {
-      if (index < 0) { shape.gain_db = Math.max(-200, Math.min(200, shape.gain_db + rise)); return; }
-      const factor = shape.factors[index], more = second(factor);
-      factor.hz = hz;
-      if (more) factor[more] = limited(more, more === "depth_db" ? factor[more] + rise : factor[more] * 1.03 ** rise);
+      if (index < 0) { shape.gain_db = Math.max(-200, Math.min(200, from.gain_db + rise)); return; }
+      const factor = shape.factors[index], { [second(factor)]: more, hz: before } = from.factors[index];
+      factor.hz = limited("hz", before * (hz / hz0));
+      if (more !== undefined) factor[second(factor)] = limited(second(factor), second(factor) === "depth_db" ? more + rise : more * 1.03 ** rise);
     }, begun);
   }
 }

@@ -1,7 +1,7 @@
 // The view Identify: a record is dropped, its columns are guessed, a model is found; order and hold are chosen from what was tried.
-import { write } from "./address.js";
+import { address, write } from "./address.js";
 import { Chart } from "./chart.js";
-import { command, make, saved, say } from "./dom.js";
+import { command, make, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { term } from "./words.js";
@@ -97,7 +97,7 @@ export default class Identify {
     const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.zeros = this.own.hold = ""; this.again(); } }, "Let the data choose");
     this.bits.model.replaceChildren(
       ...(found.trusted ? [] : [make("div", { class: "crossed", role: "alert" }, "The model is not to be trusted: ", make("ul", {}, ...found.distrust.map((text) => make("li", {}, text))))]),
-      make("div", { class: "bar" }, saved("Save model.json", "model.json", found.text), make("span", { class: "gap" }), command(found.command)),
+      make("div", { class: "bar" }, saved("Save model.json", "model.json", found.text), make("button", { type: "button", id: "describe", onclick: () => this.describe(found.text) }, "Begin a display with it"), make("span", { class: "gap" }), command(found.command)),
       make("div", { class: "loop" },
         make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Response"), ...this.charts.map((one) => one.box), ...(residual ? [make("p", {}, term("residual"), `: ${residual.white ? "white" : "not white"}, ${residual.free ? "free" : "not free"} of the command.`)] : []))),
         make("div", {}, ...(residual ? [make("div", { class: "panel" }, make("h2", {}, "What was tried"), this.candidates(found), this.own.order || this.own.hold ? again : "")] : []),
@@ -108,6 +108,10 @@ export default class Identify {
     phase.show(of(phase, "phase_deg", "band_deg"));
     if (departure) left.show([{ name: "measured over model", hue: "sense", x: departure.frequency_hz, y: departure.db, points: true }]);
     else left.show([{ name: "position", hue: "nominal", x: residual.frequency_hz, y: residual.position_db }, { name: "residual", hue: "sense", x: residual.frequency_hz, y: residual.residual_db }]);
+  }
+
+  async describe(text) {
+    try { location.hash = address({ view: "display", own: { model: (await this.drop.send(new File([text], "model.json"))).key } }); } catch (error) { refusal(error); }
   }
 
   // A row of what was tried: its button takes its order and hold.

@@ -10,6 +10,7 @@ import { copied, setRanges } from "./shape.js";
 import { term } from "./words.js";
 
 const STYLES = ["none", "7 4", "7 4"], HUES = ["nominal", "load", "load2"];
+const UNDESIGNED = "not designed yet, a loop to begin with";
 const REGIONS = { sensitivity: "|S| passes its limit", resonance: "|T| passes its limit", phase: "the phase margin is short" };
 
 export default class Loop {
@@ -39,15 +40,15 @@ export default class Loop {
     const press = (text, onclick, more = {}) => make("button", { type: "button", onclick, ...more }, text);
     const choose = make("select", { id: "channel", onchange: () => this.bring(choose.value) }, ...loops.map(({ name }) => make("option", { value: name, selected: name === this.state.channel ? "" : null }, name)));
     this.buttons = { undo: press("Undo", () => this.undo(), { title: "Ctrl+Z" }), redo: press("Redo", () => this.redo(), { title: "Ctrl+Shift+Z" }), design: press("Design it", () => this.design(), { class: "first" }),
-      keep: press("Keep", () => this.keep()), check: press("Check and save", () => this.check()) };
-    this.bits = { tiles: make("dl", { class: "tiles" }), crossed: make("p", { class: "crossed", id: "crossed" }), chart: make("div", { class: "panel" }), plots: make("div", { class: "panel" }),
-      editor: make("div", { class: "panel" }), tables: make("div", { class: "panel" }), kept: make("div", { class: "panel" }), command: make("div"), legend: make("ul", { class: "legend" }) };
-    const { tiles: big, crossed, chart, plots, editor, tables, kept, legend } = this.bits;
-    this.view.replaceChildren(
-      make("h1", {}, "Loop of ", this.display.name),
-      make("div", { class: "bar" }, make("label", { for: "channel" }, "channel "), choose, ...Object.values(this.buttons), make("span", { class: "gap" }), this.bits.command),
-      big, crossed, make("div", { class: "loop" }, make("div", {}, chart, editor, kept), make("div", {}, plots, tables)));
-    chart.append(make("h2", {}, "Nichols chart"), legend);
+      keep: press("Keep", () => this.keep()), check: press("Check and save", () => this.check(), { id: "check" }) };
+    const panel = (name) => make("div", { class: `panel ${name}` });
+    this.bits = { tiles: make("dl", { class: "tiles" }), standing: make("strong", { id: "standing", class: "chip" }), crossed: make("span", { id: "crossed", class: "crossed" }), verdict: make("span", { id: "verdict" }), chart: panel("nichols-panel"), plots: panel("plots"),
+      editor: panel("editing"), tables: make("div", { class: "panel" }), kept: panel("kept"), command: make("div"), legend: make("ul", { class: "legend" }) };
+    const { tiles: big, standing, crossed, verdict: sentence, chart, plots, editor, tables, kept, command: line } = this.bits;
+    this.view.replaceChildren(make("div", { class: "workbench" },
+      make("div", { class: "bar" }, make("h1", {}, "Loop of ", this.display.name), make("label", { for: "channel" }, "channel "), choose, ...Object.values(this.buttons)),
+      make("p", { class: "limits", tabindex: "0", role: "region", "aria-label": "Limits" }, standing, " ", crossed, " ", sentence), big,
+      make("div", { class: "bench" }, chart, plots, make("div", { class: "aside" }, editor, kept)), line, tables));
     this.view.onkeydown = (event) => {
       if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT") return;
       event.preventDefault();
@@ -63,11 +64,11 @@ export default class Loop {
     this.basis = await this.link.ask("bring", { display, channel });
     setRanges(this.basis.ranges);
     this.state.shapes[channel] ??= this.basis.shape;
-    this.nichols?.svg.remove();
     this.nichols = new Nichols(this.basis, (hz, turn, gain, begun) => this.point(hz, turn, gain, begun), () => this.done(), (then) => this.settled(then));
-    this.bits.chart.append(this.nichols.svg);
+    this.bits.chart.replaceChildren(make("div", { class: "head" }, make("h2", {}, "Nichols chart"), this.nichols.out), this.bits.legend, this.nichols.box);
+    this.nichols.fill();
     this.plots = new Plots(this.basis);
-    this.bits.plots.replaceChildren(make("h2", {}, "Over frequency, and in time"), ...this.plots.all.map((one) => one.box));
+    this.bits.plots.replaceChildren(...this.plots.all.map((one) => one.box));
     this.handles = new Handles(this.plots.open, (change, begun) => this.change(change, begun), () => this.done(), (index) => this.remove(index));
     this.editor = new Editor(this.bits.editor, (change) => { this.change(change, true); this.done(); });
     this.legend();
@@ -116,7 +117,7 @@ export default class Loop {
       this.frame = frame;
       this.show();
       banner("");
-      if (this.nichols.dragged === null && this.handles.dragged === null) write(this.state);
+      if (!this.held) write(this.state);
       requestAnimationFrame(() => { this.latencies.push(performance.now() - since); });
     } catch (error) { this.refused(error); } finally {
       this.waiting = false;
@@ -143,29 +144,40 @@ export default class Loop {
     this.nichols.kept = compared.map((one) => one.curve);
     this.nichols.show(this.frame);
     this.plots.show(this.frame, compared.map((one) => one.curve));
+    for (const chart of this.plots.all) chart.still = this.held;
     this.handles.show(this.shape(), this.basis.frequency_hz, this.frame.curves[0]);
-    if (!this.view.querySelector(".factor:focus-within")) this.editor.show(this.shape());
+    if (!this.view.querySelector(".factor:focus-within")) this.editor.show(this.shape(), false, this.held);
     const { unstable, crossed } = this.frame;
     const told = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";
     if (this.bits.crossed.textContent !== told) { this.bits.crossed.textContent = told; say(told || "Every limit is kept."); }
+    this.bits.standing.textContent = this.standing();
+    this.bits.tiles.classList.toggle("undesigned", this.standing() === UNDESIGNED);
     this.buttons.undo.disabled = !this.past.length; this.buttons.redo.disabled = !this.future.length;
+  }
+
+  get held() { return Boolean(this.nichols?.dragged || this.handles?.dragged); }
+
+  // Where this loop comes from.
+  standing() {
+    const here = JSON.stringify(this.shape()), { design, first } = this.basis;
+    return here === JSON.stringify(design) ? "as designed" : here === JSON.stringify(first) ? UNDESIGNED : "shaped by hand";
   }
 
   take({ of, channel, figures }) {
     if (channel !== this.state.channel) return;
-    if (figures.refused !== undefined) {
-      this.bits.tables.replaceChildren(make("h2", {}, "Figures"), make("p", { class: "crossed" }, figures.refused));
-      this.bits.tiles.replaceChildren();
-      this.figures = null;
-    } else {
-      this.figures = figures;
-      tiles(this.bits.tiles, figures.tiles);
-      this.tables();
-    }
+    this.refusal = figures.refused ?? "";
+    this.figures = this.refusal ? null : figures;
+    this.shown = this.figures?.tiles ?? this.shown?.map((one) => ({ ...one, value: "—", allowed: "", outcome: "not judged" })) ?? [];
+    tiles(this.bits.tiles, this.shown);
+    this.bits.verdict.textContent = this.refusal || `Verdict: ${figures.verdict.sentence}.`;
+    this.tables();
     if (of === this.newest && !this.waiting && this.next === null) this.bits.tiles.setAttribute("aria-busy", "false");
   }
 
+  // The tables below wait until nothing is held: their length changes.
   tables() {
+    if (this.held) return;
+    if (this.refusal) this.bits.tables.replaceChildren(make("h2", {}, "Figures"), make("p", { class: "crossed" }, this.refusal));
     if (!this.figures) return;
     const rows = designTable(this.figures.design, this.kept.filter((one) => one.compared));
     this.bits.tables.replaceChildren(make("h2", {}, "Figures"), make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Figures" }, rows), verdict(this.figures.verdict));
@@ -173,7 +185,7 @@ export default class Loop {
 
   // Steps back and forth.
   remember() { this.past.push(copied(this.shape())); this.future = []; this.origin = null; }
-  done() { write(this.state); }
+  done() { write(this.state); this.show(); this.tables(); }
   undo() { this.step(this.past, this.future); }
   redo() { this.step(this.future, this.past); }
 
@@ -194,7 +206,7 @@ export default class Loop {
     try {
       const { shape, command: line } = await this.link.ask("design", { display, channel });
       this.remember();
-      this.state.shapes[channel] = shape;
+      this.state.shapes[channel] = this.basis.design = shape;
       if (before) this.store("before", before);
       this.bits.command.replaceChildren(command(line));
       this.request("draw", {}, performance.now());
@@ -244,6 +256,6 @@ export default class Loop {
   }
 
   again() { if (this.frame) this.request("draw", {}, performance.now()); }
-  resize() { if (this.frame) { this.plots.resize(); this.show(); } }
+  resize() { if (this.frame) { this.nichols.fill(); this.plots.resize(); this.show(); } }
   restyle() { if (this.frame) { this.plots.restyle(); this.show(); } }
 }

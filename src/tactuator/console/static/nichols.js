@@ -1,8 +1,8 @@
 // The Nichols chart: open-loop gain against phase. Marks on the curve are its handles; the curve itself can be taken anywhere.
-import { COARSE, digits, draggable, draw } from "./dom.js";
+import { COARSE, digits, draggable, draw, gone, large, make } from "./dom.js";
+import { Value } from "./value.js";
 
-const NARROW = innerWidth < 600; // a phone: fewer units, so that the texts keep their size
-const WIDTH = NARROW ? 370 : 640, HEIGHT = NARROW ? 400 : 560, LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40;
+const LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40, NARROW = 450, LOWEST = 340, HIGHEST = 560;
 const NEAR_PX = 30;
 const MARK = COARSE ? 8 : 5, FREE = MARK + 4; // radius of a mark, and how far from its middle a label begins
 const STEP_DB = 0.5, STEP_DEG = 1;
@@ -12,31 +12,47 @@ export class Nichols {
   // drawn is what was asked for.
   constructor(basis, moved, done, settled) {
     Object.assign(this, { basis, moved, done, settled, frame: null, kept: [], dragged: null });
-    this.svg = draw("svg", { class: "nichols", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "group", "aria-label": "Nichols chart: open-loop gain against phase" });
+    this.svg = draw("svg", { class: "nichols", role: "group", "aria-label": "Nichols chart: open-loop gain against phase" });
+    this.out = make("output", { class: "readout", "aria-hidden": "true" });
+    this.box = make("div", { class: "plot" }, this.svg);
+    this.value = new Value(this.box);
+    this.cross = draw("path", { class: "cross" });
     this.window = { left: -360, right: 0, bottom: -50, top: 40 };
     this.layers = {};
-    const clip = draw("clipPath", { id: "inside" }, draw("rect", { x: LEFT, y: TOP, width: WIDTH - LEFT - RIGHT, height: HEIGHT - TOP - BOTTOM }));
-    this.svg.append(clip);
-    for (const name of ["ground", "regions", "templates", "kept", "curves", "grab", "marks", "axes"]) {
+    this.clip = draw("rect", { x: LEFT, y: TOP });
+    this.svg.append(draw("clipPath", { id: "inside" }, this.clip));
+    for (const name of ["ground", "regions", "templates", "kept", "curves", "grab", "axes", "marks"]) {
       this.layers[name] = draw("g", ["axes", "marks"].includes(name) ? {} : { "clip-path": "url(#inside)" });
       this.svg.append(this.layers[name]);
     }
     this.grab = draw("path", { class: "grab" });
     this.layers.grab.append(this.grab);
-    draggable(this.grab, (event) => this.begin(event, this.nearest(event)));
-    this.svg.onpointermove = (event) => this.drag(event);
+    draggable(this.grab, (event) => this.take(event));
+    this.svg.onpointermove = (event) => { this.drag(event); this.read(event); };
+    this.svg.onpointerleave = () => { this.out.textContent = ""; this.cross.setAttribute("d", ""); };
     this.svg.onpointerup = this.svg.onpointercancel = () => this.end();
+    this.layers.axes.before(this.cross);
     this.marks = basis.marks_hz.map((hz) => this.mark(hz));
+    this.free = this.mark(null); // where the curve was taken beside a mark
+  }
+
+  // The chart takes the room that there is, in units of the page's text.
+  fill() {
+    this.wide = Math.max(280, this.box.clientWidth) / large();
+    this.high = Math.min(HIGHEST, Math.max(LOWEST, this.wide));
+    this.svg.setAttribute("viewBox", `0 0 ${this.wide} ${this.high}`);
+    this.clip.setAttribute("width", this.wide - LEFT - RIGHT); this.clip.setAttribute("height", this.high - TOP - BOTTOM);
     this.ground();
   }
 
-  x(phase) { return LEFT + (phase - this.window.left) / (this.window.right - this.window.left) * (WIDTH - LEFT - RIGHT); }
-  y(gain) { return TOP + (this.window.top - gain) / (this.window.top - this.window.bottom) * (HEIGHT - TOP - BOTTOM); }
+  get narrow() { return this.wide < NARROW; }
+  x(phase) { return LEFT + (phase - this.window.left) / (this.window.right - this.window.left) * (this.wide - LEFT - RIGHT); }
+  y(gain) { return TOP + (this.window.top - gain) / (this.window.top - this.window.bottom) * (this.high - TOP - BOTTOM); }
 
   at(event) {
     const box = this.svg.getBoundingClientRect(), { left, right, bottom, top } = this.window;
-    const px = (event.clientX - box.left) * WIDTH / box.width, py = (event.clientY - box.top) * HEIGHT / box.height;
-    return { phase: left + (px - LEFT) / (WIDTH - LEFT - RIGHT) * (right - left), gain: top - (py - TOP) / (HEIGHT - TOP - BOTTOM) * (top - bottom), px, py };
+    const px = (event.clientX - box.left) * this.wide / box.width, py = (event.clientY - box.top) * this.high / box.height;
+    return { phase: left + (px - LEFT) / (this.wide - LEFT - RIGHT) * (right - left), gain: top - (py - TOP) / (this.high - TOP - BOTTOM) * (top - bottom), px, py };
   }
 
   line(points, close = false) { return points.map(([p, g], i) => `${i ? "L" : "M"}${this.x(p).toFixed(1)} ${this.y(g).toFixed(1)}`).join("") + (close ? "Z" : ""); }
@@ -47,8 +63,9 @@ export class Nichols {
     const turns = left < -360 ? [-360, 0] : [0];
     const turned = (points, turn) => points.map(([p, g]) => [p + turn, g]);
     this.layers.ground.replaceChildren(...ground.contours.flatMap(({ points }) => turns.map((turn) => draw("path", { class: "contour", d: this.line(turned(points, turn)) }))));
+    const beside = 26 * (right - left) / (this.wide - LEFT - RIGHT); // half a label
     for (const { level_db: level, points } of ground.contours) {
-      const inside = points.filter(([p, g]) => p > left + 3 && p < right - (NARROW ? 26 : 14) && g > bottom + 2 && g < top - 2);
+      const inside = points.filter(([p, g]) => p > left + beside && p < right - beside && g > bottom + 2 && g < top - 2);
       const spot = inside.reduce((best, one) => (best === null || (level < -1 ? one[0] > best[0] : one[1] > best[1]) ? one : best), null);
       if (spot === null) continue;
       const [x, y] = [this.x(spot[0]), this.y(spot[1])];
@@ -61,7 +78,6 @@ export class Nichols {
     for (const name of ["resonance", "sensitivity"]) {
       if (!ground[name]) continue;
       this.regions[name] = turns.map((turn) => draw("path", { class: "region", d: this.line(turned(ground[name], turn), true) }));
-      this.regions[name].forEach((path) => path.append(draw("title", {}, name === "resonance" ? "|T| beyond its limit" : "|S| beyond its limit")));
       this.layers.regions.append(...this.regions[name]);
     }
     if (ground.phase !== null) {
@@ -72,11 +88,11 @@ export class Nichols {
   }
 
   axes() {
-    const { left, right, bottom, top } = this.window, made = [draw("rect", { class: "axis", x: LEFT, y: TOP, width: WIDTH - LEFT - RIGHT, height: HEIGHT - TOP - BOTTOM })];
-    for (let phase = Math.ceil(left / 90) * 90; phase <= right; phase += NARROW ? 90 : 45) made.push(draw("text", { x: this.x(phase), y: HEIGHT - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
+    const { left, right, bottom, top } = this.window, made = [draw("rect", { class: "axis", x: LEFT, y: TOP, width: this.wide - LEFT - RIGHT, height: this.high - TOP - BOTTOM })];
+    for (let phase = Math.ceil(left / 90) * 90; phase <= right; phase += this.narrow ? 90 : 45) made.push(draw("text", { x: this.x(phase), y: this.high - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
     for (let gain = Math.ceil(bottom / 10) * 10; gain <= top; gain += 10) made.push(draw("text", { x: LEFT - 6, y: this.y(gain) + 4, "text-anchor": "end" }, `${gain}`.replace("-", "−")));
-    made.push(draw("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 6, "text-anchor": "middle" }, "open-loop phase (degrees)"));
-    made.push(draw("text", { x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${HEIGHT / 2 - 20}) rotate(-90)` }, "open-loop gain (dB)"));
+    made.push(draw("text", { x: (LEFT + this.wide) / 2, y: this.high - 6, "text-anchor": "middle" }, "open-loop phase (degrees)"));
+    made.push(draw("text", { x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${this.high / 2 - 20}) rotate(-90)` }, "open-loop gain (dB)"));
     for (const turn of left < -360 ? [-360, 0] : [0]) {
       const [x, y] = [this.x(turn - 180), this.y(0)];
       made.push(draw("path", { class: "axis", d: `M${x - 6} ${y}H${x + 6}M${x} ${y - 6}V${y + 6}`, stroke: "currentColor" }));
@@ -109,7 +125,16 @@ export class Nichols {
     for (const [name, paths] of Object.entries(this.regions)) paths.forEach((path) => path.classList.toggle("over", frame.crossed.includes(name)));
     const placed = [];
     this.drawn = frame.curves.flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])])).filter((_, i) => i % 2 === 0);
-    for (const one of this.marks) this.place(one, placed);
+    for (const one of [...this.marks, this.free]) if (one.hz !== null) this.place(one, placed);
+    this.value.show();
+  }
+
+  // The crosshair, and what lies under it.
+  read(event) {
+    const { phase, gain, px, py } = this.at(event), { left, right, bottom, top } = this.window, inside = phase > left && phase < right && gain > bottom && gain < top;
+    const hz = inside && this.frame ? this.nearest(event) : null;
+    this.cross.setAttribute("d", inside ? `M${LEFT} ${py}H${this.wide - RIGHT}M${px} ${TOP}V${this.high - BOTTOM}` : "");
+    this.out.textContent = inside ? `${phase.toFixed(0)}°, ${gain.toFixed(1)} dB${hz === null ? "" : ` · curve: ${digits(hz)} Hz`}` : "";
   }
 
   point(hz) {
@@ -119,18 +144,25 @@ export class Nichols {
   }
 
   mark(hz) {
-    const dot = draw("circle", { class: "mark", r: MARK, tabindex: 0, role: "slider", "aria-label": `Point of the curve at ${hz} Hz: up and down its gain, left and right its phase`, "aria-orientation": "vertical" });
-    const label = draw("text", {}, `${hz} Hz`);
-    draggable(dot, (event) => this.begin(event, hz));
+    const name = hz === null ? "Point of the curve that was taken" : `Point of the curve at ${hz} Hz`, one = { hz };
+    const dot = one.dot = draw("circle", { class: "mark", r: MARK, tabindex: hz === null ? -1 : 0, role: "slider", "aria-label": `${name}: up and down its gain, left and right its phase`, "aria-orientation": "vertical" });
+    one.label = draw("text", {}, hz === null ? "" : `${hz} Hz`);
+    const move = (turn, gain) => this.settled(() => { this.moved(one.hz, turn, gain(this.point(one.hz).gain), true); this.done(); });
+    draggable(dot, (event) => this.begin(event, one));
     dot.onkeydown = (event) => {
       const [turn, rise] = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowRight: [1, 0], ArrowLeft: [-1, 0] }[event.key] ?? [0, 0];
       if (turn === 0 && rise === 0) return;
       event.preventDefault();
       const many = event.shiftKey ? 5 : 1;
-      this.settled(() => { this.moved(hz, turn * STEP_DEG * many, this.point(hz).gain + rise * STEP_DB * many, true); this.done(); });
+      move(turn * STEP_DEG * many, (gain) => gain + rise * STEP_DB * many);
     };
-    this.layers.marks.append(draw("g", {}, dot, label));
-    return { hz, dot, label };
+    this.value.attach(dot, () => `${digits(one.hz)} Hz`, () => [
+      { name: "", unit: "dB", value: this.point(one.hz).gain, set: (to) => move(0, () => Math.max(-200, Math.min(200, to))) },
+      { name: "", unit: "°", value: this.point(one.hz).phase, set: (to) => move(to - this.point(one.hz).phase, (gain) => gain) }]);
+    const group = draw("g", {}, dot, one.label);
+    if (hz === null) group.setAttribute("visibility", "hidden");
+    this.layers.marks.append(group);
+    return one;
   }
 
   place({ hz, dot, label }, placed) {
@@ -144,7 +176,7 @@ export class Nichols {
     dot.setAttribute("aria-valuetext", `${gain.toFixed(1)} dB at ${phase.toFixed(0)} degrees`);
     const wide = FREE + 6.4 * label.textContent.length;
     const spots = [[FREE, 4], [-wide, 4], [FREE, -8], [FREE, 16], [-wide, -8], [-wide, 16], [-wide / 2 + 4, -FREE - 2], [-wide / 2 + 4, FREE + 11], [FREE + 15, 4], [-wide - 16, 4]];
-    const free = spots.find(([dx, dy]) => x + dx > LEFT && x + dx + wide < WIDTH - RIGHT && placed.every(([a, b, w]) => Math.abs(b - y - dy) > 12 || x + dx + wide - 6 < a || x + dx > a + w - 6) && this.clear(x + dx, y + dy, wide));
+    const free = spots.find(([dx, dy]) => x + dx > LEFT && x + dx + wide < this.wide - RIGHT && placed.every(([a, b, w]) => Math.abs(b - y - dy) > 12 || x + dx + wide - 6 < a || x + dx > a + w - 6) && this.clear(x + dx, y + dy, wide));
     label.setAttribute("visibility", inside && free ? "visible" : "hidden");
     if (!inside) return;
     placed.push([x - MARK - 1, y + 4, 2 * MARK + 2]);
@@ -163,19 +195,27 @@ export class Nichols {
     return least < NEAR_PX ? f[best] : null;
   }
 
-  begin(event, hz) {
-    if (hz === null) return;
-    event.preventDefault();
-    this.svg.setPointerCapture(event.pointerId);
-    this.dragged = { hz, phase: this.point(hz).phase, begun: true };
-    this.svg.setAttribute("aria-label", `Nichols chart: the point at ${digits(hz)} Hz is being moved`);
+  // The curve is taken where there is no mark.
+  take(event) {
+    this.free.hz = this.nearest(event);
+    if (this.free.hz === null) return;
+    this.place(this.free, []);
+    this.begin(event, this.free);
   }
 
+  begin(event, { hz, dot }) {
+    event.preventDefault();
+    dot.focus();
+    this.svg.setPointerCapture(event.pointerId);
+    this.dragged = { hz, x: event.clientX, y: event.clientY, from: this.at(event), gain: this.point(hz).gain, begun: true };
+  }
+
+  // By how far the pointer has gone since the point was taken, and no further.
   drag(event) {
     if (this.dragged === null) return;
-    const { phase, gain } = this.at(event), { hz, begun } = this.dragged;
+    const { hz, x, y, from, gain: before, begun } = this.dragged, { phase, gain } = this.at({ clientX: gone(event.clientX, x), clientY: gone(event.clientY, y) });
     this.dragged.begun = false;
-    this.moved(hz, phase - this.dragged.phase, gain, begun);
+    this.moved(hz, phase - from.phase, before + gain - from.gain, begun);
   }
 
   end() { if (this.dragged !== null) { this.dragged = null; this.done(); } }

@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { COARSE, banner, command, digits, draggable, draw, make, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { verdict } from "./figures.js";
+import { Value } from "./value.js";
 import { term } from "./words.js";
 
 const STEP_DB = 0.5, MANY = 5, FEWEST = 2, MOST = 16;
@@ -21,22 +22,23 @@ export default class Prefilter {
     this.buttons = { undo: press("Undo", () => this.step(this.past, this.future)), redo: press("Redo", () => this.step(this.future, this.past)),
       fewer: press("Fewer poles", () => this.turn(-1), { id: "fewer" }), more: press("More poles", () => this.turn(1), { id: "more" }), back: press("The display’s own curve", () => this.change({ points: "", file: "", name: "", poles: "" })) };
     this.count = make("strong", { id: "poles" });
-    this.bits = { error: make("p", { class: "crossed", role: "status", id: "error" }), saving: make("div", { class: "bar" }), verdict: make("div"), command: make("div") };
+    this.bits = { error: make("p", { class: "limits", role: "status", id: "error", tabindex: "0" }), saving: make("div", { class: "bar" }), verdict: make("div"), command: make("div") };
     this.drop = new Drop(link, { label: "Personal curve", accept: ".csv", hint: "A curve that was measured on one person, or any other: frequency_hz, level_db_re_1um. It is overlaid; “Take it” follows it.",
       taken: async (file, name) => { this.personal = { file, ...(await link.ask("prefilter.curve", { file })) }; this.draw(); this.offer(name); } });
     this.offered = make("div", { class: "bar" });
-    this.curve = new Chart("Level at threshold (dB re 1 µm peak) over frequency (Hz)", { log: true, height: 330, role: "group" });
-    this.error = new Chart("Error of the prefilter (dB) over frequency (Hz)", { log: true, height: 170 });
+    this.curve = new Chart("Level at threshold (dB re 1 µm peak) over frequency (Hz)", { log: true, height: 400, role: "group", unit: "dB", sync: "prefilter" });
+    this.error = new Chart("Error of the prefilter (dB) over frequency (Hz)", { log: true, height: 170, unit: "dB", sync: "prefilter" });
     this.curve.drawn = () => this.handles();
     this.layer = draw("svg", { class: "handles", role: "group", "aria-label": "Points of the threshold curve" });
     this.layer.onpointermove = (event) => this.drag(event);
-    this.layer.onpointerup = this.layer.onpointercancel = () => { this.dragged = null; write(this.state); };
+    this.layer.onpointerup = this.layer.onpointercancel = () => { this.dragged = null; write(this.state); this.draw(); };
     this.points = [];
-    view.replaceChildren(make("h1", {}, "Prefilter and curve of ", this.display.name),
-      make("p", {}, "The ", term("prefilter"), " makes a channel follow the ", term("threshold curve"), ". Drag a point of the curve, or move it by the arrow keys; the loop stays, the prefilter is fitted anew."),
-      make("div", { class: "bar" }, make("label", { for: "channel" }, "channel "), choose, ...Object.values(this.buttons), "poles: ", this.count, make("span", { class: "gap" }), this.bits.command),
+    this.value = new Value(this.curve.host);
+    view.replaceChildren(make("div", { class: "workbench" },
+      make("div", { class: "bar" }, make("h1", {}, "Prefilter and curve of ", this.display.name), make("label", { for: "channel" }, "channel "), choose, ...Object.values(this.buttons), "poles: ", this.count),
       this.bits.error, make("div", { class: "loop" }, make("div", {}, make("div", { class: "panel" }, this.curve.box)),
-        make("div", {}, make("div", { class: "panel" }, this.error.box), make("div", { class: "panel" }, this.drop.box, this.offered), make("div", { class: "panel" }, make("h2", {}, "Controller"), this.bits.saving, this.bits.verdict))));
+        make("div", {}, make("div", { class: "panel" }, this.error.box), make("div", { class: "panel" }, this.drop.box, this.offered), make("div", { class: "panel" }, make("h2", {}, "Controller"), this.bits.saving, this.bits.command, this.bits.verdict))),
+      make("p", {}, "The ", term("prefilter"), " makes a channel follow the ", term("threshold curve"), ". Drag a point of the curve, move it by the arrow keys, or type its level at the point; the loop stays, the prefilter is fitted anew.")));
     this.bits.saving.replaceChildren(press("Design and save", () => this.save(), { class: "first", id: "design" }));
     view.onkeydown = (event) => {
       if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT") return;
@@ -71,6 +73,7 @@ export default class Prefilter {
 
   // One fit is under way at a time; what changes meanwhile is asked for together when it is done.
   async fit() {
+    this.bits.error.setAttribute("aria-busy", "true");
     if (this.waiting) { this.again_ = true; return; }
     this.waiting = true;
     try {
@@ -85,25 +88,29 @@ export default class Prefilter {
     } catch (error) {
       refusal(error);
       if (!error.lost && this.good) { this.own = this.state.own = { ...this.good }; }
-    } finally { this.waiting = false; }
+    } finally { this.waiting = false; this.bits.error.setAttribute("aria-busy", "false"); }
   }
 
   draw() {
     const { found } = this;
     if (!found) return;
     const { frequency_hz: hz, wanted_db, given_db, error_db, curve, own, allowed_db: allowed } = found;
-    const line = ({ points }) => ({ x: points.map(([at]) => at), y: points.map(([, level]) => level) });
-    const drawn = this.own.points || this.own.file, focused = this.points.indexOf(document.activeElement);
-    if (focused >= 0) this.focused = focused; // a chart that is made anew takes its handles off the page for a moment
+    const line = ({ points }) => { const there = points.filter(([at]) => at >= hz[0] && at <= hz.at(-1)); return { x: there.map(([at]) => at), y: there.map(([, level]) => level) }; };
+    const drawn = this.own.points || this.own.file;
+    this.curve.still = this.dragged !== null;
     this.curve.show([
-      ...(drawn ? [{ name: `${own.name}, the display’s own`, hue: "kept", dash: [2, 3], ...line(own) }] : []),
+      { name: `${own.name}, the display’s own`, hue: "kept", dash: [2, 3], ...line(own) },
       ...(this.personal ? [{ name: `${this.personal.name}, ${this.personal.provenance}`, hue: "sense", dash: [7, 3], ...line(this.personal) }] : []),
-      { name: `target: ${curve.name}`, hue: "nominal", x: hz, y: wanted_db }, { name: "with the prefilter", hue: "load", dash: [7, 4], x: hz, y: given_db }]);
+      { name: "target", hue: "nominal", x: hz, y: wanted_db }, { name: "with the prefilter", hue: "load", dash: [7, 4], x: hz, y: given_db }]);
     const flat = (db) => ({ x: [hz[0], hz.at(-1)], y: [db, db], hue: "limit", dash: [5, 3] });
+    const most = Math.max(1.2 * allowed, ...error_db.map(Math.abs));
+    this.error.range = [-1.06 * most, 1.06 * most];
     this.error.show([{ name: "error", hue: "nominal", x: hz, y: error_db }, { name: `allowed, ±${allowed} dB`, ...flat(allowed) }, { name: "", ...flat(-allowed) }]);
     const over = Number(found.greatest_db) > allowed;
-    this.bits.error.textContent = `Greatest error ${found.greatest_db} dB at ${found.worst_hz} Hz, rms ${found.rms_db} dB; allowed: ${allowed} dB.`;
-    this.bits.error.classList.toggle("crossed", over);
+    const loop = this.display.channels.find((one) => one.name === this.state.channel).loop;
+    this.bits.error.replaceChildren(make("strong", { class: "chip" }, loop ? "behind the loop that “design” makes" : "no loop"), ` Greatest error ${found.greatest_db} dB at ${found.worst_hz} Hz, rms ${found.rms_db} dB; allowed: ${allowed} dB.`,
+      ...(loop && this.state.shapes[this.state.channel] ? [" The view Loop tells that of the loop it shows."] : []));
+    this.bits.error.classList.toggle("over", over);
     this.count.textContent = String(found.poles);
     this.buttons.fewer.disabled = found.poles <= FEWEST; this.buttons.more.disabled = found.poles >= MOST;
     this.buttons.undo.disabled = !this.past.length; this.buttons.redo.disabled = !this.future.length;
@@ -125,13 +132,14 @@ export default class Prefilter {
       node.setAttribute("aria-valuenow", level.toFixed(1));
       node.setAttribute("aria-valuetext", `${level.toFixed(1)} dB re 1 µm`);
     });
-    if (this.focused !== undefined && document.activeElement === document.body) this.points[this.focused]?.focus();
-    this.focused = undefined;
+    this.value.show();
   }
 
   handle() {
     const node = draw("circle", { class: "handle", r: COARSE ? 9 : 7, tabindex: 0, role: "slider", "aria-valuemin": -200, "aria-valuemax": 200, "aria-orientation": "vertical" });
-    draggable(node, (event) => { event.preventDefault(); node.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: node.index, begun: true }; });
+    const level = () => this.found.curve.points[node.index]?.[1] ?? 0;
+    this.value.attach(node, () => node.getAttribute("aria-label"), () => [{ name: "", unit: "dB re 1 µm", value: level(), set: (to) => this.move(node.index, to, true) }]);
+    draggable(node, (event) => { event.preventDefault(); node.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: node.index, level: level(), y: event.clientY, begun: true }; });
     node.onkeydown = (event) => {
       const up = { ArrowUp: 1, ArrowDown: -1 }[event.key];
       if (!up) return;
@@ -144,9 +152,9 @@ export default class Prefilter {
 
   drag(event) {
     if (this.dragged === null) return;
-    const { plot } = this.curve, box = plot.over.getBoundingClientRect(), { index, begun } = this.dragged;
+    const { plot } = this.curve, { top } = plot.over.getBoundingClientRect(), { index, level, y, begun } = this.dragged;
     this.dragged.begun = false;
-    this.move(index, plot.posToVal(event.clientY - box.top, "y"), begun);
+    this.move(index, level + plot.posToVal(event.clientY - top, "y") - plot.posToVal(y - top, "y"), begun);
   }
 
   move(index, level, begun) {
@@ -166,13 +174,13 @@ export default class Prefilter {
     const clock = setInterval(() => { button.textContent = `Designing, ${Math.round((Date.now() - began) / 1000)} s`; }, 250);
     try {
       const found = await this.link.ask("prefilter.save", this.asked());
-      this.bits.saving.replaceChildren(button, saved("Save controller.json", "controller.json", found.text), ...(found.curve ? [saved("Save curve.csv", "curve.csv", found.curve, "text/csv")] : []), command(found.command));
+      this.bits.saving.replaceChildren(button, saved("Save controller.json", "controller.json", found.text), ...(found.curve ? [saved("Save curve.csv", "curve.csv", found.curve, "text/csv")] : []));
       this.bits.verdict.replaceChildren(verdict(found.verdict));
       say(found.verdict.sentence);
     } catch (error) { refusal(error); } finally { clearInterval(clock); button.disabled = false; button.textContent = "Design and save"; }
   }
 
   again() { this.fit(); }
-  resize() { this.draw(); }
-  restyle() { this.draw(); }
+  resize() { this.curve.resize(); this.error.resize(); }
+  restyle() { this.curve.restyle(); this.error.restyle(); }
 }

@@ -5,7 +5,8 @@ import { Loader } from "./loader.js";
 import { connected } from "./rig.js";
 import { term } from "./words.js";
 
-const LOADS = ["nominal", "load", "load2", "sense"];
+const HUES = ["nominal", "load", "load2", "sense"];
+const named = (load) => (load === "none" ? "free" : load);
 
 export default class Response {
   constructor(view, link, state) { Object.assign(this, { view, link, state, kept: [], points: null, expected: null }); }
@@ -19,7 +20,7 @@ export default class Response {
   build() {
     const { display, channels } = this.rig.standing;
     this.channels = channels;
-    this.loader = new Loader(this.rig, this.link, this.state);
+    this.loader = new Loader(this.rig, this.link, this.state, make("h1", {}, `Response of ${display}`));
     const number = (id, value, text, more = {}) => make("label", {}, `${text} `, make("input", { type: "number", step: "any", id, value, ...more }));
     const loads = ["none", ...new Set(channels.flatMap((one) => one.loads))];
     this.inputs = { level: number("level", "30", "level", { onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB"), longest: number("longest", "30", "s a point at most"), mains: number("mains", "60", "mains, Hz") };
@@ -29,38 +30,50 @@ export default class Response {
     this.shown = make("select", { id: "shown", onchange: () => this.draw() }, ...channels.map((one) => make("option", { value: one.name }, one.name)));
     this.begin = make("button", { type: "button", id: "measure", class: "first", onclick: () => this.measure() }, "Measure");
     this.save = make("a", { id: "save-response", download: "response.csv", hidden: "" }, "Save response.csv");
-    this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }) };
-    this.chart = new Chart("Felt level (dB SL) over frequency (Hz): asked as a line within a just-noticeable difference, measured as points, what the model expects dashed", { height: 300, log: true, unit: "dB SL" });
-    this.view.replaceChildren(make("h1", {}, `Response of ${display}`), this.rig.bar, this.loader.box,
-      make("div", { class: "panel" }, make("h2", {}, "Measure"), make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains),
-        make("div", { class: "bar" }, make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
-      make("div", { class: "panel" }, make("h2", {}, "Level over frequency"), make("label", {}, "channel ", this.shown), this.chart.box, this.bits.table));
+    this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }), within: make("p", { id: "within", class: "within" }), kept: make("div") };
+    this.chart = new Chart("Felt level (dB SL) over frequency (Hz)", { height: Math.max(300, Math.min(460, innerHeight - 420)), log: true, unit: "dB SL" });
+    this.view.replaceChildren(make("div", { class: "workbench" }, this.loader.box, this.rig.bar,
+      make("div", { class: "panel settings" }, make("div", { class: "bar strip" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains,
+        make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
+      make("div", { class: "measured" }, make("div", { class: "panel" }, make("div", { class: "bar" }, make("label", {}, "channel ", this.shown), this.bits.within), this.chart.box, this.bits.kept), make("div", { class: "panel" }, this.bits.table))));
   }
 
   value(name) { return Number(this.inputs[name].querySelector("input").value); }
 
   async measure() {
-    const frequencies = this.hz.value.split(",").filter((one) => one.trim() !== "").map(Number);
+    const live = this.rig.standing.mode === "live", frequencies = this.hz.value.split(",").filter((one) => one.trim() !== "").map(Number);
     const answer = await this.rig.do("measure", { channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), level_db_sl: this.value("level"), load: this.load.value,
       frequency_hz: frequencies, confidence_db: this.value("confidence"), longest_s: this.value("longest"), mains_hz: this.value("mains") });
     if (!answer) return;
-    if (this.points?.done) this.kept = [...this.kept, this.points].slice(-3);
     this.points = null;
     this.bits.command.replaceChildren(command(answer.command));
-    this.bits.progress.textContent = "the first point is measured";
+    this.stopped = live ? "What played live was stopped. " : "";
+    this.bits.progress.textContent = `${this.stopped}The first point is measured.`;
   }
 
+  // A measurement keeps its name and stays in the chart beside the next ones.
   pushed(message) {
     if (!message.points) return;
-    this.points = message.points;
-    const { done, total, over, csv } = this.points;
-    this.bits.progress.textContent = over ? `${done} points: measured` : `${done} of ${total} points`;
+    const { done, total, over, csv, document } = message.points, { responses: [first] } = document;
+    if (!this.points && first) this.kept = [...this.kept, { shown: true, name: `${this.kept.length + 1}: ${named(first.load)}, ${digits(first.asked_db_sl)} dB SL` }].slice(-6);
+    this.points = Object.assign(this.points ?? (first ? this.kept.at(-1) : {}), message.points);
+    this.bits.progress.textContent = `${this.stopped ?? ""}${over ? `${done} points: measured` : `${done} of ${total} points`}`;
     if (over) say("measured");
     // the file is made here, so that it can be saved when the server is gone
     if (this.save.href) URL.revokeObjectURL(this.save.href);
     this.save.href = URL.createObjectURL(new Blob([csv], { type: "text/csv" }));
     this.save.hidden = false;
+    this.list();
     this.draw();
+  }
+
+  list() {
+    const key = this.kept.map((one) => one.name).join("\n");
+    if (key === this.listed) return;
+    this.listed = key;
+    this.bits.kept.replaceChildren(...this.kept.map((one, i) => make("div", { class: "factor" },
+      make("label", {}, make("input", { type: "checkbox", checked: one.shown ? "" : null, onchange: (event) => { one.shown = event.target.checked; this.draw(); } }), " in the chart"),
+      make("input", { value: one.name, maxlength: 40, "aria-label": `name of measurement ${i + 1}`, onchange: (event) => { one.name = event.target.value; this.draw(); } }))));
   }
 
   async expect() {
@@ -72,23 +85,28 @@ export default class Response {
   standing() {
     const { rig } = this, { mode, loaded } = rig.standing;
     this.loader.standing();
-    this.begin.disabled = !rig.mayPlay || !loaded || mode !== "idle";
+    this.begin.disabled = !rig.mayPlay || !loaded || !["idle", "live"].includes(mode);
+    this.begin.title = loaded ? mode === "live" ? "ends what plays live, and measures" : "" : "needs a controller: load one above";
     if (mode !== "measuring" && this.points && !this.points.over && this.mode === "measuring") this.bits.progress.textContent = `${this.points.done} of ${this.points.total} points, then it ended`;
+    if (mode !== "measuring" && !this.points && this.mode === "measuring") this.bits.progress.textContent = "";
     this.mode = mode;
     if (loaded && loaded !== this.known) { this.known = loaded; this.expect(); }
   }
 
   draw() {
-    const channel = this.shown.value, curves = (this.expected?.curves ?? []).filter((one) => one.channel === channel), loads = curves.map((one) => one.load);
-    const hue = (load) => LOADS[Math.max(0, loads.indexOf(load)) % LOADS.length], named = (load) => (load === "none" ? "free" : load);
-    const lines = curves.map((one) => ({ name: `the model expects, ${named(one.load)}`, hue: hue(one.load), x: this.expected.frequency_hz, y: one.level_db_sl, dash: one.load === "none" ? [3, 3] : [7, 4] }));
-    const found = [...this.kept, this.points].filter(Boolean).flatMap((one) => one.document.responses).filter((one) => one.channel === channel);
-    const points = found.map((one) => ({ name: `felt, ${named(one.load)}`, hue: hue(one.load), x: one.frequency_hz, y: one.level_db_sl, points: true }));
-    this.chart.show([...this.asked(found), ...lines, ...points]);
-    const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2));
-    this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}, ${digits(rows.asked_db_sl)} dB SL asked: the largest error first`),
-      make("thead", {}, make("tr", {}, ...["Hz", "felt, dB SL", "felt less asked, dB", "JND", "± dB", "of this, from the model", "cut"].map((text) => make("th", { scope: "col", class: "number" }, text)))),
-      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(told(rows.model_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
+    const channel = this.shown.value, curves = (this.expected?.curves ?? []).filter((one) => one.channel === channel);
+    const lines = curves.map((one) => ({ name: `the model expects: ${named(one.load)}`, hue: "faint", x: this.expected.frequency_hz, y: one.level_db_sl, dash: one.load === "none" ? [3, 3] : [7, 4] }));
+    const found = this.kept.filter((one) => one.shown).flatMap((one) => one.document.responses.filter((each) => each.channel === channel).map((each) => ({ ...each, name: one.name, hue: HUES[this.kept.indexOf(one) % HUES.length] })));
+    const points = found.map((one) => ({ name: one.name, hue: one.hue, x: one.frequency_hz, y: one.level_db_sl, bars: one.confidence_db, points: true }));
+    const rows = found.at(-1) ?? null, hum = this.expected?.hum[channel];
+    const beneath = [...(rows ? [{ name: "noise floor at the points", hue: "kept", width: 1.2, x: rows.frequency_hz, y: rows.noise_db_sl }] : []), ...(hum?.frequency_hz.length ? [{ name: "hum the model expects", hue: "limit", x: hum.frequency_hz, y: hum.level_db_sl, points: true }] : [])];
+    const joined = points.map((one) => ({ ...one, points: false, bars: null, quiet: true, width: 1 }));
+    this.chart.show([...this.asked(found), ...lines, ...beneath, ...joined, ...points]);
+    this.bits.within.textContent = rows ? `${rows.name}: ${rows.within}` : "";
+    const cut = rows?.saturated.some(Boolean), cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2)), heads = ["Hz", "felt, dB SL", "error, dB", "JND", "± dB", "model’s, dB", ...(cut ? ["cut"] : [])];
+    this.bits.table.replaceChildren(rows === null ? make("p", {}, "The points stand here when they are measured: felt less asked is the error, and what of it the model expects is told beside it.") : make("table", { class: "points" }, make("caption", {}, `${channel}, ${rows.name}: the largest error (felt less asked) first`),
+      make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col", class: "number" }, text)))),
+      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(told(rows.model_db[k])), ...(cut ? [cell(rows.saturated[k] ? "yes" : "")] : []))))));
   }
 
   // the level that was asked for, of the points or else of the input, with what can just be told from it
@@ -99,6 +117,6 @@ export default class Response {
       { name: `asked, ${digits(level)} dB SL`, x: frequency_hz, y: all(level), hue: "faint", width: 1.2 }];
   }
 
-  resize() { this.chart?.draw(); }
-  restyle() { this.chart?.draw(); }
+  resize() { this.chart?.resize(); }
+  restyle() { this.chart?.restyle(); }
 }

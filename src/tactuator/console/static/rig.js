@@ -17,8 +17,7 @@ export class Rig {
     this.held = make("span", { id: "rig-held" });
     const press = (id, text, what, more = {}) => make("button", { type: "button", id, onclick: () => this.do(what), ...more }, text);
     this.buttons = { take: press("take", "Take over", "take"), give: press("give", "Give back", "give"), reopen: press("reopen", "Open the rig again", "reopen"),
-      rest: press("rest", "Rest", "rest", { title: "ends what goes on and brings the rig to rest" }), stop: press("stop", "Stop", "stop", { class: "stop", title: "Escape: generator and measurement end" }) };
-    this.buttons.stop.onclick = () => this.stop();
+      stop: press("stop", "Stop", "rest", { class: "stop", title: "Escape: all that goes on ends, and the rig comes to rest" }) };
     this.bar.append(make("span", {}, this.mode, " ", this.more), this.held, make("span", { class: "gap" }), ...Object.values(this.buttons));
     this.link = new Link(sessionStorage.getItem("token") ?? "", (what) => this.connection(what), (message) => this.take(message), "/ws/rig");
     this.key = (event) => { if (event.key === "Escape") this.stop(); };
@@ -68,8 +67,8 @@ export class Rig {
   // A controller is on its way to the rig, or is there: what began meanwhile would be ended by it.
   loads(on) { this.loading += on ? 1 : -1; this.told(); }
 
-  // A measurement is ended by rest; the generator alone by a stop, and the samples go on.
-  stop() { return this.do(this.standing?.mode === "measuring" ? "rest" : "stop"); }
+  // There is one stop: all that goes on ends, whoever began it.
+  stop() { return this.do("rest"); }
 
   async do(what, more = {}) {
     try {
@@ -95,4 +94,4 @@ export function connected(view, title, built, standing, pushed) {
   });
 }
 
-const absent = () => [make("h1", {}, "No rig"), make("p", {}, "This console was begun without a rig. Begin it with one, a simulated one for example, to see and drive a display here."), make("code", {}, "tactuator console DISPLAY.toml --rig simulated")];
+const absent = () => [make("h1", {}, "No rig"), make("p", {}, "This view needs a rig, and the console was begun without one. Begin it with one, a simulated one for example, to see and drive a display here."), make("code", {}, "tactuator console DISPLAY.toml --rig simulated")];

@@ -1,16 +1,16 @@
 // The scope: what a rig does, as it does it, with a generator and a finger.
+import { Chart } from "./chart.js";
 import { banner, digits, make, refusal } from "./dom.js";
 import { Finger } from "./finger.js";
 import { GeneratorPanel } from "./generator.js";
 import { Loader } from "./loader.js";
-import { Plot } from "./plots.js";
 import { connected } from "./rig.js";
 import { HUES, Traces, frameOf } from "./traces.js";
 
 const SPANS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30];
-const MODES = { roll: "rolling", auto: "trigger, or rolling", normal: "at the trigger only", single: "single shot" };
+const MODES = { roll: "rolling", auto: "trigger or roll", normal: "trigger only", single: "single shot" };
 const ROWS = [{ title: "reference", unit: "thresholds" }, { title: "command", unit: "V" }, { title: "position", unit: "V of the sensor" }];
-const LEVELS = 300;
+const LEVELS = 300, SCALES = [0.01, 0.1, 1, 10, 100, 1000];
 
 export default class Scope {
   constructor(view, link, state) {
@@ -30,40 +30,43 @@ export default class Scope {
     const { display, channels, rate_hz: rate, frequency_hz: hz } = this.rig.standing;
     this.channels = channels.map((one) => ({ ...one, shown: true }));
     this.rate = rate;
-    this.traces = new Traces(ROWS, 130, "Reference, command and position of every channel over time");
-    this.strip = new Traces([{ title: "level at the sensor, last second", unit: "dB SL" }], 110, "Level at the sensor of every channel over the last half minute");
-    this.spectrum = new Plot("Spectrum at the sensor (dB SL) over frequency (Hz); 0 is the threshold", 190, "hz", hz);
-    this.spectrum.marks = [{ hz: null, db: 0 }];
+    this.traces = new Traces(ROWS, () => Math.max(270, innerHeight - 440), "Reference, command and position of every channel over time");
+    this.traces.moved = () => this.readings();
+    this.strip = new Traces([{ title: "level at the sensor, last half minute", unit: "dB SL" }], () => 90, "Level at the sensor of every channel over the last half minute");
+    this.spectrum = new Chart("Spectrum at the sensor (dB SL) over frequency (Hz); 0 is the threshold", { height: Math.max(170, innerHeight - 600), log: true, unit: "dB SL", range: [-40, 60], marks: [{ hz: null, db: 0 }], legend: false });
+    this.frequency = hz;
     this.live = make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live");
-    this.loader = new Loader(this.rig, this.link, this.state, this.live);
+    this.loader = new Loader(this.rig, this.link, this.state, make("h1", {}, `Scope of ${display}`), this.live);
     this.generator = new GeneratorPanel(this.rig, channels);
     this.finger = new Finger(this.rig, channels);
-    this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }) };
-    const side = make("div", { class: "panel" }, make("h2", {}, "Spectrum"), make("div", {}, this.spectrum.box), this.strip.box);
-    this.view.replaceChildren(
-      make("h1", {}, `Scope of ${display}`), this.rig.bar, this.loader.box, this.bits.tiles,
-      make("div", { class: "loop" }, make("div", {}, make("div", { class: "panel" }, this.traceBar(), this.traces.box, this.bits.cursors, this.bits.counts)), make("div", {}, this.generator.box, this.finger.box, side)));
+    this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }, "Nothing runs yet: load a controller, then Live.") };
+    this.view.replaceChildren(make("div", { class: "workbench" }, this.loader.box, this.rig.bar, this.traceBar(),
+      make("div", { class: "screen" }, make("div", { class: "panel" }, this.traces.box, this.bits.cursors, this.bits.counts), make("div", { class: "panel" }, this.bits.tiles, this.spectrum.box, this.strip.box)),
+      make("div", { class: "drives" }, this.generator.box, this.finger.box)));
     this.view.onkeydown = (event) => { if (event.key === " " && !["INPUT", "SELECT", "BUTTON", "A", "TEXTAREA"].includes(event.target.tagName)) { event.preventDefault(); this.pause(); } };
+    this.tiles(null);
     this.look();
   }
 
   traceBar() {
     const option = (value, text, chosen) => make("option", { value, selected: value === chosen ? "" : null }, text), again = () => { this.held = null; this.look(); };
-    const select = (id, entries, chosen) => make("select", { id, onchange: again }, ...entries.map(([value, text]) => option(value, text, chosen)));
+    const select = (id, entries, chosen, onchange = again) => make("select", { id, onchange }, ...entries.map(([value, text]) => option(value, text, chosen)));
     const labelled = (text, node) => make("label", {}, `${text} `, node);
     this.span = select("span", SPANS.map((one) => [String(one), one < 1 ? `${one * 1000} ms` : `${one} s`]), "0.2");
-    this.mode = select("mode", Object.entries(MODES), "roll");
+    this.mode = select("mode", Object.entries(MODES), "roll", () => { this.trigger.hidden = this.mode.value === "roll"; again(); });
     this.source = select("trigger-channel", this.channels.map((one) => [one.name, one.name]), this.channels[0].name);
     this.signal = select("trigger-signal", this.rig.standing.signals.map((one) => [one, one]), "position");
     this.edge = select("trigger-edge", [["rising", "rising"], ["falling", "falling"]], "rising");
     this.level = make("input", { type: "number", id: "trigger-level", step: "any", value: "0", onchange: again });
     this.paused = make("button", { type: "button", id: "pause", "aria-pressed": "false", onclick: () => this.pause(), title: "Space" }, "Pause");
-    const shoot = make("button", { type: "button", id: "single", onclick: () => { this.mode.value = "single"; again(); } }, "Single shot");
-    const cursors = make("button", { type: "button", id: "cursors", "aria-pressed": "false", onclick: () => { const on = cursors.getAttribute("aria-pressed") === "false"; cursors.setAttribute("aria-pressed", String(on)); this.traces.setCursors(on, () => this.readings()); this.readings(); } }, "Cursors");
+    const shoot = make("button", { type: "button", id: "single", onclick: () => { this.mode.value = "single"; this.trigger.hidden = false; again(); } }, "Single shot");
+    const cursors = make("button", { type: "button", id: "cursors", "aria-pressed": "false", onclick: () => { const on = cursors.getAttribute("aria-pressed") === "false"; cursors.setAttribute("aria-pressed", String(on)); this.traces.setCursors(on); this.readings(); } }, "Cursors");
     const save = make("button", { type: "button", id: "save-record", onclick: () => this.save() }, "Save as a record");
+    const apart = select("apart", [["", "laid over"], ["1", "apart"]], "", () => { this.traces.apart = apart.value !== ""; this.redraw(); });
+    const scales = ROWS.map(({ title }, i) => select(`scale-${title}`, [["", "auto"], ...SCALES.map((one) => [String(one), `±${one}`])], "", (event) => { this.traces.scales[i] = Number(event.target.value) || null; this.redraw(); }));
     const names = this.channels.map((one, k) => make("button", { type: "button", class: `legend-${k % HUES.length}`, "aria-pressed": "true", onclick: (event) => { one.shown = !one.shown; event.target.setAttribute("aria-pressed", String(one.shown)); this.redraw(); } }, one.name));
-    return make("div", {}, make("div", { class: "bar" }, this.paused, shoot, cursors, save, ...names),
-      make("div", { class: "bar" }, labelled("span", this.span), labelled("picture", this.mode), labelled("trigger on", this.source), labelled("signal", this.signal), labelled("level", this.level), labelled("edge", this.edge)));
+    this.trigger = make("span", { class: "bar", hidden: "" }, labelled("trigger on", this.source), labelled("signal", this.signal), labelled("level", this.level), labelled("edge", this.edge));
+    return make("div", { class: "bar strip" }, this.paused, shoot, cursors, save, labelled("span", this.span), labelled("picture", this.mode), this.trigger, ...names, labelled("channels", apart), ...scales.map((one, i) => labelled(["scales r", "u", "y"][i], one)));
   }
 
   get seconds() { return Number(this.span.value); }
@@ -108,29 +111,47 @@ export default class Scope {
     this.readings();
   }
 
+  // At the two cursors, and at the pointer.
   readings() {
-    const { traces } = this;
-    if (!traces.cursors || !traces.frame) { this.bits.cursors.textContent = ""; return; }
-    const apart = traces.time(1) - traces.time(0), k = Math.max(0, this.channels.findIndex((one) => one.name === this.source.value));
-    const values = ROWS.map(({ title, unit }, i) => `${title} ${digits(traces.value(0, i, k))} and ${digits(traces.value(1, i, k))} ${unit}`);
-    this.bits.cursors.textContent = `cursors: ${digits(apart * 1000)} ms apart, ${digits(1 / Math.abs(apart))} Hz · ${this.channels[k].name}: ${values.join(" · ")}`;
+    const { traces } = this, told = [], k = Math.max(0, this.channels.findIndex((one) => one.name === this.source.value));
+    if (!traces.frame) return;
+    const at = (share) => ROWS.map(({ title, unit }, i) => `${title} ${digits(traces.value(share, i, k))} ${unit.split(" ")[0]}`).join(", ");
+    if (traces.cursors) {
+      const [first, second] = traces.cursors, apart = traces.time(second) - traces.time(first);
+      told.push(`cursors: ${digits(apart * 1000)} ms apart, ${digits(1 / Math.abs(apart))} Hz · ${this.channels[k].name}: ${at(first)} and ${at(second)}`);
+    }
+    if (traces.hover !== null) told.push(`pointer: ${digits(traces.time(traces.hover) * 1000)} ms, ${this.channels[k].name}: ${at(traces.hover)}`);
+    this.bits.cursors.textContent = told.join(" · ");
   }
 
   felt(levels) {
     if (!levels) return;
-    const { level_db_sl: level, tone_db_sl: tone, command_mean_v: mean, spectrum_db_sl: spectrum } = levels;
+    const { level_db_sl: level, spectrum_db_sl: spectrum } = levels;
     this.levels.push(level);
     if (this.levels.length > LEVELS) this.levels.shift();
-    const entries = this.channels.map((one, k) => make("div", { class: "met" }, make("dt", {}, one.name), make("dd", {}, tone[k] === null || !this.rig.standing.wave?.channels.includes(one.name) ? `${level[k].toFixed(1)} dB SL` : `${tone[k].toFixed(1)} dB SL at the tone`, make("small", {}, `all at the sensor ${level[k].toFixed(1)} dB SL · mean command ${mean[k].toFixed(3)} V`))));
-    this.bits.tiles.replaceChildren(...entries);
-    this.spectrum.show(this.channels.map((one, k) => ({ name: one.name, hue: HUES[k % HUES.length], values: one.shown ? spectrum[k] : spectrum[k].map(() => null) })), [-40, 60]);
+    this.tiles(levels);
+    this.spectrum.show(this.channels.flatMap((one, k) => (one.shown ? [{ name: one.name, hue: HUES[k % HUES.length], x: this.frequency, y: spectrum[k] }] : [])));
     const columns = this.levels.length, data = new Float32Array(columns * this.channels.length);
     this.levels.forEach((values, c) => values.forEach((value, k) => { data[k * columns + c] = value; }));
     this.strip.show({ first: LEVELS - columns, step: 1, columns, values: 1, data }, this.channels, 8, 0, LEVELS, LEVELS);
   }
 
+  // What is played is told as a level; with nothing played, what there is comes of the sensor and is felt by nobody.
+  tiles(levels) {
+    const { wave, mode } = this.rig.standing;
+    this.bits.tiles.replaceChildren(...this.channels.map((one, k) => {
+      const plays = wave?.channels.includes(one.name), tone = levels?.tone_db_sl[k] ?? null;
+      if (!levels) return make("div", {}, make("dt", {}, one.name), make("dd", {}, "—", make("small", {}, mode === "live" ? "the first second" : "nothing is played")));
+      const strongest = `${digits(levels.peak_hz[k])} Hz: ${levels.peak_db_sl[k].toFixed(1)} dB SL`, all = `${levels.level_db_sl[k].toFixed(1)} dB SL`;
+      return make("div", { class: plays ? "met" : "" }, make("dt", {}, plays ? one.name : `${one.name}: the sensor’s own`), make("dd", {}, plays && tone !== null ? `${tone.toFixed(1)} dB SL` : all,
+        make("small", {}, plays ? `${tone === null ? "" : "at the tone, "}all ${all}` : "its hum and noise"), make("small", {}, strongest), make("small", {}, `mean command ${levels.command_mean_v[k].toFixed(3)} V`)));
+    }));
+  }
+
   standing() {
     const { rig, live } = this, one = rig.standing;
+    live.textContent = one.mode === "live" ? "● Live" : "Live";
+    live.setAttribute("aria-pressed", String(one.mode === "live"));
     live.disabled = !rig.open || rig.watches || rig.loading > 0 || !one.loaded || ["live", "gone"].includes(one.mode);
     this.loader.standing();
     this.generator.standing();

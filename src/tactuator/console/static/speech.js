@@ -1,13 +1,14 @@
 // The view Speech: a file is dropped; asked, felt and their difference, by finger, over time and over frequency.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { colour, command, make, refusal, say } from "./dom.js";
+import { colour, command, displayName, make, refusal, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { Rig } from "./rig.js";
 import { term } from "./words.js";
 
 const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
+const LEFT = 36, RIGHT = 62, TOP = 20, BOTTOM = 20, NAMED = [2, 5, 10, 20, 50, 100, 200];
 
 export default class Speech {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], maps: [] }); }
@@ -42,7 +43,7 @@ export default class Speech {
     }
     const wave = there.wave, foreign = this.state.display !== "file";
     this.play.disabled = this.busy || !rig.mayPlay || foreign || wave !== null || !["idle", "live"].includes(there.mode);
-    this.playing.textContent = foreign ? "The rig is that of the display of the command line; open that one to play here." : wave?.kind === "file" ? "It plays." : this.busy ? "A controller is designed and loaded." : "";
+    this.playing.textContent = foreign ? `The rig is that of ${displayName("file")}; open that one to play here.` : wave?.kind === "file" ? "It plays." : this.busy ? "A controller is designed and loaded." : "";
     if (this.wave && !wave && there.mode === "live" && !rig.watches) rig.do("rest"); // the file is over, or was stopped
     this.wave = wave;
     if (!this.player.contains(this.play)) this.player.replaceChildren(rig.bar, make("div", { class: "bar" }, this.play, command(this.made.play)), this.playing);
@@ -84,7 +85,7 @@ export default class Speech {
     this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), ...(this.rig.absent ? [command(found.play)] : []),
       ...found.notes.map((text) => make("p", {}, `Note: ${text}.`)),
       make("div", { class: "scroll panel narrow", tabindex: "0", role: "region", "aria-label": "Figures" }, table("Asked and felt", head, found.rows)),
-      make("p", {}, `Time runs to the right over ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s, frequency upwards. Levels from −${-LOW} dB SL (as the ground) to ${HIGH} dB SL (full colour); the difference from −${APART} dB (orange) to +${APART} dB (blue), where ${HEARD} dB SL or more was asked.`),
+      make("p", {}, `The pictures show ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s. A difference is shown where ${HEARD} dB SL or more was asked. ${found.hum}`),
       ...panels);
     this.draw();
     this.standing();
@@ -92,39 +93,48 @@ export default class Speech {
   }
 
   map(finger, what) {
-    const canvas = make("canvas", { width: 420, height: 150, role: "img", "aria-label": `${finger.name}, ${what}: levels in third octaves over time` });
+    const canvas = make("canvas", { width: 560, height: 260, role: "img", "aria-label": `${finger.name}, ${what}: levels in third octaves over time` });
     this.maps.push({ canvas, finger, what });
     return make("figure", {}, make("figcaption", {}, what), canvas);
   }
 
   draw() {
-    const ground = colour("paper"), full = colour("nominal"), below = colour("sense");
-    for (const { canvas, finger, what } of this.maps) {
-      const ctx = canvas.getContext("2d"), bands = finger.hz.length, high = canvas.height / bands;
-      ctx.globalAlpha = 1; ctx.fillStyle = ground; ctx.fillRect(0, 0, canvas.width, canvas.height);
-      let first = 0;
-      const length = Math.max(...finger.parts.map((part) => part.asked.length * part.seconds));
-      for (const part of finger.parts) {
-        const wide = canvas.width * part.seconds / length;
-        part.asked.forEach((row, t) => row.forEach((asked, band) => {
-          const felt = part.felt[t][band], top = canvas.height - (first + band + 1) * high;
-          if (what === "difference") {
-            if (asked === null || felt === null || asked < HEARD) return;
-            ctx.fillStyle = felt < asked ? below : full; ctx.globalAlpha = Math.min(1, Math.abs(felt - asked) / APART);
-          } else {
-            const level = what === "asked" ? asked : felt;
-            if (level === null) return;
-            ctx.fillStyle = full; ctx.globalAlpha = Math.max(0, Math.min(1, (level - LOW) / (HIGH - LOW)));
-          }
-          ctx.fillRect(t * wide, top, wide + 0.5, high + 0.5);
-        }));
-        first += part.hz.length;
-      }
-    }
+    for (const one of this.maps) this.picture(one);
     for (const [chart, finger] of this.charts) {
       const line = (y, name, hue, dash) => { const there = finger.hz.map((_, i) => i).filter((i) => y[i] !== null && y[i] > -40); return { name, hue, dash, x: there.map((i) => finger.hz[i]), y: there.map((i) => y[i]) }; };
-      chart.show([line(finger.asked, "asked", "nominal"), line(finger.felt, "felt", "load", [7, 4])]);
+      const { hum } = finger, heard = { name: "mains hum that the model expects", hue: "limit", x: hum.frequency_hz, y: hum.level_db_sl, points: true };
+      chart.show([line(finger.asked, "asked", "nominal"), line(finger.felt, "felt", "load", [7, 4]), heard]);
     }
+  }
+
+  // Levels in third octaves over time, with both axes and the scale of the colours.
+  picture({ canvas, finger, what }) {
+    const ctx = canvas.getContext("2d"), [ground, full, below, faint] = ["paper", "nominal", "sense", "faint"].map(colour), differs = what === "difference", bands = finger.hz.length;
+    const wide = canvas.width - LEFT - RIGHT, tall = canvas.height - TOP - BOTTOM, high = tall / bands, length = Math.max(...finger.parts.map((part) => part.asked.length * part.seconds));
+    const write = (text, x, y, align = "right") => { ctx.textAlign = align; ctx.fillText(text, x, y); };
+    const shade = (value) => { ctx.fillStyle = differs && value < 0 ? below : full; ctx.globalAlpha = Math.max(0, Math.min(1, differs ? Math.abs(value) / APART : (value - LOW) / (HIGH - LOW))); };
+    ctx.globalAlpha = 1; ctx.fillStyle = ground; ctx.fillRect(0, 0, canvas.width, canvas.height);
+    let first = 0;
+    for (const part of finger.parts) {
+      const step = wide * part.seconds / length;
+      part.asked.forEach((row, t) => row.forEach((asked, band) => {
+        const felt = part.felt[t][band], value = differs ? (asked === null || felt === null || asked < HEARD ? null : felt - asked) : what === "asked" ? asked : felt;
+        if (value === null) return;
+        shade(value);
+        ctx.fillRect(LEFT + t * step, TOP + tall - (first + band + 1) * high, step + 0.5, high + 0.5);
+      }));
+      first += part.hz.length;
+    }
+    const [bottom, top] = differs ? [-APART, APART] : [LOW, HIGH], bar = canvas.width - RIGHT + 14;
+    for (let i = 0; i < tall; i += 1) { shade(bottom + (top - bottom) * (1 - i / tall)); ctx.fillRect(bar, TOP + i, 14, 1); }
+    ctx.globalAlpha = 1; ctx.fillStyle = ctx.strokeStyle = faint; ctx.font = "13px system-ui";
+    ctx.strokeRect(LEFT, TOP, wide, tall); ctx.strokeRect(bar, TOP, 14, tall);
+    [[top, 10], [(top + bottom) / 2, tall / 2 + 4], [bottom, tall]].forEach(([value, y]) => write(`${Math.round(value)}`.replace("-", "−"), bar + 18, TOP + y, "left"));
+    write(differs ? "dB" : "dB SL", canvas.width - 2, TOP - 5);
+    write("Hz", LEFT - 6, TOP - 5);
+    for (const hz of NAMED) { const band = finger.hz.findIndex((one) => Math.abs(Math.log(one / hz)) < 0.1); if (band >= 0) write(String(hz), LEFT - 6, TOP + tall - (band + 0.5) * high + 4); }
+    const every = [0.5, 1, 2, 5, 10].find((one) => length / one <= 6) ?? 10;
+    for (let t = 0; t <= length; t += every) write(`${t} s`, LEFT + wide * t / length, canvas.height - 4, t ? "center" : "left");
   }
 
   // A file that the server made comes with the token in a header, as every request of the page.

@@ -18,19 +18,23 @@ function nice(value) {
 }
 
 export class Traces {
-  // rows: [{ title, unit }], one for each signal.
-  constructor(rows, height, label) {
-    Object.assign(this, { rows, usual: height, ranges: rows.map(() => null), cursors: null });
-    this.measure();
+  // rows: [{ title, unit }], one for each signal; high: called for the height of them all, in units of the page's text.
+  constructor(rows, high, label) {
+    Object.assign(this, { rows, high, ranges: new Map(), scales: rows.map(() => null), apart: false, cursors: null, lines: [], hover: null, drawn: [] });
     this.canvas = make("canvas", { role: "img", "aria-label": label });
     this.marks = draw("svg", { class: "cursors" });
+    this.pointer = draw("path", { class: "pointer" });
+    this.marks.append(this.pointer);
     this.box = make("div", { class: "traces" }, this.canvas, this.marks);
+    this.box.onpointermove = (event) => { this.hover = (event.clientX - this.box.getBoundingClientRect().left - this.left) / (this.width - this.left); this.place(); };
+    this.box.onpointerleave = () => { this.hover = null; this.place(); };
+    this.measure();
   }
 
   // Sizes that follow the page's text.
   measure() {
     const size = large();
-    Object.assign(this, { size, height: this.usual * size, left: Math.round(56 * size), below: 20 * size });
+    Object.assign(this, { size, total: this.high() * size, left: Math.round(56 * size), below: 20 * size });
   }
 
   get columns() { return Math.max(10, Math.min(2000, this.width - this.left)); }
@@ -38,7 +42,7 @@ export class Traces {
 
   fit() {
     this.measure();
-    const { width } = this, height = this.rows.length * this.height + this.below, ratio = devicePixelRatio || 1;
+    const { width } = this, height = this.total + this.below, ratio = devicePixelRatio || 1;
     if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(height * ratio)) {
       this.canvas.width = Math.round(width * ratio); this.canvas.height = Math.round(height * ratio);
       this.canvas.style.height = `${height}px`;
@@ -50,53 +54,66 @@ export class Traces {
     return context;
   }
 
+  // What stands in each row: a signal of all channels laid over each other, or of one channel.
+  layout() {
+    const shown = this.channels.map((one, k) => ({ ...one, k })).filter((one) => one.shown);
+    const rows = this.rows.flatMap(({ title, unit }, signal) => (this.apart ? shown.map((one) => ({ signal, of: [one], title: `${one.name}, ${title} (${unit})` })) : [{ signal, of: shown, title: `${title} (${unit})` }]));
+    const high = this.total / Math.max(1, rows.length);
+    return rows.map((row, i) => ({ ...row, top: i * high + 14 * this.size, bottom: (i + 1) * high - 4 }));
+  }
+
   // start, stop: rows of the picture's edges; zero: the row that is time 0.
   show(frame, channels, rate, start, stop, zero) {
     Object.assign(this, { frame, channels, rate, start, stop, zero });
     const context = this.fit();
     context.font = `${11 * this.size}px system-ui`;
-    this.rows.forEach((row, i) => this.row(context, row, i));
+    this.drawn = this.layout();
+    this.drawn.forEach((row) => this.row(context, row));
     this.axis(context);
     this.place();
   }
 
   x(row) { return this.left + (row - this.start) / (this.stop - this.start) * (this.width - this.left); }
 
-  row(context, { title, unit }, i) {
-    const { frame, channels, height, size } = this, count = channels.length, top = i * height + 14 * size, bottom = (i + 1) * height - 4;
-    const [low, high] = this.ranges[i] = this.range(i, count), y = (value) => bottom - (value - low) / (high - low) * (bottom - top);
+  row(context, { title, signal, of, top, bottom }) {
+    const { frame, size } = this, [low, high] = this.range(title, signal, of), y = (value) => bottom - (value - low) / (high - low) * (bottom - top);
     context.fillStyle = colour("faint");
-    context.fillText(`${title} (${unit})`, this.left + 2, i * height + 10 * size);
+    context.fillText(title, this.left + 2, top - 4 * size);
     context.textAlign = "right";
-    for (const value of [low, (low + high) / 2, high]) {
+    for (const value of bottom - top < 50 * size ? [low, high] : [low, (low + high) / 2, high]) {
       context.fillText(digits(value), this.left - 6, Math.min(bottom, Math.max(top + 8 * size, y(value) + 4 * size)));
       context.fillStyle = colour("grid"); context.fillRect(this.left, y(value), this.width - this.left, 1); context.fillStyle = colour("faint");
     }
     context.textAlign = "left";
     context.save();
     context.beginPath(); context.rect(this.left, top - 2, this.width - this.left, bottom - top + 4); context.clip();
-    channels.forEach((channel, k) => {
-      if (!channel.shown) return;
+    of.forEach(({ k }) => {
       context.strokeStyle = colour(HUES[k % HUES.length]); context.lineWidth = 1.4 * size;
       context.beginPath();
-      const base = (i * count + k) * frame.columns * frame.values;
+      const base = (signal * this.channels.length + k) * frame.columns * frame.values;
       for (let c = 0; c < frame.columns; c += 1) {
         const x = this.x(frame.first + (c + 0.5) * frame.step), least = frame.data[base + c * frame.values], most = frame.data[base + c * frame.values + frame.values - 1];
         if (Number.isNaN(least)) continue;
-        if (frame.values === 1) context.lineTo(x, y(least));
-        else { context.lineTo(x, y(least)); context.lineTo(x, y(most)); }
+        context.lineTo(x, y(least));
+        if (frame.values > 1) context.lineTo(x, y(most));
       }
       context.stroke();
     });
     context.restore();
   }
 
-  range(i, count) {
-    const { frame, channels } = this, before = this.ranges[i];
+  // The scale of a row: the one that was chosen for its signal, or what its traces need.
+  range(row, signal, of) {
+    if (this.scales[signal]) return [-this.scales[signal], this.scales[signal]];
+    this.ranges.set(row, this.needed(this.ranges.get(row), signal, of));
+    return this.ranges.get(row);
+  }
+
+  needed(before, signal, of) {
+    const { frame } = this;
     let low = Infinity, high = -Infinity;
-    channels.forEach((channel, k) => {
-      if (!channel.shown) return;
-      const base = (i * count + k) * frame.columns * frame.values;
+    of.forEach(({ k }) => {
+      const base = (signal * this.channels.length + k) * frame.columns * frame.values;
       for (let at = base; at < base + frame.columns * frame.values; at += 1) { const value = frame.data[at]; if (value < low) low = value; if (value > high) high = value; }
     });
     if (!(high >= low)) return before ?? [-1, 1];
@@ -109,7 +126,7 @@ export class Traces {
 
   axis(context) {
     const span = (this.stop - this.start) / this.rate, step = nice(span / 6), from = (this.start - this.zero) / this.rate, unit = span < 1 ? [1000, "ms"] : [1, "s"];
-    const bottom = this.rows.length * this.height;
+    const bottom = this.total;
     context.fillStyle = colour("faint"); context.textAlign = "center";
     for (let t = Math.ceil(from / step) * step; t <= from + span + 1e-9; t += step) {
       const x = this.x(this.zero + t * this.rate);
@@ -121,13 +138,11 @@ export class Traces {
   }
 
   // Two cursors, as shares of the picture; moved: called after each move.
-  setCursors(on, moved) {
-    this.moved = moved;
+  setCursors(on) {
     this.cursors = on ? this.cursors ?? [0.3, 0.7] : null;
-    this.marks.replaceChildren();
-    if (!on) return;
-    this.lines = this.cursors.map((_, k) => {
-      const line = draw("g", { role: "slider", tabindex: "0", "aria-label": `cursor ${k + 1}`, class: "cursor" }, draw("rect", { width: COARSE ? 28 : 14, x: COARSE ? -14 : -7, y: 0, height: "100%", class: "grip" }), draw("line", { y1: 0, y2: "100%" }));
+    this.lines.forEach((line) => line.remove());
+    this.lines = (this.cursors ?? []).map((_, k) => {
+      const line = draw("g", { role: "slider", tabindex: "0", "aria-label": `cursor ${k + 1}`, class: "cursor" }, draw("rect", { width: COARSE ? 28 : 14, x: COARSE ? -14 : -7, y: 0, height: "100%", class: "grip" }), draw("path"));
       line.onkeydown = (event) => {
         const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
         if (by === undefined) return;
@@ -144,21 +159,26 @@ export class Traces {
 
   move(k, share) { this.cursors[k] = Math.min(1, Math.max(0, share)); this.place(); }
 
+  // Lines over the traces alone: what is written between the rows stays free.
   place() {
-    if (!this.cursors || !this.frame) return;
-    this.cursors.forEach((share, k) => {
-      this.lines[k].setAttribute("transform", `translate(${this.left + share * (this.width - this.left)} 0)`);
+    if (!this.frame) return;
+    const upright = this.drawn.map(({ top, bottom }) => `M0 ${top}V${bottom}`).join(""), x = (share) => this.left + share * (this.width - this.left), inside = this.hover !== null && this.hover >= 0 && this.hover <= 1;
+    this.pointer.setAttribute("d", inside ? upright : "");
+    this.pointer.setAttribute("transform", `translate(${x(this.hover ?? 0)} 0)`);
+    (this.cursors ?? []).forEach((share, k) => {
+      this.lines[k].lastChild.setAttribute("d", upright);
+      this.lines[k].setAttribute("transform", `translate(${x(share)} 0)`);
       this.lines[k].setAttribute("aria-valuenow", share.toFixed(4));
-      this.lines[k].setAttribute("aria-valuetext", `${digits(this.time(k) * 1000)} ms`);
+      this.lines[k].setAttribute("aria-valuetext", `${digits(this.time(share) * 1000)} ms`);
     });
     this.moved?.();
   }
 
-  time(k) { return (this.start + this.cursors[k] * (this.stop - this.start) - this.zero) / this.rate; }
+  time(share) { return (this.start + share * (this.stop - this.start) - this.zero) / this.rate; }
 
-  // The middle of what a channel's signal is at a cursor.
-  value(k, signal, channel) {
-    const { frame } = this, column = Math.floor((this.start + this.cursors[k] * (this.stop - this.start) - frame.first) / frame.step);
+  // The middle of what a channel's signal is at a share of the picture.
+  value(share, signal, channel) {
+    const { frame } = this, column = Math.floor((this.start + share * (this.stop - this.start) - frame.first) / frame.step);
     if (column < 0 || column >= frame.columns) return NaN;
     const base = (signal * this.channels.length + channel) * frame.columns * frame.values + column * frame.values;
     return (frame.data[base] + frame.data[base + frame.values - 1]) / 2;

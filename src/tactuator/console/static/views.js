@@ -1,4 +1,4 @@
-// The views by their name in the address, which is that of the module that draws each: its title, and whether it is of a display.
+// The views by their name in the address, which is that of the module that draws each: its title, and what it needs.
 export const VIEWS = {
   start: { title: "Start" },
   display: { title: "Display" },
@@ -6,7 +6,7 @@ export const VIEWS = {
   loop: { title: "Loop", ofDisplay: true },
   prefilter: { title: "Prefilter", ofDisplay: true },
   speech: { title: "Speech", ofDisplay: true },
-  experiment: { title: "Experiment" },
-  response: { title: "Response" },
-  scope: { title: "Scope" },
+  experiment: { title: "Experiment", ofRig: true },
+  response: { title: "Response", ofRig: true },
+  scope: { title: "Scope", ofRig: true },
 };

@@ -27,10 +27,11 @@ _PRESENTATION = (
     Meaning("rig_simulated", "1 where the display was simulated: nothing could be felt by a person there"),
     Meaning("shown", "What of the stimuli a person could see or hear in a demonstration; empty: nothing"),
 )
+_SIMULATED = Meaning("simulated", "simulated: a program answered, or the display was one, so that nobody felt it")
 
 TRIAL_COLUMNS: tuple[Meaning, ...] = (
     *_IDENTITY,
-    Meaning("subject_group", "hearing, hearing-impaired, simulated or unknown"),
+    Meaning("subject_group", "Group, as the laboratory names it; simulated: nobody felt anything"),
     Meaning("experimenter", "Who ran the session"),
     Meaning("site", "Place on the finger that was stimulated"),
     Meaning("surround", "Surround of the contactor"),
@@ -91,12 +92,14 @@ INTERVAL_COLUMNS: tuple[Meaning, ...] = (
     Meaning("duration_s", "Duration, by the rig's own clock", "s"),
     Meaning("lamp_late_s", "How far the rig was past the onset when the lamp was told to light", "s"),
     Meaning("client_lit_ms", "When the page lit the lamp, by its own clock", "ms"),
+    _SIMULATED,
 )
 """One row for each interval of an answered trial."""
 
 EVENT_COLUMNS: tuple[Meaning, ...] = (
     *_IDENTITY,
     Meaning("at_utc", "When it happened, server's clock, ISO 8601"),
+    Meaning("who", "Whose doing it was: the operator's name, the subject, or tactuator"),
     Meaning(
         "kind", "break, pause, stop, resume, withdrawn, declined, restart, timing-missed, amended, day, correction, ..."
     ),
@@ -105,12 +108,13 @@ EVENT_COLUMNS: tuple[Meaning, ...] = (
     Meaning("before", "What stood there before; empty: nothing"),
     Meaning("after", "What stands there since; empty: nothing"),
     Meaning("detail", "In words: of a correction, the reason"),
+    _SIMULATED,
 )
 """One row for each event."""
 
 SUBJECT_COLUMNS: tuple[Meaning, ...] = (
     *_IDENTITY[:2],
-    Meaning("subject_group", "hearing, hearing-impaired, simulated or unknown"),
+    Meaning("subject_group", "Group, as the laboratory names it; simulated: nobody felt anything"),
     Meaning("outside_id", "What others call the subject"),
     Meaning("enrolled_utc", "When the subject was enrolled, ISO 8601"),
 )
@@ -118,7 +122,7 @@ SUBJECT_COLUMNS: tuple[Meaning, ...] = (
 
 THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
     *_IDENTITY,
-    Meaning("group", "hearing, hearing-impaired, simulated or unknown"),
+    Meaning("group", "Group, as the laboratory names it; simulated: nobody felt anything"),
     Meaning("finger", "Finger that was stimulated"),
     Meaning("frequency_hz", "Frequency of the stimulus", "Hz"),
     Meaning("procedure", "What placed the trials"),
@@ -129,21 +133,30 @@ THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
     Meaning("own_db_sl", "Threshold as the procedure states it, commanded", "dB re the threshold curve"),
     Meaning("own_standard_error_db", "Its standard error", "dB"),
     Meaning("refit_db_sl", "Posterior median of the refit's threshold, commanded", "dB re the threshold curve"),
-    Meaning("refit_sd_db", "Posterior standard deviation", "dB"),
-    Meaning("refit_low_db_sl", "Lower end of the 95 % interval", "dB re the threshold curve"),
-    Meaning("refit_high_db_sl", "Upper end of the 95 % interval", "dB re the threshold curve"),
-    Meaning("bound", ">= or <= where the threshold lies beyond the levels played, which the refit is clipped to"),
+    Meaning("refit_sd_db", "Posterior standard deviation; empty where there is a bound", "dB"),
+    Meaning("refit_low_db_sl", "Lower end of the 95 % interval; empty where it is open", "dB re the threshold curve"),
+    Meaning("refit_high_db_sl", "Upper end of the 95 % interval; empty where it is open", "dB re the threshold curve"),
+    Meaning("bound", ">= or <= where the threshold is censored: beyond the levels played, whose last is told"),
     Meaning("delivered_db", "What the sensor saw above the commanded level near threshold", "dB"),
     Meaning("delivered_sd_db", "Its standard deviation", "dB"),
     Meaning("own_level_db_re_1um", "The procedure's threshold as displacement, delivered", "dB re 1 um peak"),
     Meaning("level_db_re_1um", "The refit's threshold as displacement, delivered", "dB re 1 um peak"),
-    Meaning("level_low_db_re_1um", "Lower end of its 95 % interval, delivered level included", "dB re 1 um peak"),
-    Meaning("level_high_db_re_1um", "Upper end of its 95 % interval, delivered level included", "dB re 1 um peak"),
-    Meaning("sd_db", "Its standard deviation, delivered level included", "dB"),
+    Meaning(
+        "level_low_db_re_1um",
+        "Lower end of its 95 % interval with the delivered level's error; empty: open",
+        "dB re 1 um peak",
+    ),
+    Meaning(
+        "level_high_db_re_1um",
+        "Upper end of its 95 % interval with the delivered level's error; empty: open",
+        "dB re 1 um peak",
+    ),
+    Meaning("sd_db", "Its standard deviation, delivered level included; empty where there is a bound", "dB"),
     Meaning("curve", "Threshold curve that 0 dB SL stands for"),
     Meaning("flags", "What a reader has to know of the run, joined by a vertical bar"),
     Meaning("lapse_power", "Probability that this run would have shown a lapse rate of 15 %"),
     Meaning("drift_power", "Probability that this run would have shown a drift of 6 dB"),
+    Meaning("notch_trials", "Of a whole curve: trials here that would exclude a notch of 15 dB; 0: it is excluded"),
     *_PRESENTATION,
 )
 """One row for each threshold of a finished run."""

@@ -40,6 +40,7 @@ _EVENTS = (
     Meaning("stimulus", "Label of what it played; blank: nothing"),
     Meaning("commanded_db_sl", "Commanded level", "dB re the threshold curve"),
     Meaning("measured_db_sl", "Level at the sensor", "dB re the threshold curve"),
+    Meaning("simulated", "simulated: nobody felt it"),
 )
 _OWN_NAMES = frozenset(
     [
@@ -174,7 +175,8 @@ def _write_session(data: Exported, trials: list[TableRow], place: Path, entities
             stem = f"{entities}_task-{task}_run-{number:02d}"
             rows = [row for row in asked if row["run"] == run]
             table.write(place / f"{stem}_beh.tsv", "\t", _MISSING, rows)
-            sidecar = {"TaskName": task, "TaskDescription": _QUESTIONS[task], **_described(table.columns)}
+            asks = _QUESTIONS.get(task, "Judgement of tones; the protocol's table [task] tells it")
+            sidecar = {"TaskName": task, "TaskDescription": asks, **_described(table.columns)}
             write_json(place / f"{stem}_beh.json", sidecar)
             played = [row for row in data.tables["intervals"].rows if row["run"] == run]
             if all(row["onset_s"] is not None for row in played):

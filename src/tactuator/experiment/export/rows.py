@@ -11,11 +11,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
-from math import isnan
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from sqlalchemy import Connection, Row, Select, func, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, case, exists, func, or_, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export.dictionary import (
@@ -29,9 +29,11 @@ from tactuator.experiment.export.dictionary import (
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.recognition import Paradigm
 from tactuator.experiment.protocol.study import FORCED_CHOICE
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
+from tactuator.experiment.store.records import CONSENT_NAMES
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 
@@ -95,8 +97,11 @@ def label(text: str) -> str:
 
 
 def task_name(row: TableRow) -> str:
-    """Return the task of a trial: detection or recognition."""
-    return "detection" if row["paradigm"] == FORCED_CHOICE else "recognition"
+    """Return the task of a trial, letters and digits: detection, recognition, or the kind that the protocol names."""
+    paradigm = str(row["paradigm"])
+    if paradigm in get_args(Paradigm):
+        return "recognition"
+    return "detection" if paradigm == FORCED_CHOICE else label(paradigm)
 
 
 def task_names(rows: Sequence[TableRow]) -> list[str]:
@@ -158,7 +163,7 @@ def exported(store: Store) -> Exported:
     with store.read() as connection:
         tables = {"trials": _trials(connection)}
         if not tables["trials"].rows:
-            raise BadInput(f"store {store.path} has no response", "one with at least one")
+            raise BadInput(f"store {store.name} has no response", "one with at least one")
         tables |= {"intervals": _intervals(connection), "events": _events(connection)}
         tables["subjects"], settings = _subjects(connection), _settings(connection)
     tables["thresholds"] = _thresholds(store)
@@ -246,6 +251,7 @@ def _intervals(connection: Connection) -> ExportTable:
             schema.trial.c.number.label("trial"),
             (interval.c.position + 1).label("interval"),
             *(column for column in interval.c if column.name not in ("id", "trial_id", "position")),
+            _told_simulated(_is_simulated()),
         )
         .select_from(_ANSWERED_TRIALS.join(interval, interval.c.trial_id == schema.trial.c.id))
         .where(_NOT_DISCARDED)
@@ -254,11 +260,23 @@ def _intervals(connection: Connection) -> ExportTable:
     return _table(connection.execute(query), INTERVAL_COLUMNS)
 
 
+def _is_simulated() -> ColumnElement[bool]:
+    """Return the condition that nobody felt a run."""
+    return or_(schema.run.c.respondent.in_(("simulated", "script")), schema.run.c.rig_simulated)
+
+
+def _told_simulated(condition: ColumnElement[bool]) -> ColumnElement[str]:
+    return case((condition, "simulated"), else_="").label("simulated")
+
+
 def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
-    kept = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # what changed is data of the subject
+    person = event.c.subject_id.not_in(_discarded())  # what changed is data of the subject
+    kept = (event.c.kind != CONSENT_NAMES) & (event.c.item.is_(None) | person)
+    names = {column.name for column in EVENT_COLUMNS} & set(event.c.keys())
+    in_session = exists().where(schema.run.c.session_id == session.c.id, _is_simulated())
     query = (
-        select(*_identity(), *(event.c[column.name] for column in EVENT_COLUMNS if column.name not in _IDENTITY_NAMES))
+        select(*_identity(), *(event.c[name] for name in sorted(names)), _told_simulated(in_session))
         .select_from(
             event.outerjoin(session, session.c.id == event.c.session_id)
             .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
@@ -273,7 +291,8 @@ def _events(connection: Connection) -> ExportTable:
 def _subjects(connection: Connection) -> ExportTable:
     facts: dict[int, dict[str, Value]] = {}
     meanings: dict[str, Meaning] = {}
-    for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
+    fact = schema.demographic
+    for row in connection.execute(select(fact).where(fact.c.value.is_not(None)).order_by(fact.c.id)):
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         meanings.setdefault(row.name, Meaning(row.name, "As the laboratory defines it", row.unit))
     for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
@@ -390,7 +409,7 @@ def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableR
 def _value(value: object) -> Value:
     if isinstance(value, bool):
         return int(value)
-    if isinstance(value, float) and isnan(value):
+    if isinstance(value, float) and not isfinite(value):
         return None
     assert value is None or isinstance(value, str | int | float)
     return value

@@ -4,11 +4,14 @@ Relative to the display's own curve (0 dB SL) a curve of one kind is a Gaussian 
 offset, a tilt in dB per decade about the band's middle, and up to four deviations: a smooth wave (squared exponential),
 a rough one (Matern 3/2), a walk with sudden steps (exponential kernel) and one feature at a place: a notch, or an edge
 beyond which the loss is another. All amplitudes are standard deviations of normal variables (Rasmussen & Williams 2006,
-chapter 4).
+chapter 4); that of a notch, which is a loss, has a mean.
 
 Normal people differ little from the display's curve. A broad loss raises or tilts all of it; a local one is a notch, an
-edge or several steps. One kind wide enough for all of them needs many more trials for normal people; a narrow one gives
-people with a loss a curve that is too good, inside a band that is too narrow. All kinds therefore run side by side.
+edge or several steps. A loss of one channel is bounded by the other: where the Pacinian channel is lost, the threshold
+rises with frequency above the knee at which the two meet, until it meets the loss; where the others are lost, it rises
+towards lower frequencies. One kind wide enough for all of them needs many more trials for normal people; a narrow one
+gives people with a loss a curve that is too good, inside a band that is too narrow. All kinds therefore run side by
+side.
 """
 
 from __future__ import annotations
@@ -29,6 +32,9 @@ from tactuator.parameters import Band, NotNegative, Number, Positive, Whole, tab
 
 _EDGE_DECADES = 0.02
 """Width of an edge's logistic: narrower than the spacing of any grid of points in use."""
+_KNEE_HZ, _CHANNELS_PART_DB = 40.0, 40.0
+"""Where the two channels meet, and by how much they part in a decade: bolanowski-1988 falls by 15 dB from 40 to 100 Hz,
+and is flat from 25 to 35 Hz, where another channel answers."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +43,9 @@ class CurveKind:
 
     share: prior probability. mean_db, offset_db, tilt_db_per_decade: of the line. wave_db, rough_db, walk_db:
     amplitudes of the deviations, with their lengths in decades. feature_db: amplitude of a notch at feature_hz of width
-    feature_decades (standard deviation of a Gaussian), or of an edge there. A term of zero is absent. Raises BadInput
-    for a negative amplitude or a length that is not positive.
+    feature_decades (standard deviation of a Gaussian), or of an edge there, or of the loss of one channel (pacinian,
+    other), whose size is feature_mean_db. feature_mean_db: mean of that amplitude. A term of zero is absent. Raises
+    BadInput for a negative amplitude or a length that is not positive.
     """
 
     name: str
@@ -52,10 +59,11 @@ class CurveKind:
     rough_decades: float = 0.3
     walk_db: float = 0.0
     walk_decades: float = 1.0
-    feature: Literal["none", "notch", "edge"] = "none"
+    feature: Literal["none", "notch", "edge", "pacinian", "other"] = "none"
     feature_db: float = 0.0
     feature_hz: float = 10.0
     feature_decades: float = 0.15
+    feature_mean_db: float = 0.0
 
     def __post_init__(self) -> None:
         amplitudes = (self.offset_db, self.tilt_db_per_decade, self.wave_db, self.rough_db, self.walk_db)
@@ -64,6 +72,19 @@ class CurveKind:
         lengths = (self.wave_decades, self.rough_decades, self.walk_decades, self.feature_decades, self.feature_hz)
         if min(lengths) <= 0.0:
             raise BadInput(f"curves of kind {self.name!r}: a length or frequency is not positive", "above 0")
+
+    @property
+    def is_local(self) -> bool:
+        """Return whether it is one of the many that differ in the place of their feature alone."""
+        return self.feature in ("notch", "edge")
+
+    def mean(self, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the mean curve at the frequencies, dB SL."""
+        return self.mean_db + self.feature_mean_db * self.shape(frequency_hz)
+
+    def shape(self, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the feature of amplitude 1 at the frequencies."""
+        return self._feature(np.log10(np.asarray(frequency_hz, dtype=np.float64)))
 
     def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike, middle_hz: float) -> FloatArray:
         """Return the prior covariance, dB^2, shape (first, second). middle_hz: the frequency about which the tilt
@@ -85,13 +106,16 @@ class CurveKind:
             return np.asarray(np.exp(-0.5 * (beyond / self.feature_decades) ** 2))
         if self.feature == "edge":
             return np.asarray(0.5 * (1.0 + np.tanh(0.5 * beyond / _EDGE_DECADES)))
+        if self.feature in ("pacinian", "other"):
+            apart = _CHANNELS_PART_DB * (beyond if self.feature == "pacinian" else -beyond)
+            return np.asarray(np.clip(apart / max(self.feature_mean_db, 1.0), 0.0, 1.0))
         return np.zeros_like(beyond)
 
     def draw(self, frequency_hz: ArrayLike, middle_hz: float, count: int, rng: np.random.Generator) -> FloatArray:
         """Draw the curves of `count` people, dB relative to the display's curve, shape (count, frequencies)."""
         covariance = self.covariance(frequency_hz, frequency_hz, middle_hz)
         root = np.linalg.cholesky(covariance + 1e-8 * np.eye(len(covariance)))
-        return np.asarray(self.mean_db + rng.standard_normal((count, len(covariance))) @ root.T)
+        return np.asarray(self.mean(frequency_hz) + rng.standard_normal((count, len(covariance))) @ root.T)
 
     def between(self, points_hz: FloatArray, others_hz: ArrayLike, middle_hz: float) -> tuple[FloatArray, FloatArray]:
         """Return the conditional mean at others as weights of the points, (others, points), and its variance,
@@ -105,7 +129,10 @@ class CurveKind:
         return weights, np.asarray(np.maximum(alone - np.einsum("og,go->o", weights, across), 0.0))
 
 
-_NOTCH_COUNT = 9
+_NOTCH_DECADES = (0.05, 0.09, 0.16, 0.3)
+"""Widths of notches: each is nearer to the next than the trials of a run can tell."""
+_LOST_SHARES = (0.4, 0.7, 1.0)
+"""Sizes of a lost channel, as shares of the largest."""
 
 
 @table("[procedure.prior]")
@@ -122,11 +149,13 @@ class CurveShares:
     broad_share: Annotated[Share, Field(description="people with a loss over the whole band")] = 0.12
     broad_mean_db: Annotated[Number, Field(description="mean of such a loss")] = 8.0
     broad_offset_db: Annotated[Positive, Field(description="spread of such a loss")] = 15.0
-    uneven_share: Annotated[Share, Field(description="people whose curve varies from third to third")] = 0.20
+    channel_share: Annotated[Share, Field(description="people who lost one channel, Pacinian or not")] = 0.25
+    channel_db: Annotated[Positive, Field(description="largest loss of one channel")] = 32.0
+    uneven_share: Annotated[Share, Field(description="people whose curve varies from third to third")] = 0.12
     uneven_db: Annotated[Positive, Field(description="variation from one third of a decade to the next")] = 7.0
-    steps_share: Annotated[Share, Field(description="people whose curve steps")] = 0.14
+    steps_share: Annotated[Share, Field(description="people whose curve steps")] = 0.08
     steps_db: Annotated[Positive, Field(description="steps of such a curve")] = 10.0
-    notch_share: Annotated[Share, Field(description="people with one notch in a normal curve")] = 0.10
+    notch_share: Annotated[Share, Field(description="people with one notch in a normal curve")] = 0.12
     notch_db: Annotated[Positive, Field(description="depth of the notch")] = 12.0
     edge_share: Annotated[Share, Field(description="people with one edge in a normal curve")] = 0.06
     edge_db: Annotated[Positive, Field(description="height of the edge")] = 15.0
@@ -168,35 +197,55 @@ class CurvePrior(CurveShares):
     @cached_property
     def kinds(self) -> tuple[CurveKind, ...]:
         """Return every kind of curve with a share above 0; the shares sum to 1."""
-        quiet, tilt = 0.3 * self.normal_share, self.normal_tilt_db_per_decade
-        kinds = [
-            CurveKind("normal", quiet, 0.0, self.normal_offset_db, 0.6 * tilt, 0.4 * self.normal_wave_db, 0.5),
-            CurveKind("normal", self.normal_share - quiet, 0.0, self.normal_offset_db, tilt, self.normal_wave_db),
-            CurveKind("broad", self.broad_share, self.broad_mean_db, self.broad_offset_db, 6.0, 3.0, 0.5, 2.0),
-            CurveKind("uneven", self.uneven_share, 4.0, 10.0, 4.0, 0.0, rough_db=self.uneven_db),
-            CurveKind("steps", self.steps_share, 6.0, 8.0, 4.0, 0.0, rough_db=1.0, walk_db=self.steps_db),
-            *self._local(),
-        ]
+        kinds = [*self._normal(), *self._lossy(), *self._local()]
         total = sum(kind.share for kind in kinds)
         return tuple(replace(kind, share=kind.share / total) for kind in kinds if kind.share > 0.0)
 
+    def _normal(self) -> list[CurveKind]:
+        share, offset, tilt = self.normal_share, self.normal_offset_db, self.normal_tilt_db_per_decade
+        wave = self.normal_wave_db
+        return [
+            CurveKind("normal", 0.25 * share, 0.0, offset, 0.6 * tilt, 0.4 * wave, 0.5),
+            CurveKind("normal", 0.35 * share, 0.0, offset, tilt, wave),
+            CurveKind("normal", 0.40 * share, 0.0, offset, tilt, 1.7 * wave, 0.25),
+        ]
+
+    def _lossy(self) -> list[CurveKind]:
+        """Return losses that are not local, those of one channel by their sizes."""
+        offset, wave, part = self.normal_offset_db, 1.5 * self.normal_wave_db, self.channel_share / len(_LOST_SHARES)
+        channels: tuple[tuple[Literal["pacinian", "other"], float], ...] = (("pacinian", 0.7), ("other", 0.3))
+        lost = [
+            CurveKind("channel", share * part, 0.0, offset, 2.0, wave, 0.25, feature=channel,
+                      feature_db=0.25 * size * self.channel_db, feature_mean_db=size * self.channel_db,
+                      feature_hz=_KNEE_HZ)
+            for channel, share in channels for size in _LOST_SHARES
+        ]  # fmt: skip
+        return [
+            CurveKind("broad", self.broad_share, self.broad_mean_db, self.broad_offset_db, 4.0, wave, 0.3),
+            CurveKind("uneven", self.uneven_share, 4.0, 10.0, 4.0, 0.0, rough_db=self.uneven_db),
+            CurveKind("steps", self.steps_share, 6.0, 8.0, 4.0, 0.0, rough_db=1.0, walk_db=self.steps_db),
+            *lost,
+        ]
+
     def _local(self) -> list[CurveKind]:
-        low, high = self.band_hz
-        edges = np.sqrt(self.frequency_hz[1:] * self.frequency_hz[:-1])[1:-1]
-        edges = edges if edges.size else np.array([self.middle_hz])
-        base = (0.0, self.normal_offset_db, 0.8 * self.normal_tilt_db_per_decade, 0.6 * self.normal_wave_db, 0.35, 0.7)
-        notch, edge = self.notch_share / _NOTCH_COUNT, self.edge_share / edges.size
-        places = np.geomspace(1.25 * low, high / 1.15, _NOTCH_COUNT).tolist()
+        """Return notches of every width at every point and between, and an edge in every gap."""
+        gaps = np.sqrt(self.frequency_hz[1:] * self.frequency_hz[:-1])
+        places = np.sort(np.concatenate([self.frequency_hz, gaps]))
+        edges = gaps[1:-1] if gaps.size > 2 else np.array([self.middle_hz])
+        notch, edge = self.notch_share / (places.size * len(_NOTCH_DECADES)), self.edge_share / edges.size
+        tilt, wave = 0.8 * self.normal_tilt_db_per_decade, 1.2 * self.normal_wave_db
+        base = (0.0, self.normal_offset_db, tilt, wave, 0.3)
         return [
             *(
-                CurveKind("notch", notch, *base, feature="notch", feature_db=self.notch_db, feature_hz=f)
-                for f in places
+                CurveKind("notch", notch, *base, feature="notch", feature_db=0.5 * self.notch_db,
+                          feature_mean_db=self.notch_db, feature_hz=hertz, feature_decades=decades)
+                for hertz in places.tolist() for decades in _NOTCH_DECADES
             ),
             *(
-                CurveKind("edge", edge, *base, feature="edge", feature_db=self.edge_db, feature_hz=f)
-                for f in edges.tolist()
+                CurveKind("edge", edge, *base, feature="edge", feature_db=self.edge_db, feature_hz=hertz)
+                for hertz in edges.tolist()
             ),
-        ]
+        ]  # fmt: skip
 
 
 def clear_of_mains(

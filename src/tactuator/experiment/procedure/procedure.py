@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
+from itertools import product
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -231,9 +232,9 @@ class Answering:
     <= guess < target < 1 - lapse for every lapse.
     """
 
-    slopes: tuple[float, ...] = (1.5, 2.1, 2.9)
+    slopes: tuple[float, ...] = (0.9, 1.4, 2.1, 3.2)
     lapses: tuple[float, ...] = (0.02, 0.1, 0.2)
-    lapse_shares: tuple[float, ...] = (0.78, 0.12, 0.10)
+    lapse_shares: tuple[float, ...] = (0.55, 0.3, 0.15)
     guess: float = 1.0 / 3.0
     target: float = TARGET_3_DOWN_1_UP
 
@@ -245,6 +246,12 @@ class Answering:
                 f"answering: guess {self.guess:g}, target {self.target:g}, lapses up to {max(self.lapses):g}",
                 "0 <= guess < target < 1 - lapse",
             )
+
+    @property
+    def pairs(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return slope and lapse rate of every psychometric function, in the order of slopes, then lapses."""
+        slopes, lapses = zip(*product(self.slopes, self.lapses), strict=True)
+        return slopes, lapses
 
     def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""

@@ -22,6 +22,8 @@ _MINIMUM_TRIALS = 5
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
+ALIKE_DB = 6.0
+"""Thresholds further than this beyond all levels played explain the answers alike: an interval is open there."""
 _BATCH_RUNS = 128
 """Runs that are fitted side by side; more of them leave the processor's own memory."""
 
@@ -58,7 +60,8 @@ class RefitPrior:
             },
             "slope": {"values": grid.slopes.tolist(), "prior": grid.slope_prior.tolist()},
             "lapse": {"values": grid.lapses.tolist(), "prior": grid.lapse_prior.tolist()},
-            "interval": "central 95 % of the posterior, linear within a grid cell",
+            "interval": "central 95 % of the posterior, linear within a grid cell; open beyond the levels played where "
+            f"the median lies there (bound) or an end lies {ALIKE_DB:g} dB further",
         }
 
 

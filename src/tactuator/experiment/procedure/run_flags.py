@@ -20,8 +20,8 @@ from tactuator.experiment.procedure.refit import Refit, RefitPrior
 
 POWER_DRIFT_DB = 6.0
 """Drift over a run for which the power is stated."""
-CRITICAL_Z = 2.0
-"""|z| above which drift is flagged: two to four runs in a hundred without any."""
+CRITICAL_Z = 2.33
+"""|z| above which drift is flagged: one run in a hundred without any."""
 
 _NEWTON_STEPS = 8
 _SLOPE_STEP_DB = 0.05
@@ -83,12 +83,9 @@ def _linearised(answers: Answers, threshold: FloatArray, answering: Answering) -
 
 LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
-LAPSE_LOG_ODDS = 0.8
-"""Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
-LAPSE_LOG_ODDS_OF_FEW = 1.4
-"""That limit for runs of fewer than _FEW_ANSWERS: two lapses among few loud trials look like many. With 0.8, five in a
-hundred normal runs of 60 answers would be flagged."""
-_FEW_ANSWERS = 75
+LAPSE_LOG_ODDS = 2.0
+"""Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`: one run in a hundred of
+rough people whose lapse rates reach 4 %."""
 POWER_LAPSE_RATE = 0.15
 """Lapse rate for which the power is stated."""
 _EASY_ABOVE_DB = 8.0
@@ -98,13 +95,12 @@ _EASY_ABOVE_DB = 8.0
 class RunFlags:
     """Results of the tests on several runs, each (runs,).
 
-    log_bayes_factor, lapse_log_odds: as in Refit. lapse_limit: of those odds. lapse_power: probability that a lapse
-    rate of POWER_LAPSE_RATE would be flagged.
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of POWER_LAPSE_RATE would
+    be flagged.
     """
 
     log_bayes_factor: FloatArray
     lapse_log_odds: FloatArray
-    lapse_limit: FloatArray
     lapse_power: FloatArray
     drift: Drift
 
@@ -112,7 +108,7 @@ class RunFlags:
         """Return the names of the flags of one run, sorted."""
         flags = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
-            "lapses": self.lapse_log_odds[run] > self.lapse_limit[run],
+            "lapses": self.lapse_log_odds[run] > LAPSE_LOG_ODDS,
             "drift": abs(self.drift.z[run]) > CRITICAL_Z,
         }
         return tuple(sorted(name for name, true in flags.items() if true))
@@ -126,9 +122,7 @@ def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, 
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     answers = Answers(levels_db, correct, fitted.slope, fitted.lapse)
     drift = drift_test(answers, fitted.threshold_db, answering)
-    few = np.isfinite(levels_db).sum(axis=1) < _FEW_ANSWERS
-    limit = np.where(few, LAPSE_LOG_ODDS_OF_FEW, LAPSE_LOG_ODDS)
-    return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, limit, _lapse_power(levels_db, fitted), drift)
+    return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
 
 
 def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:

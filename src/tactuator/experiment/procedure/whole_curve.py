@@ -21,8 +21,10 @@ from pydantic import Field
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Level
-from tactuator.experiment.procedure.curve_belief import CurveBelief, PointLikelihoods
+from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveShares
+from tactuator.experiment.procedure.curve_reading import CurveReading
+from tactuator.experiment.procedure.curve_refinement import PointLikelihoods
 from tactuator.experiment.procedure.procedure import (
     Answering,
     Estimate,
@@ -124,14 +126,14 @@ class WholeCurve(FixedTrials):
         """Return None, as a curve is not one number; see `curve`."""
         return None
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
-        mean, sd = self.belief.curve(frequency_hz)
-        return mean[0], sd[0]
+    def curve(self, frequency_hz: ArrayLike) -> CurveReading:
+        """Return the curve at the frequencies, shape (n,) each."""
+        read = self.belief.curve(frequency_hz)
+        return CurveReading(read.mean[0], read.sd[0], read.low[0], read.high[0])
 
 
-LEAST_LOG_ODDS = 0.7
-"""Log evidence ratio above which drift is flagged: two normal runs in a hundred of 150 trials."""
+LEAST_LOG_ODDS = 3.0
+"""Log evidence ratio above which drift is flagged: odds of twenty to one, as against guessing."""
 _TRIED_DB = (0.0, -2.0 * POWER_DRIFT_DB, -POWER_DRIFT_DB, POWER_DRIFT_DB, 2.0 * POWER_DRIFT_DB)
 """Drifts whose evidence is computed; the outermost are for the information alone."""
 _LEAST_INFORMATION = 1e-6

@@ -17,6 +17,7 @@ from tactuator.experiment.procedure.procedure import (
     ProcedureKeys,
     parse_procedure,
 )
+from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, StudyProtocol, further
 from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
@@ -89,6 +90,7 @@ class Protocol(StudyProtocol):
     timing: Timing = Timing()
     masker: Masker | None = None
     marks: Marks | None = None
+    standard: StandardConditions | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,6 +103,15 @@ class Protocol(StudyProtocol):
     def fresh_run(self, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure, over what can be played."""
         return self.procedure.build(self.paradigm.guess, playable)
+
+    def unmet(self) -> list[Unmet]:
+        """Return the conditions of [standard] that the protocol does not meet, none without that table."""
+        if self.standard is None:
+            return []
+        about, timing = self.circumstances, self.timing
+        return self.standard.unmet(
+            self.conditions.frequencies_hz, about.contact_area_mm2, about.surround, timing.ramp_s, timing.stimulus_s
+        )
 
     def practice(self, frequency_hz: float) -> Practice:
         """Return a fresh practice run at that frequency."""

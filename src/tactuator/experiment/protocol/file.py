@@ -1,13 +1,14 @@
-"""Reading of protocol files (TOML) of either kind; the tables of a file say which kind it is."""
+"""Reading of protocol files (TOML) of any kind; the tables of a file say which kind it is."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.io.kinds import require_kind
@@ -19,11 +20,12 @@ _RECOGNITION_TABLES = {"recognition", "item", "block"}
 _KINDS: dict[type[StudyProtocol], str] = {
     Protocol: "a detection protocol (tables procedure, conditions)",
     RecognitionProtocol: "a recognition protocol (tables item, block)",
+    JudgingProtocol: "a protocol with a task (table task)",
 }
 
 
 def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
-    """Return the protocol, a `Protocol` or a `RecognitionProtocol`, and the file's own text.
+    """Return the protocol, one of the kinds of `_KINDS`, and the file's own text.
 
     Raises BadInput, in one line that names the key, for a file that is missing, not TOML, or says what is not allowed.
     """
@@ -43,8 +45,14 @@ def read_recognition(path: str | Path) -> tuple[RecognitionProtocol, str]:
     return parse_recognition(text, str(path)), text
 
 
+def read_judging(path: str | Path) -> tuple[JudgingProtocol, str]:
+    """Return a protocol with a task and the file's text. Raises BadInput as `read_protocol`."""
+    text = _text(path)
+    return _parsed(text, str(path), JudgingProtocol), text
+
+
 def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
-    """Return the protocol of either kind that the text describes. Raises BadInput as `read_any_protocol`."""
+    """Return the protocol of any kind that the text describes. Raises BadInput as `read_any_protocol`."""
     return _parsed(text, where, StudyProtocol)
 
 
@@ -77,7 +85,9 @@ def _parsed(text: str, where: str, form: type[_P]) -> _P:
         document = parse_toml(text)
     except BadInput as error:
         raise BadInput(f"protocol {where}: {error}", "TOML") from None
-    kind = RecognitionProtocol if _RECOGNITION_TABLES & set(document) else Protocol
+    kind: type[StudyProtocol] = RecognitionProtocol if _RECOGNITION_TABLES & set(document) else Protocol
+    if "task" in document:
+        kind = JudgingProtocol
     if not issubclass(kind, form):
         raise BadInput(f"protocol {where} has the tables {', '.join(document) or 'none'}", _KINDS[form])
-    return cast(_P, from_table(kind, document, f"protocol {where}"))
+    return from_table(kind, document, f"protocol {where}")

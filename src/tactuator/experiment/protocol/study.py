@@ -9,10 +9,14 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.clinic import Celsius, Gates
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
 
-Celsius = Annotated[Positive, Field(lt=50.0)]
-Group = Literal["hearing", "hearing-impaired", "simulated", "unknown"]
+Group = Annotated[
+    str,
+    StringConstraints(pattern=r"^\w[\w .+/-]{0,63}$"),
+    Wording(allowed='1 to 64 letters, digits, spaces, ".", "+", "/", "_" and "-"'),
+]
 Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$"), Wording(allowed="1 to 32 letters and digits")]
 ParticipantId = Annotated[
     str,
@@ -33,6 +37,10 @@ class StudyPart:
     seed: Annotated[Whole, Field(ge=0, le=_SEED_MAX, description="of every order and trial")]
     experimenter: Annotated[str, Field(description="who runs the sessions")] = ""
     consent: Annotated[str, Field(description="what a subject agrees to; empty: nobody is asked")] = ""
+    consent_by: Annotated[Literal["press", "name"], Field(description="a press, or the subject's name as well")] = (
+        "press"
+    )
+    consent_witness: Annotated[Flag, Field(description="a witness gives a name too")] = False
     consent_version: Annotated[str, Field(description="version of that text")] = ""
     instructions: Annotated[str, Field(description="what a subject reads before the session")] = ""
     language: Annotated[str, Field(description="of every page")] = "en"
@@ -111,6 +119,7 @@ class StudyProtocol:
     study: StudyPart
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
+    gates: Gates = Gates()
     demographic: tuple[Demographic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -171,7 +180,7 @@ class PlannedRun:
     position: counted from 0 in the session. frequency_hz: None where the procedure chooses, or there is none. practice:
     True for a run that is not analysed. feedback: True where the right response is told after each answer. trials:
     their number, where that is known before. title: name for the operator. introduction: text that the subject reads
-    before the run begins; an empty one lets it begin at once.
+    before the run begins; an empty one lets it begin at once. part: the plan of its task that it is of.
     """
 
     position: int
@@ -184,6 +193,7 @@ class PlannedRun:
     title: str
     introduction: str = ""
     trials: int | None = None
+    part: int = 0
 
 
 def further(visit: int) -> tuple[int, ...]:

@@ -53,15 +53,28 @@ def threshold_table(thresholds: Sequence[MeasuredThreshold], words: Words) -> Re
         weak = sum(power is not None and power < _POWER_MIN for power in powers)
         if weak:
             notes.append(words(name, count=weak, all=len(thresholds)))
+    notes += _notches(thresholds, words)
     return ResultTable(words("results.thresholds"), heads, rows, tuple(notes))
 
 
+def _notches(thresholds: Sequence[MeasuredThreshold], words: Words) -> list[str]:
+    """Return a note for each whole curve with frequencies where its trials cannot exclude a notch."""
+    runs: dict[int, list[str]] = {}
+    for each in thresholds:
+        if each.notch_trials:
+            place = words("results.notch_place", hertz=f"{each.frequency_hz:.4g}", count=each.notch_trials)
+            runs.setdefault(each.run, [each.subject]).append(place)
+    return [f"{who}: {words('results.notch_open', places=', '.join(places))}" for who, *places in runs.values()]
+
+
 def _interval(threshold: MeasuredThreshold, words: Words) -> str:
-    """Return the 95 % interval; of a threshold beyond what was played, the end that is known."""
-    if threshold.bound:
-        known_db = threshold.refit_low_db_sl if threshold.bound == ">=" else threshold.refit_high_db_sl
-        return f"{_BOUNDS[threshold.bound]}{known_db:.1f}"
-    return words("results.range", low=f"{threshold.refit_low_db_sl:.1f}", high=f"{threshold.refit_high_db_sl:.1f}")
+    """Return the 95 % interval; of one that is open to a side, the end that is known."""
+    low, high = (f"{end:.1f}" for end in (threshold.refit_low_db_sl, threshold.refit_high_db_sl))
+    if math.isinf(threshold.refit_high_db_sl):
+        return "–" if math.isinf(threshold.refit_low_db_sl) else f"{_BOUNDS['>=']}{low}"
+    if math.isinf(threshold.refit_low_db_sl):
+        return f"{_BOUNDS['<=']}{high}"
+    return words("results.range", low=low, high=high)
 
 
 def information_table(title: str, information: Information, words: Words) -> ResultTable:
@@ -157,7 +170,7 @@ def recognition_results(
                     results += _matrix_results(connection, row.id, protocol, rng, draws)
     if not results and not abx:
         wanted = "recognition study" if study is None else f"recognition study {study!r}"
-        raise BadInput(f"store {store.path}: no answers of any {wanted}", "a store with test blocks answered")
+        raise BadInput(f"store {store.name}: no answers of any {wanted}", "a store with test blocks answered")
     return results, abx
 
 

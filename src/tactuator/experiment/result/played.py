@@ -43,19 +43,19 @@ def inattentive(missed: int, loud: int) -> bool:
 def attention(run: StoredRun) -> tuple[str, ...]:
     """Return the flags of the catch trials.
 
-    `attention` stands for too many errors in loud trials, `cue` for too many right answers where nothing was played.
+    `attention` stands for too many errors in loud trials, or, of one interval, in blank ones; `cue` for too many right
+    answers where nothing was played.
     """
     kinds = catch_kinds(run)
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     flags = []
     if inattentive(int(np.sum(~loud)), loud.size):
         flags.append("attention")
-    if (
-        blank.size
-        and scipy.stats.binom.sf(np.sum(blank) - 1, blank.size, run.protocol.paradigm.guess) < _FALSE_ALARM_RATE
-    ):
-        flags.append("cue")
-    return tuple(flags)
+    paradigm = run.protocol.paradigm
+    surprising = np.sum(~blank if paradigm.yes_no else blank)  # of one interval, who says yes to nothing
+    if blank.size and scipy.stats.binom.sf(surprising - 1, blank.size, paradigm.guess) < _FALSE_ALARM_RATE:
+        flags.append("attention" if paradigm.yes_no else "cue")
+    return tuple(dict.fromkeys(flags))
 
 
 FRICTION_HZ = 25.0

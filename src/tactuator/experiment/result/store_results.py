@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
+from tactuator.experiment.result.group_level import GroupLevel, group_level
 from tactuator.experiment.result.played import catch_kinds
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, names_of_people, thresholds
+from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, names_of_people, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.io.csv_tables import resolve_curve
@@ -124,12 +125,15 @@ CIRCUMSTANCES = (
 class GroupCurve:
     """The mean threshold curve of a group, and the subjects behind it.
 
-    subjects: number at each point (0: extended to the band's edge, not measured). left_out: thresholds that were not
-    taken in because of the flags of their runs.
+    subjects, censored: number of people at each point, and of those among them whose threshold lies beyond what was
+    played (0: extended to the band's edge, not measured). bound: of each point, ">=" or "<=" where it is known from
+    one side alone. left_out: thresholds that were not taken in.
     """
 
     curve: ThresholdCurve
     subjects: tuple[int, ...]
+    censored: tuple[int, ...]
+    bound: tuple[str, ...]
     left_out: tuple[MeasuredThreshold, ...] = ()
 
 
@@ -137,26 +141,28 @@ def group_curve(
     measured: Sequence[MeasuredThreshold],
     reference: ThresholdCurve,
     band_hz: tuple[float, float],
-    keep_flagged: bool = False,
+    leave_out: Sequence[str] = (),
 ) -> GroupCurve:
     """Return the mean refitted threshold at each frequency, a subject's fingers and repeats averaged first.
 
-    Thresholds with a disqualifying flag are left out unless keep_flagged. The standard error is that of the mean
+    leave_out: names of people who are not taken in; FLAGGED: every threshold with a flag of DOUBTFUL. People whose
+    threshold lies beyond what was played are taken in as that (`group_level`). The standard error is that of the mean
     between subjects, and not below what the single thresholds are known to. Beyond the measured frequencies the curve
     keeps its distance from `reference` up to the band's edges: a design needs the whole band. The provenance is
-    `simulated` where any threshold is. Raises BadInput where fewer than three frequencies are left.
+    `simulated` where any threshold is. Raises BadInput where fewer than three frequencies are left, and for people who
+    are not there.
     """
-    kept, left_out = _parted(measured, keep_flagged)
+    kept, left_out = _parted(measured, leave_out)
     frequency_hz = np.array(sorted({threshold.frequency_hz for threshold in kept}))
     if frequency_hz.size < 3:
-        without = f", {len(left_out)} thresholds left out for their flags" if left_out else ""
+        without = f", {len(left_out)} thresholds left out" if left_out else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
     rows = [
         _mean([threshold for threshold in kept if threshold.frequency_hz == frequency])
         for frequency in frequency_hz.tolist()
     ]
-    level, error = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-    count = [row[2] for row in rows]
+    level, error = np.array([row.level_db for row in rows]), np.array([row.standard_error_db for row in rows])
+    counts = [(row.people, row.censored, row.bound) for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
         if (edge < frequency_hz[0]) if end == 0 else (edge > frequency_hz[-1]):
             distance = level[end] - float(reference.level_db_re_1um_at(frequency_hz[end]))
@@ -164,20 +170,36 @@ def group_curve(
             level = np.insert(level, place, float(reference.level_db_re_1um_at(edge)) + distance)
             error = np.insert(error, place, error[end])
             frequency_hz = np.insert(frequency_hz, place, edge)
-            count.insert(place, 0)
+            counts.insert(place, (0, 0, counts[end][2]))
     simulated = any(threshold.simulated for threshold in kept)
-    return GroupCurve(_curve(frequency_hz, level, error, kept, reference, simulated), tuple(count), tuple(left_out))
+    curve = _curve(frequency_hz, level, error, kept, reference, simulated)
+    subjects, censored, bound = zip(*counts, strict=True)
+    return GroupCurve(curve, subjects, censored, bound, tuple(left_out))
+
+
+FLAGGED = "flagged"
+"""Stands for all doubtful thresholds where people are left out."""
 
 
 def _parted(
-    measured: Sequence[MeasuredThreshold], keep_flagged: bool
+    measured: Sequence[MeasuredThreshold], leave_out: Sequence[str]
 ) -> tuple[list[MeasuredThreshold], list[MeasuredThreshold]]:
     """Return the thresholds that are taken in, and those that are left out."""
+    names = names_of_people(measured)
+    strangers = sorted(set(leave_out) - {FLAGGED, *names.values()})
+    if strangers:
+        raise BadInput(f"leaving out {', '.join(strangers)}", f"{FLAGGED}, {', '.join(names.values())}")
     kept: list[MeasuredThreshold] = []
     left_out: list[MeasuredThreshold] = []
     for threshold in measured:
-        (left_out if not keep_flagged and DISQUALIFYING & set(threshold.flags) else kept).append(threshold)
+        named = names[threshold.study_number, threshold.subject] in leave_out
+        (left_out if named or (FLAGGED in leave_out and is_doubtful(threshold)) else kept).append(threshold)
     return kept, left_out
+
+
+def is_doubtful(threshold: MeasuredThreshold) -> bool:
+    """Return whether the threshold has a flag of DOUBTFUL."""
+    return bool(DOUBTFUL & set(threshold.flags))
 
 
 def _curve(
@@ -194,21 +216,18 @@ def _curve(
     return ThresholdCurve(provenance, frequency_hz, level, provenance, source, error)
 
 
-def _mean(measured: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
-    """Return level, standard error and number of subjects at one frequency."""
+def _mean(measured: Sequence[MeasuredThreshold]) -> GroupLevel:
+    """Return the mean at one frequency. The mean of a subject's thresholds is a bound where one of them is."""
     of_subject: dict[tuple[int, str], list[MeasuredThreshold]] = {}
     for threshold in measured:
         of_subject.setdefault((threshold.study_number, threshold.subject), []).append(threshold)
-    subjects = sorted(of_subject)
-    each = [of_subject[subject] for subject in subjects]
+    each = [of_subject[subject] for subject in sorted(of_subject)]
     levels = np.array([np.mean([threshold.level_db_re_1um for threshold in mine]) for mine in each])
-    within = np.array([np.sqrt(np.sum([threshold.sd_db**2 for threshold in mine])) / len(mine) for mine in each])
-    known = float(np.sqrt(np.sum(within**2)) / len(subjects))
-    between = float(np.std(levels, ddof=1) / np.sqrt(len(subjects))) if len(subjects) > 1 else 0.0
-    return float(levels.mean()), max(known, between), len(subjects)
+    within = np.array([np.sqrt(np.nansum([threshold.sd_db**2 for threshold in mine])) / len(mine) for mine in each])
+    return group_level(levels, within, [max((threshold.bound for threshold in mine), key=len) for mine in each])
 
 
-def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, list[object]]:
+def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, Sequence[object]]:
     """Return the columns that tell how a group's curve was measured, one cell for each of its points.
 
     A circumstance that differed between the sessions has its values joined by `;`; an unknown one is empty.
@@ -217,7 +236,8 @@ def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, lis
     shared["finger"] = _joined([run.run.finger for run in runs])
     shared["controller_sha256"] = _joined([run.run.controller_sha256 for run in runs])
     points = len(group.subjects)
-    return {"subjects": list(group.subjects), **{name: [value] * points for name, value in shared.items()}}
+    counted = {"subjects": group.subjects, "censored": group.censored, "bound": group.bound}
+    return {**counted, **{name: [value] * points for name, value in shared.items()}}
 
 
 def _joined(values: Sequence[object]) -> str:
@@ -228,7 +248,8 @@ def _joined(values: Sequence[object]) -> str:
 class PersonThresholds:
     """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,).
 
-    flagged: True at each threshold whose run has a flag that disqualifies it, None where runs have no flags.
+    flagged: True at each doubtful threshold, None where runs have no flags. bound: of each, None: they have none.
+    simulated: True where nobody felt the stimuli.
     """
 
     name: str
@@ -236,6 +257,8 @@ class PersonThresholds:
     level_db_re_1um: FloatArray
     standard_error_db: FloatArray
     flagged: NDArray[np.bool_] | None = None
+    bound: tuple[str, ...] | None = None
+    simulated: bool = False
 
 
 def person_thresholds(thresholds: Sequence[MeasuredThreshold]) -> tuple[PersonThresholds, ...]:
@@ -245,10 +268,11 @@ def person_thresholds(thresholds: Sequence[MeasuredThreshold]) -> tuple[PersonTh
         each.setdefault((threshold.study_number, threshold.subject), []).append(threshold)
     people = []
     for person, name in names_of_people(thresholds).items():
-        points = [(point.frequency_hz, point.level_db_re_1um, point.sd_db) for point in each[person]]
-        hertz, level, error = np.array(points).T
-        flagged = np.array([bool(DISQUALIFYING & set(point.flags)) for point in each[person]])
-        people.append(PersonThresholds(name, hertz, level, error, flagged))
+        mine = each[person]
+        hertz, level, error = np.array([(point.frequency_hz, point.level_db_re_1um, point.sd_db) for point in mine]).T
+        flagged, simulated = np.array([is_doubtful(point) for point in mine]), any(point.simulated for point in mine)
+        bounds = tuple(point.bound for point in mine)
+        people.append(PersonThresholds(name, hertz, level, error, flagged, bounds, simulated))
     return tuple(people)
 
 
@@ -257,7 +281,9 @@ class StoreResults:
     """Thresholds of a store's finished runs, and the curve across its subjects.
 
     runs: what the thresholds were taken from. reference: the curve that 0 dB SL stood for. group: the curve across
-    subjects, with who is behind it and what was left out. no_curve: why there is none, where group is None.
+    subjects, with who is behind it and what was left out. no_curve: why there is none, where group is None. beside:
+    where there are doubtful thresholds, the same curve without them, or with them where they were left out (None: there
+    is none); beside_is says which.
     """
 
     runs: tuple[StoredRun, ...]
@@ -265,6 +291,8 @@ class StoreResults:
     thresholds: tuple[MeasuredThreshold, ...]
     group: GroupCurve | None
     no_curve: BadInput | None
+    beside: GroupCurve | None = None
+    beside_is: str = ""
 
     __repr__ = brief
 
@@ -279,37 +307,47 @@ class StoreResults:
         return psychometric_trials(self.runs, self.thresholds)
 
     @property
-    def circumstances(self) -> dict[str, list[object]]:
+    def circumstances(self) -> dict[str, Sequence[object]]:
         """Return the columns of the curve's file that tell how it was measured; empty where there is no curve."""
         return {} if self.group is None else circumstances(self.group, self.runs)
 
     def document(self) -> dict[str, Any]:
         """Return the results as JSON has them: thresholds, points of the curve (None: there is none), left_out."""
         left_out = () if self.group is None else self.group.left_out
-        keys = ("subject", "finger", "frequency_hz", "run")
+        doubtful = [each for each in self.thresholds if is_doubtful(each)]
         return {
             "thresholds": [{**vars(threshold), "flags": list(threshold.flags)} for threshold in self.thresholds],
             "curve": None if self.group is None else _points(self.group),
-            "left_out": [{**{key: getattr(each, key) for key in keys}, "flags": list(each.flags)} for each in left_out],
+            "curve_beside": None if self.beside is None else _points(self.beside),
+            "doubtful": [_named(each) for each in doubtful],
+            "left_out": [_named(each) for each in left_out],
         }
 
 
-def _points(group: GroupCurve) -> list[dict[str, float | int]]:
+def _named(threshold: MeasuredThreshold) -> dict[str, Any]:
+    keys = ("subject", "finger", "frequency_hz", "run")
+    return {**{key: getattr(threshold, key) for key in keys}, "flags": list(threshold.flags)}
+
+
+def _points(group: GroupCurve) -> list[dict[str, float | int | str]]:
     curve = group.curve
     errors = np.zeros(0) if curve.standard_error_db is None else curve.standard_error_db
-    columns = (curve.frequency_hz.tolist(), curve.level_db_re_1um.tolist(), errors.tolist(), group.subjects)
-    names = ("frequency_hz", "level_db_re_1um", "standard_error_db", "subjects")
-    return [dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True)]
+    columns = (curve.frequency_hz.tolist(), curve.level_db_re_1um.tolist(), errors.tolist())
+    names = ("frequency_hz", "level_db_re_1um", "standard_error_db", "subjects", "censored", "bound")
+    counted = (group.subjects, group.censored, group.bound)
+    return [dict(zip(names, cells, strict=True)) for cells in zip(*columns, *counted, strict=True)]
 
 
 def store_results(
-    store_path: str | Path, group: str | None = None, reference: str | None = None, keep_flagged: bool = False
+    store_path: str | PathLike[str],
+    group: str | None = None,
+    reference: str | None = None,
+    leave_out: Sequence[str] = (),
 ) -> StoreResults:
     """Return the results of a store's finished runs, of one group of subjects or of all.
 
-    reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. keep_flagged: take thresholds
-    with a disqualifying flag into the curve as well. Raises BadInput where there are no such runs, or runs that stand
-    on several curves and no reference.
+    reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. leave_out: as group_curve
+    takes it. Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
     """
     store = Store(store_path, must_exist=True)
     try:
@@ -323,8 +361,21 @@ def store_results(
         raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")
     original, measured = resolve_curve(reference or names[0]), tuple(thresholds(runs))
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
+    across, refused = _across(measured, original, band_hz, leave_out)
+    beside = None
+    if any(is_doubtful(threshold) for threshold in measured):
+        beside, _ = _across(measured, original, band_hz, sorted(set(leave_out) ^ {FLAGGED}))
+    which = f"{'with' if FLAGGED in leave_out else 'without'} those flagged"
+    return StoreResults(runs, original, measured, across, refused, beside, which)
+
+
+def _across(
+    measured: Sequence[MeasuredThreshold], reference: ThresholdCurve, band_hz: tuple[float, float],
+    leave_out: Sequence[str],
+) -> tuple[GroupCurve | None, BadInput | None]:  # fmt: skip
+    """Return the curve across subjects, or why there is none. Raises BadInput for people who are not there."""
+    _parted(measured, leave_out)
     try:
-        across, refused = group_curve(measured, original, band_hz, keep_flagged), None
+        return group_curve(measured, reference, band_hz, leave_out), None
     except BadInput as error:
-        across, refused = None, error
-    return StoreResults(runs, original, measured, across, refused)
+        return None, error

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import clear_of_mains
+from tactuator.experiment.procedure.curve_reading import CurveReading
 from tactuator.experiment.procedure.procedure import Playable, Procedure
-from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
+from tactuator.experiment.procedure.refit import ALIKE_DB, Refit, RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
+from tactuator.experiment.procedure.unseen_notch import UnseenNotch, unseen_notch
 from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
 from tactuator.experiment.result.played import (
     DeliveredLevel,
@@ -28,41 +28,36 @@ from tactuator.experiment.result.played import (
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.table import brief
 
-_POINT_COUNT = 12
-
 
 @dataclass(frozen=True)
 class CurveRun:
-    """The curve of a whole-curve run, each array (12,).
+    """The curve of a whole-curve run at every frequency at which trials may be put.
 
-    frequency_hz: twelve frequencies over the band. level_db_sl, sd_db: of the curve there. flags: of the run.
+    curve: dB SL, (points,) each. flags: of the run. notch: where the trials cannot exclude a notch.
     """
 
     frequency_hz: FloatArray
-    level_db_sl: FloatArray
-    sd_db: FloatArray
+    curve: CurveReading
     flags: CurveFlags
+    notch: UnseenNotch
 
 
 def curve_run(
     rule: WholeCurveRule, frequency_hz: FloatArray, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
 ) -> CurveRun:
     """Return the curve after trials, each array (trials,), as they were played, whatever placed them."""
-    prior = rule.prior
-    belief = CurveBelief(prior, rule.answering)
-    points = np.argmin(np.abs(np.log(frequency_hz[:, None] / prior.frequency_hz)), axis=1)
+    run = WholeCurve(rule)
+    points = np.argmin(np.abs(np.log(frequency_hz[:, None] / rule.prior.frequency_hz)), axis=1)
     for point, level, right in zip(points, levels_db_sl, correct, strict=True):
-        belief.learn(np.array([point]), np.array([level]), np.array([right]))
-    flags = curve_flags(belief, Trials(points[None, :], levels_db_sl[None, :], correct[None, :]))
-    asked = clear_of_mains(
-        np.geomspace(*prior.band_hz, _POINT_COUNT), prior.mains_hz, prior.clearance_hz, prior.band_hz
-    )
-    mean, sd = belief.curve(asked)
-    return CurveRun(asked, mean[0], sd[0], flags)
+        run.belief.learn(np.array([point]), np.array([level]), np.array([right]))
+    run.belief.refine()
+    flags = curve_flags(run.belief, Trials(points[None, :], levels_db_sl[None, :], correct[None, :]))
+    at = rule.prior.frequency_hz
+    return CurveRun(at, run.curve(at), flags, unseen_notch(run.belief))
 
 
-DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
-"""Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""
+DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
+"""Flags that make a threshold doubtful. The experimenter decides: a curve is told with and without such thresholds."""
 
 _RUNS_AT_ONCE = 1024
 """Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
@@ -78,13 +73,16 @@ class MeasuredThreshold:
     """One threshold of one subject.
 
     own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none). refit_*:
-    posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played. bound: ">=" or
-    "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its standard
-    deviation: level at the sensor above the commanded level. level_db_re_1um: the refit as displacement, delivered,
-    with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
+    posterior median, standard deviation and 95 % interval, commanded level. bound: ">=" or "<=" where the median lies
+    beyond what was played: the threshold is censored then; refit_db_sl is the last level played, without a standard
+    deviation (NaN), and the interval is open (infinite) to that side, as it is where its end lies far beyond what was
+    played. point: share correct that both stand for. delivered_db, with its standard deviation: level at the sensor
+    above the commanded level. level_db_re_1um: the refit as displacement, delivered, with an interval and a standard
+    deviation that carry both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
     attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power: probability
     that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: True where nobody felt the stimuli.
-    study_number: that of the study in the store; a code is a person's in one study.
+    study_number: that of the study in the store; a code is a person's in one study. notch_trials: how many more trials
+    about this frequency of a whole curve would exclude a notch of 15 dB; 0 where it is excluded, None of other runs.
     """
 
     subject: str
@@ -115,6 +113,7 @@ class MeasuredThreshold:
     drift_power: float | None
     simulated: bool
     study_number: int = 1
+    notch_trials: int | None = None
 
     __repr__ = brief
 
@@ -127,7 +126,7 @@ def names_of_people(measured: Sequence[MeasuredThreshold]) -> dict[tuple[int, st
 
 
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
-    """Return the thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
+    """Return the thresholds of every run; of a whole-curve run, one at each of its frequencies."""
     parts = (runs[first : first + _RUNS_AT_ONCE] for first in range(0, len(runs), _RUNS_AT_ONCE))
     return [threshold for part in parts for threshold in _thresholds(part)]
 
@@ -204,7 +203,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
 
 @dataclass(frozen=True)
 class _Level:
-    """A threshold as commanded, clipped to the levels that were played; named as MeasuredThreshold has it."""
+    """A threshold as commanded, held against the levels that were played; named as MeasuredThreshold has it."""
 
     refit_db_sl: float
     refit_sd_db: float
@@ -213,16 +212,18 @@ class _Level:
     bound: str
 
     @classmethod
-    def clipped(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> _Level:
+    def censored(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> _Level:
         least, most = float(played_db_sl.min()), float(played_db_sl.max())
         bound = ">=" if level > most else "<=" if level < least else ""
-        level, low, high = (float(np.clip(value, least, most)) for value in (level, low, high))
-        return cls(level, sd, low, high, bound)
+        level = float(np.clip(level, least, most))
+        low = -np.inf if bound == "<=" or low < least - ALIKE_DB else min(low, level)
+        high = np.inf if bound == ">=" or high > most + ALIKE_DB else max(high, level)
+        return cls(level, np.nan if bound else sd, low, high, bound)
 
 
 def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> MeasuredThreshold:
     fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
-    at = _Level.clipped(run.levels_db_sl[catch_kinds(run) != "blank"], *(float(value) for value in fitted))
+    at = _Level.censored(run.levels_db_sl[catch_kinds(run) != "blank"], *(float(value) for value in fitted))
     seen, hertz = run.intervals, float(run.run.frequency_hz)
     gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
     names = [*procedure.flags, *flags.names(row), *attention(run)]
@@ -243,12 +244,14 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
     names, power = [*curve.flags.names(), *attention(run)], (None, float(curve.flags.drift.power[0]))
     measured = []
-    for hertz, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
-        at = _Level.clipped(levels, level, float(sd), level - _NORMAL_95 * sd, level + _NORMAL_95 * sd)
+    read = (curve.curve.mean, curve.curve.sd, curve.curve.low, curve.curve.high)
+    for point, (hertz, zero, *figures) in enumerate(zip(curve.frequency_hz, base, *read, strict=True)):
+        at = _Level.censored(levels, *(float(value) for value in figures))
         near = np.abs(np.log10(run.frequency_hz / hertz))[trial] <= _NEAR_DECADES
         commanded, sensed = seen.commanded_db_sl[near], seen.measured_db_sl[near]
         gain = delivered_level(commanded, sensed, float(hertz), at.refit_db_sl, _NEAR_DB)
-        measured.append(_threshold(run, procedure, float(hertz), at, gain, float(zero), names, power))
+        threshold = _threshold(run, procedure, float(hertz), at, gain, float(zero), names, power)
+        measured.append(replace(threshold, notch_trials=int(curve.notch.trials[0, point])))
     return measured
 
 

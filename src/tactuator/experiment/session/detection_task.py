@@ -80,6 +80,8 @@ class DetectionTask:
         """Return the question of every trial, with one key for each interval."""
         responses = self.protocol.paradigm.responses
         choices = tuple(OfferedResponse(response, (response,)) for response in responses)
+        if self.protocol.paradigm.yes_no:
+            return Question(self.words("prompt.yes_no"), choices)
         return Question(self.words("prompt.detection"), choices, responses)
 
     @property
@@ -136,15 +138,14 @@ def curve_picture(procedure: WholeCurve, title: str) -> Picture:
     """Return a whole-curve run as an operator's page draws it: the curve in dB SL and its 95 % band."""
     low, high = procedure.rule.prior.band_hz
     frequency_hz = np.geomspace(low, high, _PICTURE_POINTS)
-    mean, sd = procedure.curve(frequency_hz)
+    read = procedure.curve(frequency_hz)
     floor, ceiling = procedure.rule.floor_db_sl, procedure.rule.ceiling_db_sl
+    levels = {"level_db_sl": read.mean, "low_db_sl": read.low, "high_db_sl": read.high}
     return {
         "kind": "curve",
         "title": title,
         "frequency_hz": [round(float(value), 3) for value in frequency_hz],
-        "level_db_sl": [round(float(value), 2) for value in np.clip(mean, floor, ceiling)],
-        "low_db_sl": [round(float(value), 2) for value in np.clip(mean - 1.96 * sd, floor, ceiling)],
-        "high_db_sl": [round(float(value), 2) for value in np.clip(mean + 1.96 * sd, floor, ceiling)],
+        **{name: [round(float(value), 2) for value in np.clip(at, floor, ceiling)] for name, at in levels.items()},
         "trials": [[round(hertz, 3), level, right] for hertz, level, right in procedure.played],
         "chance": bool(
             procedure.trials >= _JUDGED_TRIALS_MIN and procedure.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE

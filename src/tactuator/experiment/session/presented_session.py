@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from tactuator.errors import BadInput, TimingMissed
 from tactuator.experiment.session.session import Acknowledged, NextTrial, Session
-from tactuator.experiment.store.records import Answer, PlayedTrial
+from tactuator.experiment.store.records import PROGRAM, Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial
 
@@ -129,7 +129,8 @@ class PresentedSession:
             try:
                 played = course.play(following.trial, watch, halted, clock.utc())
             except TimingMissed as missed:
-                self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
+                detail = f"run {following.run}, trial {following.trial.number}: {missed}"
+                self.session.note("timing-missed", detail, PROGRAM)
                 if attempt + 1 == _ATTEMPTS_MAX:
                     raise
                 continue

@@ -12,12 +12,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Literal
+from typing import Any, Literal
+
+from sqlalchemy import Connection
 
 from tactuator.errors import BadInput, StoreFault
+from tactuator.experiment.protocol.clinic import Unmet
 from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.session.task import Clock, Course, SessionTask
-from tactuator.experiment.store import records
+from tactuator.experiment.store import chain, records
 from tactuator.experiment.store.records import Found, stamp
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
@@ -25,22 +28,23 @@ from tactuator.experiment.trial.trial import Trial
 _BETWEEN_TRIALS_S = 1.5
 """Time from the end of a trial to the next one where nothing is known of the subject yet."""
 _PAUSE_S = 60.0
-"""A longer time between two answers is a break, which is left out of the pace."""
+"""A trial that takes so much longer than its presentation was laid aside, and is left out of the pace."""
 _TRIALS_AVERAGED = 30
 
 
 @dataclass
 class Pace:
-    """Time from answer to answer over the last thirty trials, as a share of what their presentation is said to take."""
+    """Time of the last thirty trials, each from its beginning, as a share of what their presentation is said to take.
+
+    What lies between trials, a pause or a break however short, is in it nowhere.
+    """
 
     _taken: deque[tuple[float, float]] = field(init=False, default_factory=lambda: deque(maxlen=_TRIALS_AVERAGED))
-    _last_s: float | None = field(init=False, default=None)
 
-    def answered(self, now_s: float, played_s: float) -> None:
-        """Take the time of an answer into account; played_s: duration of its trial's presentation."""
-        if self._last_s is not None and now_s - self._last_s < _PAUSE_S + played_s:
-            self._taken.append((now_s - self._last_s, played_s + _BETWEEN_TRIALS_S))
-        self._last_s = now_s
+    def answered(self, taken_s: float, played_s: float) -> None:
+        """Take a trial into account that took taken_s, its presentation being said to take played_s."""
+        if taken_s < _PAUSE_S + played_s:
+            self._taken.append((taken_s, played_s + _BETWEEN_TRIALS_S))
 
     def trial_s(self, played_s: float) -> float:
         """Return how long a trial takes whose presentation is said to take played_s; before any pace, as assumed."""
@@ -116,9 +120,10 @@ Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
 class Session:
     """One visit of a subject.
 
-    row: the session's in the store. version: of the protocol that the task is of. sitting: who answers. held: the run
-    that waits until the experimenter says how it goes on, or None. ended: how the session ended before its time
-    (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
+    row: the session's in the store. subject: who it is, as events have it. version: of the protocol that the task is
+    of. sitting: who answers. held: the run that waits until the experimenter says how it goes on, or None. ended: how
+    the session ended before its time (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the
+    store's trials do not replay.
     """
 
     def __init__(
@@ -133,11 +138,13 @@ class Session:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
         self.sitting = sitting or records.Sitting()
         self._who = (int(row.subject_number), int(row.visit))
+        self.subject = f"subject {row.subject_code}"
         self.runs = task.runs(*self._who)
         self.held: PlannedRun | None = None
         self._pace = Pace()
         self.ended: str | None = None
         self._rested_since_s = 0.0
+        self._trial_since_s: float | None = None
         self._running: Running | None = None
         self._states: dict[int, str] = {}
         self._tally: dict[int, tuple[int, int]] = {}
@@ -175,7 +182,8 @@ class Session:
         replay(self._running.course, run.id, answers)
         gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
-            self.note("clock-jump", f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted")
+            detail = f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted"
+            self.note("clock-jump", detail, records.PROGRAM)
         self._running.last_heard_s -= max(gap_s, 0.0)
         self._end_finished_run()
 
@@ -274,18 +282,39 @@ class Session:
             running = self._begin(running.planned, running.attempt + 1, replaced=running)
         trial = running.course.trial()
         assert trial is not None
+        self._trial_since_s = self.clock.monotonic_s()
         return NextTrial(running.row, running.planned, trial, running.course.seed)
 
+    @property
+    def unmet(self) -> list[Unmet]:
+        """Return what the day's data do not meet of the protocol's gates; nothing for who has no skin."""
+        if self.sitting.respondent != "person":
+            return []
+        with self.store.read() as connection:
+            row = records.session(connection, self.id)
+            posture = records.latest(connection, self.id, "posture")
+        return self.task.protocol.gates.unmet(row.skin_temperature_c, row.preload_n, posture)
+
+    @property
+    def refused(self) -> list[Unmet]:
+        """Return what keeps a run from beginning."""
+        return self.unmet if self._running is None and self.task.protocol.gates.outside == "refuse" else []
+
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
-        now = self.clock.utc()
+        now, unmet = self.clock.utc(), self.unmet
+        if refused := self.refused:
+            raise BadInput("; ".join(map(str, refused)))
         with self.store.begin() as connection:
+            for condition in unmet:
+                records.note(connection, self.id, "gate", str(condition), now, records.PROGRAM)
             if replaced is not None:
                 records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
-                records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
+                detail = f"run {replaced.row} lay longer than {limit:g} s"
+                records.note(connection, self.id, "restart", detail, now, records.PROGRAM)
             apparatus = self.task.apparatus.record(planned.finger)
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
-            records.change_session(connection, self.id, protocol_version_id=self.version)
+            self._hold(connection, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._new_running(row, planned, attempt)
         return self._running
@@ -307,7 +336,9 @@ class Session:
             records.save_answer(connection, running.row, played, answer)
         running.course.record(answer.response)
         running.last_heard_s = self._rested_since_s = self.clock.monotonic_s()
-        self._pace.answered(running.last_heard_s, self.task.expected(running.planned)[1])
+        if self._trial_since_s is not None:
+            taken_s = running.last_heard_s - self._trial_since_s + self.task.rules.feedback_s
+            self._pace.answered(taken_s, self.task.expected(running.planned)[1])
         answered, right = self._tally[running.planned.position]
         self._tally[running.planned.position] = (answered + 1, right + correct)
         self.trials += 1
@@ -341,25 +372,42 @@ class Session:
             if state == "restarted":
                 self.held = running.planned
                 detail = f"run {running.row}: {running.course.trials} trials"
-                records.note(connection, self.id, "practice-not-passed", detail, now)
+                records.note(connection, self.id, "practice-not-passed", detail, now, records.PROGRAM)
+
+    def _hold(self, connection: Connection, **values: Any) -> None:
+        """Write columns of a session that is held here from now on. Raises BadInput where it is held elsewhere."""
+        here = chain.uid(connection)
+        if records.session(connection, self.id).held_by not in (None, here):
+            raise BadInput(f"the visit of {self.subject} goes on at another station", "that station")
+        records.change_session(connection, self.id, held_by=here, **values)
 
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
         self._states[self._running.planned.position] = state
         self._running, self._introduced = None, False
 
-    def give_consent(self) -> None:
-        """Store consent to this text, in this version of the protocol, which the session stays with."""
+    def give_consent(self, name: str = "", witness: str = "") -> None:
+        """Store consent to this text, in this version of the protocol, which the session stays with.
+
+        Raises BadInput without a name, or a witness's, where the protocol asks for it.
+        """
         study = self.task.protocol.study
+        names = {"name": (study.consent_by == "name", name), "witness": (study.consent_witness, witness)}
+        for what, (asked, said) in names.items():
+            if asked and not said.strip():
+                raise BadInput(f"consent without a {what}", "with it, since the protocol asks for it")
         with self.store.begin() as connection:
-            records.change_session(
+            self._hold(
                 connection,
-                self.id,
                 consented_utc=stamp(self.clock.utc()),
                 consent_version=study.consent_version or None,
                 consent_sha256=hashlib.sha256(study.consent.encode()).hexdigest(),
                 protocol_version_id=self.version,
             )
+            if given := [f"{what}: {text.strip()}" for what, (asked, text) in names.items() if asked]:
+                records.note(
+                    connection, self.id, records.CONSENT_NAMES, "; ".join(given), self.clock.utc(), self.subject
+                )
         self._consented = True
 
     def decline(self) -> None:
@@ -380,7 +428,7 @@ class Session:
         now = self.clock.utc()
         with self.store.begin() as connection:
             records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
-            records.note(connection, self.id, how, detail, now)
+            records.note(connection, self.id, how, detail, now, self.subject)
         self.ended = how
 
     def end_break(self) -> None:
@@ -388,7 +436,7 @@ class Session:
         left_s = self.break_left_s
         if left_s > 0.0:
             raise BadInput(f"break: {left_s:.0f} s are left", "going on after them")
-        self.note("break", "over", self.trials)
+        self.note("break", "over", trials=self.trials)
         self._since_break = 0
 
     def release(self) -> None:
@@ -413,7 +461,7 @@ class Session:
         else:
             self._leave_run("stopped")
 
-    def note(self, kind: str, detail: str, trials: int | None = None) -> None:
-        """Store an event of that kind."""
+    def note(self, kind: str, detail: str, who: str | None = None, trials: int | None = None) -> None:
+        """Store an event of that kind; who: whose doing it was, None the subject's."""
         with self.store.begin() as connection:
-            records.note(connection, self.id, kind, detail, self.clock.utc(), trials)
+            records.note(connection, self.id, kind, detail, self.clock.utc(), who or self.subject, trials)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection
 
@@ -17,9 +18,11 @@ from tactuator.errors import BadInput
 from tactuator.experiment.language.words import read_words, shipped_words
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
@@ -37,15 +40,16 @@ def fresh_token(code: str, visit: int) -> str:
 
 @dataclass(frozen=True)
 class Books:
-    """Row, newest protocol, tokens of links and time: all that enrolment in a study needs."""
+    """Row, newest protocol, tokens of links, time, and who enrols: all that enrolment in a study needs."""
 
     study: int
     protocol: StudyProtocol
     tokens: Tokens
     now: datetime
+    who: str
 
 
-def books_of(connection: Connection, name: str | None, tokens: Tokens, now: datetime) -> Books:
+def books_of(connection: Connection, name: str | None, tokens: Tokens, now: datetime, who: str) -> Books:
     """Return the books of the store's study of that name; without a name, of its only one.
 
     Raises BadInput where there is none, or several and no name.
@@ -57,7 +61,7 @@ def books_of(connection: Connection, name: str | None, tokens: Tokens, now: date
     if study is None:
         raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")
     newest = records.versions(connection, study)[-1]
-    return Books(study, parse_any_protocol(newest.toml), tokens, now)
+    return Books(study, parse_any_protocol(newest.toml), tokens, now, who)
 
 
 def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
@@ -69,6 +73,8 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
         raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
     facts = books.protocol.facts(part.demographics)
     row = records.add_subject(connection, books.study, part, facts, books.now)
+    if books.who != records.PROGRAM:  # the protocol names the others
+        note(connection, None, "enrolled", "", books.now, books.who, subject=row.id)
     for visit in range(1, books.protocol.study.visits + 1):
         token = books.tokens(part.code, visit)
         records.add_session(connection, books.protocol, row, token, books.now, part.skin_temperature_c)
@@ -82,6 +88,7 @@ def add_visit(connection: Connection, books: Books, subject: str) -> None:
     who = next(person for person in records.subjects(connection, books.study) if person.code == subject)
     token = books.tokens(subject, rows[-1].visit + 1)
     records.add_session(connection, books.protocol, who, token, books.now)
+    note(connection, None, "visit", f"visit {rows[-1].visit + 1}", books.now, books.who, subject=who.id)
 
 
 @dataclass(frozen=True)
@@ -119,7 +126,8 @@ def correct(connection: Connection, books: Books, code: str, correction: Correct
     if not changes:
         raise BadInput(f"nothing of subject {code!r} differs from what is there", "another value")
     for session, change in changes:
-        note(connection, session, "correction", reason.strip(), books.now, subject=rows[0].subject_id, change=change)
+        about: dict[str, Any] = {"subject": rows[0].subject_id, "change": change}
+        note(connection, session, "correction", reason.strip(), books.now, books.who, **about)
     return [change for _, change in changes]
 
 
@@ -182,6 +190,8 @@ def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> Sess
     words = shipped_words(study.language) if own_file is None else read_words(own_file, study.language)
     if isinstance(protocol, RecognitionProtocol):
         return RecognitionTask.load(protocol, beside, apparatus, words)
+    if isinstance(protocol, JudgingProtocol):
+        return JudgingTask(protocol, apparatus, words)
     assert isinstance(protocol, Protocol)
     return DetectionTask(protocol, apparatus, words)
 
@@ -225,33 +235,43 @@ class Study:
             self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.apparatus)
         return self._tasks[version]
 
-    def enrol(self, part: SubjectPart) -> None:
+    def enrol(self, part: SubjectPart, who: str = records.PROGRAM) -> None:
         """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
         with self.store.begin() as connection:
-            enrol(connection, self._books(), part)
+            enrol(connection, self.books(who), part)
 
-    def add_visit(self, subject: str) -> None:
+    def add_visit(self, subject: str, who: str = records.PROGRAM) -> None:
         """Add a further visit of the subject of that code. Raises BadInput where there is none."""
         with self.store.begin() as connection:
-            add_visit(connection, self._books(), subject)
+            add_visit(connection, self.books(who), subject)
 
-    def _books(self) -> Books:
-        return Books(self.id, self.task.protocol, self.tokens, self.clock.utc())
+    def books(self, who: str) -> Books:
+        """Return what enrolment needs; who: who enrols."""
+        return Books(self.id, self.task.protocol, self.tokens, self.clock.utc(), who)
 
-    def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
-        """Store the data of the day of a session; what was there before is kept as an event."""
+    def set_day(
+        self,
+        session: int,
+        skin_temperature_c: float | None,
+        preload_n: float | None,
+        who: str = records.PROGRAM,
+        posture: str | None = None,
+    ) -> None:
+        """Store the data of the day of a session; what was there before is kept as an event, and the posture is one."""
         values = {"skin_temperature_c": skin_temperature_c, "preload_n": preload_n}
         with self.store.begin() as connection:
             row, now = records.session(connection, session), self.clock.utc()
+            if posture is not None:
+                note(connection, session, "posture", posture, now, who)
             for _, change in change_day(connection, row, values):
-                note(connection, session, "day", "", now, subject=row.subject_id, change=change)
+                note(connection, session, "day", "", now, who, subject=row.subject_id, change=change)
 
-    def correct(self, subject: str, correction: Correction, reason: str) -> None:
+    def correct(self, subject: str, correction: Correction, reason: str, who: str = records.PROGRAM) -> None:
         """Write correct data of the subject of that code; what stood there is kept as an event. Raises BadInput as the
         function does.
         """
         with self.store.begin() as connection:
-            correct(connection, self._books(), subject, correction, reason)
+            correct(connection, self.books(who), subject, correction, reason)
 
     def facts(self) -> dict[int, dict[str, str]]:
         """Return the demographic items of subjects by their row and the item's name."""
@@ -285,26 +305,29 @@ def open_study(
     tokens: Tokens,
     amend: str | None = None,
     beside: Path | None = None,
+    who: str = records.PROGRAM,
 ) -> Study:
     """Return the study of that protocol, made if it is new; whoever is new in the protocol is enrolled.
 
     A protocol of the same name with another text is another version of it. Where it only has more subjects it is
-    accepted as that; otherwise amend gives the reason, and BadInput is raised without one. Subjects, links and sessions
-    that are there stay as they are, and a session that has begun stays with its version. Raises BadInput also where the
-    study is there with other stimuli, or has a later version than the text's.
+    accepted as that; otherwise amend gives the reason, and BadInput is raised without one. who: who amends. Subjects,
+    links and sessions that are there stay as they are, and a session that has begun stays with its version. Raises
+    BadInput also where the study is there with other stimuli, or has a later version than the text's.
     """
     with store.begin() as connection:
-        study, version = _version(connection, task, text, clock, amend)
+        study, version = _version(connection, task, text, clock, amend, who)
         task.enrol(connection, study)
         opened = Study(store, study, task, version, beside or Path(), clock, tokens)
         known = {subject.code for subject in records.subjects(connection, study)}
         for part in task.protocol.subject:
             if part.code not in known:
-                enrol(connection, opened._books(), part)
+                enrol(connection, opened.books(records.PROGRAM), part)
     return opened
 
 
-def _version(connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
+def _version(
+    connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None, who: str
+) -> tuple[int, int]:
     """Return the rows of the study and of the version of its protocol that has this text."""
     name, now = task.protocol.study.name, clock.utc()
     study = records.study_by_version(connection, text) or records.study_by_name(connection, name)
@@ -328,7 +351,7 @@ def _version(connection: Connection, task: SessionTask, text: str, clock: Clock,
                 "that version, --amend with the reason for another, or another name",
             )
         amend = "subjects"
-    note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now)
+    note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now, who)
     return study, records.add_version(connection, study, text, amend, now)
 
 

@@ -175,6 +175,7 @@ class Envelope:
 class Question:
     """The question of every trial, which is the same in all of them, so that nothing of it tells the answer.
 
+    choices: none where a number is asked for.
     intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
     """
 

@@ -23,6 +23,7 @@ from tactuator.experiment.procedure.procedure import Playable, ProcedureKeys, pr
 from tactuator.experiment.procedure.quest_plus import QuestPlusKeys, QuestPlusRule, run_quests
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
+from tactuator.experiment.procedure.unseen_notch import unseen_notch
 from tactuator.experiment.procedure.up_down import PaperKeys, Probability, Tracks, UpDownRule, run_tracks
 from tactuator.experiment.procedure.whole_curve import CurveKeys, Trials, WholeCurveRule, curve_flags
 from tactuator.experiment.protocol.detection import CatchTrials, LoudShare
@@ -39,7 +40,6 @@ NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5
 """People whose curves are drawn where none is given. Near the procedure's prior, they show it at its best."""
 
 _BATCH_RUNS = 50
-_GRID_POINTS = 100
 
 
 @dataclass(frozen=True)
@@ -262,12 +262,22 @@ class _Truth:
 
 
 @dataclass(frozen=True)
+class CurveQualityAt:
+    """Quality of the curves at one frequency; coverage95: share of the people whose threshold the 95 % band holds."""
+
+    frequency_hz: float
+    rms_error_db: float
+    coverage95: float
+
+
+@dataclass(frozen=True)
 class CurveQuality:
-    """Quality of the procedure over the band, even in log frequency.
+    """Quality of the curves at the frequencies that `thresholds` tells and exports.
 
     rms_error_db, bias_db: over observers and frequencies together. rms_error_median_db: median over observers.
-    coverage95: share of the curve inside its 95 % band. flagged: share of runs with any flag. flags: share of runs with
-    each flag. trials: of every run. people: origin of the observers' curves.
+    coverage95: share of these points inside the 95 % band. by_frequency: the same of each frequency. notch_excluded:
+    share of the points at which a notch of 15 dB is excluded. flagged: share of runs with any flag. flags: share of
+    runs with each flag. trials: of every run. people: origin of the observers' curves.
     """
 
     rms_error_db: float
@@ -278,6 +288,8 @@ class CurveQuality:
     flags: dict[str, float]
     trials: int
     people: str
+    notch_excluded: float
+    by_frequency: tuple[CurveQualityAt, ...]
 
 
 def simulate_curve(
@@ -292,15 +304,14 @@ def simulate_curve(
     with the share that is done.
     """
     rng = np.random.default_rng(setting.seed)
-    errors, inside, names = [], [], list[tuple[str, ...]]()
+    judged, names = [], list[tuple[str, ...]]()
     for first in range(0, setting.runs, _BATCH_RUNS):
         count = min(_BATCH_RUNS, setting.runs - first)
         part = _Batch(rule, setting, truth, count, rng)
         names += part.run(lambda share, done=first, more=count: progress((done + share * more) / setting.runs))  # type: ignore[misc]
-        error, within = part.judged()
-        errors.append(error)
-        inside.append(within)
-    error, within = np.concatenate(errors), np.concatenate(inside)
+        judged.append(part.judged())
+    error, within, excluded = (np.concatenate(column) for column in zip(*judged, strict=True))
+    rms, share = np.sqrt(np.mean(error**2, axis=0)).tolist(), within.mean(axis=0).tolist()
     return CurveQuality(
         rms_error_db=float(np.sqrt(np.mean(error**2))),
         bias_db=float(error.mean()),
@@ -309,6 +320,8 @@ def simulate_curve(
         **shares(names),
         trials=rule.trials,
         people="drawn: normal people near the procedure's own prior" if truth is None else truth.name,
+        notch_excluded=float(excluded.mean()),
+        by_frequency=tuple(map(CurveQualityAt, rule.prior.frequency_hz.tolist(), rms, share)),
     )
 
 
@@ -319,13 +332,11 @@ class _Batch:
         self, rule: WholeCurveRule, setting: Setting, truth: RelativeCurve | None, runs: int, rng: np.random.Generator
     ) -> None:
         self._rule, self._setting, self._rng = rule, setting, rng
-        self._fine_hz = np.geomspace(*rule.prior.band_hz, _GRID_POINTS)
-        both = np.concatenate([rule.prior.frequency_hz, self._fine_hz])
+        frequency_hz = rule.prior.frequency_hz
         if truth is None:
-            level = NORMAL_PEOPLE.draw(both, rule.prior.middle_hz, runs, rng)
+            self._truth = NORMAL_PEOPLE.draw(frequency_hz, rule.prior.middle_hz, runs, rng)
         else:
-            level = np.broadcast_to(truth.level_db_sl_at(both), (runs, both.size))
-        self._at_points, self._at_fine = level[:, : rule.prior.points], level[:, rule.prior.points :]
+            self._truth = np.broadcast_to(truth.level_db_sl_at(frequency_hz), (runs, frequency_hz.size))
         self._slope = rng.uniform(*setting.slope, runs)
         answering = rule.answering
         self._model = Psychometric(Weibull(1.0), answering.guess, setting.lapse, answering.target)
@@ -340,6 +351,7 @@ class _Batch:
             belief.learn(point, level, correct)
             kept.append((point, level, correct))
             progress((trial + 1) / rule.trials)
+        belief.refine()
         trials = Trials(*(np.array(column).T for column in zip(*kept, strict=True)))
         if self._setting.loud_share:
             return self._with_loud(trials)
@@ -359,6 +371,7 @@ class _Batch:
             mine = Trials(points[[run]][:, there], levels[[run]][:, there], correct[[run]][:, there])
             for point, level, right in zip(mine.point.T, mine.level_db_sl.T, mine.correct.T, strict=True):
                 belief.learn(point, level, right)
+            belief.refine()
             self._beliefs.append(belief)
             names.append((*curve_flags(belief, mine).names(), *order.attention(run, correct)))
         return names
@@ -366,18 +379,20 @@ class _Batch:
     def _answers(self, point: NDArray[np.intp], level_db: FloatArray, trial: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return whether trials are answered rightly; arguments (runs, trials)."""
         model, setting = self._model, self._setting
-        threshold = np.take_along_axis(self._at_points, point, axis=1)
+        threshold = np.take_along_axis(self._truth, point, axis=1)
         above = level_db - threshold - setting.drifted_db(trial, self._rule.trials)
         rise = weibull_rise(above, self._slope[:, None], model.at_threshold)
         chance = setting.chance(model.guess, model.guess + (1.0 - model.guess - model.lapse) * rise)
         return np.asarray(self._rng.random(level_db.shape) < chance)
 
-    def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return errors and whether the band holds the truth, (runs, _GRID_POINTS) each, over the band."""
-        curves = [belief.curve(self._fine_hz) for belief in self._beliefs]
-        mean, sd = (np.concatenate(column) for column in zip(*curves, strict=True))
-        error = mean - self._at_fine
-        return error, np.abs(error) <= 1.96 * sd
+    def judged(self) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return error, whether the band holds the truth and whether a notch is excluded, (runs, points) each."""
+        curves, notches = [], []
+        for belief in self._beliefs:
+            curves.append(belief.curve(belief.prior.frequency_hz))
+            notches.append(unseen_notch(belief).trials == 0)
+        mean, low, high = (np.concatenate([getattr(each, name) for each in curves]) for name in ("mean", "low", "high"))
+        return mean - self._truth, (low <= self._truth) & (self._truth <= high), np.concatenate(notches)
 
 
 def simulate_kind(

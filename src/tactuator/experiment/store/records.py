@@ -15,18 +15,15 @@ from sqlalchemy import (
     Row,
     Select,
     Table,
-    delete,
     func,
-    insert,
     select,
-    update,
 )
 from sqlalchemy import cast as sql_cast
 
 from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol, SubjectPart
-from tactuator.experiment.store import schema
+from tactuator.experiment.store import chain, schema
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 Found = Row[Any]
@@ -36,6 +33,9 @@ def stamp(when: datetime) -> str:
     """Return an instant as the store writes it: ISO 8601 with its zone, to the microsecond."""
     return when.isoformat(timespec="microseconds")
 
+
+PROGRAM = "tactuator"
+"""Who did what nobody asked for."""
 
 Tokens = Callable[[str, int], str]
 """A function of the subject's code and the number of the visit that returns the token of a link."""
@@ -47,7 +47,7 @@ def _last(connection: Connection, column: Column[Any], *where: ColumnElement[boo
 
 
 def _add(connection: Connection, table: Table, row: Mapping[str, Any]) -> Found:
-    return connection.execute(insert(table).values(row).returning(table)).one()
+    return chain.add(connection, table, [row])[0]
 
 
 def add_study(connection: Connection, name: str, now: datetime) -> int:
@@ -141,7 +141,7 @@ def add_session(
         "created_utc": stamp(now),
         **circumstances,
     }
-    connection.execute(insert(table).values(row))
+    _add(connection, table, row)
 
 
 def session_query() -> Select[Any]:
@@ -169,29 +169,32 @@ def session(connection: Connection, session: int) -> Found:
 
 def change_session(connection: Connection, session: int, **values: Any) -> None:
     """Write columns of a session's row."""
-    connection.execute(update(schema.session).where(schema.session.c.id == session).values(**values))
+    chain.change(connection, schema.session, session, values)
 
 
 def change_subject(connection: Connection, subject: int, **values: Any) -> None:
     """Write columns of a subject's row."""
-    connection.execute(update(schema.subject).where(schema.subject.c.id == subject).values(**values))
+    chain.change(connection, schema.subject, subject, values)
 
 
 def facts(connection: Connection, study: int) -> dict[int, dict[str, str]]:
     """Return the demographic items of the study's subjects by their row and the item's name."""
     fact, facts = schema.demographic, dict[int, dict[str, str]]()
-    query = select(fact).join(schema.subject).where(schema.subject.c.study_id == study).order_by(fact.c.id)
+    mine = (schema.subject.c.study_id == study, fact.c.value.is_not(None))
+    query = select(fact).join(schema.subject).where(*mine).order_by(fact.c.id)
     for row in connection.execute(query):
         facts.setdefault(row.subject_id, {})[row.name] = row.value
     return facts
 
 
 def set_fact(connection: Connection, subject: int, name: str, value: str | None, unit: str) -> None:
-    """Write a demographic item of a subject; with None, take it away."""
+    """Write a demographic item of a subject; None: nothing is known any more."""
     fact = schema.demographic
-    connection.execute(delete(fact).where(fact.c.subject_id == subject, fact.c.name == name))
-    if value is not None:
-        connection.execute(insert(fact).values(subject_id=subject, name=name, value=value, unit=unit))
+    there = connection.execute(select(fact.c.id).where(fact.c.subject_id == subject, fact.c.name == name)).scalar()
+    if there is not None:
+        chain.change(connection, fact, there, {"value": value, "unit": unit})
+    elif value is not None:
+        _add(connection, fact, {"subject_id": subject, "name": name, "value": value, "unit": unit})
 
 
 @dataclass(frozen=True)
@@ -249,7 +252,7 @@ def begin_run(
 
 def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
     """Store that a run is done, restarted or stopped."""
-    connection.execute(update(schema.run).where(schema.run.c.id == run).values(state=state, ended_utc=stamp(now)))
+    chain.change(connection, schema.run, run, {"state": state, "ended_utc": stamp(now)})
 
 
 @dataclass(frozen=True)
@@ -261,20 +264,40 @@ class Change:
     after: str | None
 
 
+CONSENT_NAMES = "consent-names"
+"""Kind of the event with the names of who consented and who saw it; in no export."""
+
+
+def latest(connection: Connection, session: int, kind: str) -> str:
+    """Return the detail of a session's newest event of that kind, "" without one."""
+    event = schema.event.c
+    asked = select(event.detail).where(event.session_id == session, event.kind == kind).order_by(event.id.desc())
+    return str(connection.execute(asked.limit(1)).scalar() or "")
+
+
+def details(connection: Connection, session: int, kind: str) -> list[str]:
+    """Return the details of a session's events of that kind, each once, in their order."""
+    event = schema.event.c
+    asked = select(event.detail).where(event.session_id == session, event.kind == kind).order_by(event.id)
+    return list(dict.fromkeys(connection.execute(asked).scalars()))
+
+
 def note(
     connection: Connection,
     session: int | None,
     kind: str,
     detail: str,
     now: datetime,
+    who: str,
     trials: int | None = None,
     subject: int | None = None,
     change: Change | None = None,
 ) -> None:
-    """Store an event of that kind; subject: whose it is, where it is of no session; change: what it replaced."""
-    row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
-    row |= {"subject_id": subject, **(vars(change) if change is not None else {})}
-    connection.execute(insert(schema.event).values(row))
+    """Store an event of that kind; who: whose doing it was; subject: whose it is, where it is of no session; change:
+    what it replaced.
+    """
+    row = {"session_id": session, "at_utc": stamp(now), "who": who, "kind": kind, "detail": detail, "trials": trials}
+    _add(connection, schema.event, row | {"subject_id": subject, **(vars(change) if change is not None else {})})
 
 
 def last_break(connection: Connection, session: int) -> int:
@@ -376,15 +399,13 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "presentations": played.presentations,
         "rig_tick": played.rig_tick,
     }
-    # the row goes beside the statement, not into it: the statement is then compiled once for all trials
-    key = connection.execute(insert(schema.trial).returning(schema.trial.c.id), row).scalar_one()
+    key = _add(connection, schema.trial, row).id
     lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
     rows = [
         {"trial_id": key, "position": index, **vars(interval), "client_lit_ms": lit[index]}
         for index, interval in enumerate(played.intervals)
     ]
-    if rows:
-        connection.execute(insert(schema.interval), rows)
+    chain.add(connection, schema.interval, rows)
     ended_s, received_s = played.ended_s, answer.received_s
     values = {
         "trial_id": key,
@@ -395,4 +416,4 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "server_received_utc": stamp(answer.received),
         "server_after_end_s": None if received_s is None or ended_s is None else received_s - ended_s,
     }
-    connection.execute(insert(schema.response), values)
+    _add(connection, schema.response, values)

@@ -17,7 +17,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 4
+VERSION = 5
 """Version of these tables; a store with another one is refused."""
 
 tables = MetaData()
@@ -40,7 +40,26 @@ def _table(name: str, *parts: Any) -> Table:
     return Table(name, tables, Column("id", Integer, primary_key=True), *parts)
 
 
-schema_version = Table("schema_version", tables, *_needed(Integer, "version"))
+schema_version = Table("schema_version", tables, *_needed(Integer, "version"), *_needed(String, "uid"))
+
+chain = _table(
+    "chain",
+    *_needed(String, "of_table"),
+    *_needed(Integer, "of_row"),
+    *_needed(String, "content_sha256", "origin", "sha256"),
+)
+"""A link for every row that was written, in the order of writing; origin: the store it was merged from, or ""."""
+
+merged = _table(
+    "merged",
+    Column("uid", String, nullable=False, unique=True),
+    *_needed(Integer, "number"),
+    *_needed(String, "sha256"),
+)
+"""How far another store's chain has been merged into this one."""
+
+NOT_CHAINED = ("schema_version", "chain", "merged")
+"""Tables whose rows leave no link: the chain itself, what it begins with, and where other chains stand."""
 
 study = _table("study", *_needed(String, "name", "created_utc"))
 
@@ -60,11 +79,15 @@ subject = _table(
     *_needed(String, "code", "subject_group"),
     *_optional(String, "participant_id"),
     *_needed(String, "enrolled_utc"),
-    *(UniqueConstraint("study_id", column) for column in ("number", "code", "participant_id")),
+    *(UniqueConstraint("study_id", column) for column in ("code", "participant_id")),
 )
 
 demographic = _table(
-    "demographic", _key("subject_id"), *_needed(String, "name", "value", "unit"), UniqueConstraint("subject_id", "name")
+    "demographic",
+    _key("subject_id"),
+    *_needed(String, "name", "unit"),
+    *_optional(String, "value"),
+    UniqueConstraint("subject_id", "name"),
 )
 
 session = _table(
@@ -79,7 +102,7 @@ session = _table(
     *_needed(String, "masking_sound"),
     *_optional(Float, "masking_level_db_spl"),
     *_needed(String, "created_utc"),
-    *_optional(String, "consented_utc", "consent_version", "consent_sha256", "ended", "ended_utc"),
+    *_optional(String, "consented_utc", "consent_version", "consent_sha256", "ended", "ended_utc", "held_by"),
     UniqueConstraint("subject_id", "visit"),
     CheckConstraint("ended IN ('declined', 'withdrawn', 'withdrawn-discard')", name="session_ended"),
 )
@@ -142,7 +165,7 @@ response = Table(
 event = _table(
     "event",
     _key("session_id", needed=False),
-    *_needed(String, "at_utc", "kind"),
+    *_needed(String, "at_utc", "who", "kind"),
     *_optional(Integer, "trials"),
     *_needed(String, "detail"),
     _key("subject_id", needed=False),
@@ -165,3 +188,19 @@ response_option = _table(
     UniqueConstraint("study_id", "label"),
     UniqueConstraint("study_id", "key"),
 )
+
+KEYS = {
+    "study": ("name",),
+    "protocol_version": ("study_id", "sha256"),
+    "subject": ("study_id", "code"),
+    "demographic": ("subject_id", "name"),
+    "session": ("subject_id", "visit"),
+    "run": ("session_id", "position", "attempt"),
+    "trial": ("run_id", "number"),
+    "interval": ("trial_id", "position"),
+    "response": ("trial_id",),
+    "event": ("session_id", "subject_id", "at_utc", "who", "kind", "item", "detail"),
+    "stimulus": ("study_id", "label"),
+    "response_option": ("study_id", "label"),
+}
+"""The columns by which a row is the same in every store, whatever its number there."""

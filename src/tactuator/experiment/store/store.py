@@ -1,31 +1,39 @@
-"""The database of an experiment: SQLite in WAL mode, every commit on disk before it is acknowledged."""
+"""The database of an experiment, SQLite or PostgreSQL: every commit is on disk before it is acknowledged."""
 
 from __future__ import annotations
 
 import fcntl
+import importlib.util
 import logging
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, insert, inspect, select
-from sqlalchemy.exc import DatabaseError, OperationalError
+from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, func, insert, inspect, select
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
+from tactuator.io.atomic import atomic_path
 from tactuator.io.kinds import require_kind
 
 
 @contextmanager
-def sessions_of(store: str | Path) -> Iterator[None]:
+def sessions_of(store: str | os.PathLike[str]) -> Iterator[None]:
     """Hold the sessions of the store at that path for the length of the context.
 
     The lock is the operating system's, on a file beside the store, so that it ends with the process, however that ends.
     Raises BadInput, naming the process that has it, where another one runs the sessions.
     """
+    if is_server(store):
+        yield  # one writer at a time has its lock, and a visit is held by one station
+        return
     path = Path(f"{store}.lock")
     if not path.parent.is_dir():
         raise BadInput(f"store {store}: its folder is not there", "a place in a folder that exists")
@@ -37,7 +45,7 @@ def sessions_of(store: str | Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _locked(path: Path, store: str | Path) -> int:
+def _locked(path: Path, store: str | os.PathLike[str]) -> int:
     """Open and lock the file at the path; one that its last holder removed meanwhile is opened anew."""
     while True:
         try:
@@ -55,7 +63,7 @@ def _locked(path: Path, store: str | Path) -> int:
         os.close(handle)
 
 
-def _lock(handle: int, store: str | Path) -> None:
+def _lock(handle: int, store: str | os.PathLike[str]) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -67,16 +75,17 @@ def _lock(handle: int, store: str | Path) -> None:
 
 
 @contextmanager
-def opened_store(path: Path) -> Iterator[Store]:
-    """Yield the database at the path, open for the length of the context; it is made if it is not there.
+def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
+    """Yield the database at the place, open for the length of the context; it is made if it is not there.
 
     A database that was made here is taken away at the end if it holds no study, or if what was asked for was refused
-    (BadInput) before anything was presented. Raises BadInput as `Store` does.
+    (BadInput) before anything was presented. For as long as it is open the file itself says so: a copy of it alone may
+    lack what was answered last. Raises BadInput as `Store` does.
     """
-    was_there = path.exists()
-    store = Store(path)
-    for_nothing = not was_there
+    for_nothing = not is_server(place) and not Path(place).exists()
+    store = Store(place)
     try:
+        store.mark(_WRITING)
         yield store
         for_nothing = for_nothing and not _holds(store, schema.study)
     except BadInput:
@@ -86,10 +95,16 @@ def opened_store(path: Path) -> Iterator[Store]:
         for_nothing = for_nothing and not _holds(store, schema.study)
         raise
     finally:
+        with suppress(StoreFault):
+            store.mark(0)
         store.close()
         if for_nothing:
             for end in ("", "-wal", "-shm"):
-                Path(f"{path}{end}").unlink(missing_ok=True)
+                Path(f"{place}{end}").unlink(missing_ok=True)
+
+
+_WRITING = 1
+"""User version of a file that a program writes to, or wrote to when it was killed."""
 
 
 def _holds(store: Store, table: Table) -> bool:
@@ -98,49 +113,73 @@ def _holds(store: Store, table: Table) -> bool:
 
 
 _BUSY_TIMEOUT_MS = 2000
+_PRIVATE = 0o600
 
 
-class _Interrupts(logging.Filter):
-    """Keeps out what the library logs, with a traceback, of a Ctrl-C on which it ends: the program tells of that."""
+class _Told(logging.Filter):
+    """Keeps out what the library logs, with a traceback, of a Ctrl-C on which it ends, and of connections to a server
+    that are no more: the program tells of that.
+    """
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether the record is of anything else."""
-        return not (record.exc_info and isinstance(record.exc_info[1], KeyboardInterrupt))
+        error = record.exc_info[1] if record.exc_info else None
+        return not (isinstance(error, KeyboardInterrupt | OSError) or type(error).__module__.startswith("pg8000"))
 
 
-logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_Interrupts())
+logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_Told())
 
-_DAMAGED = (DatabaseError, sqlite3.DatabaseError, UnicodeDecodeError)
+_SOUND = {True: "a sound SQLite database", False: "a PostgreSQL database that is there and lets one in"}
+_DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises; SQLite's own message can hold bytes of it that are no text."""
 
 
 class Store:
     """The database at a path, which is made if it is not there (unless must_exist).
 
-    durable: every commit waits until it is on disk; False is for what simulated people answer into a folder that is
-    thrown away, where nobody's answer can be lost. Raises BadInput for a file that is not a sound database of this
-    tool, or cannot be opened.
+    place: a path, or postgresql://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable: every
+    commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away, where
+    nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused. Raises
+    BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server likewise.
     """
 
-    def __init__(self, path: str | Path, must_exist: bool = False, durable: bool = True) -> None:
-        self.path = Path(path)
-        if must_exist and not self.path.is_file():
-            raise BadInput(f"store {path} is not there", "the file of an experiment's database")
-        require_kind(self.path, "store")
-        if not self.path.parent.is_dir():
-            raise BadInput(f"store {path}: its folder is not there", "a place in a folder that exists")
-        if not must_exist:
-            with suppress(OSError):  # what keeps it from being made is told by SQLite
-                os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, 0o600))
-        self.engine: Engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
-        event.listen(self.engine, "connect", _prepare if durable else _prepare_throwaway)
-        event.listen(self.engine, "begin", _begin)
+    def __init__(
+        self, place: str | os.PathLike[str], must_exist: bool = False, durable: bool = True, whole: bool = True
+    ) -> None:
+        self.is_file = not is_server(place)
+        self.path = Path(place)
+        self._log = Path(f"{place}-wal")
+        self._had_log = self.is_file and self._log.exists()
+        self._faults = _DAMAGED if self.is_file else _server_faults()
+        self.engine: Engine = self._file(must_exist, durable) if self.is_file else _server(str(place))
+        self.name = str(place) if self.is_file else self.engine.url.render_as_string()
         try:
-            self._check()
-            self._make_tables()
-        except _DAMAGED as error:
+            if whole and self.is_file:
+                self._check()
+            self._make_tables(must_exist)
+            if whole and self.is_file and not self._had_log and self._marked():
+                raise self._torn()
+        except self._faults as error:
             self.engine.dispose()
-            raise BadInput(f"store {path}: {_reason(error)}", "a sound SQLite database") from None
+            if self.is_file:
+                require_kind(self.path, "store")
+            raise BadInput(f"store {self.name}: {_reason(error)}", _SOUND[self.is_file]) from None
+        except BadInput:
+            self.engine.dispose()
+            raise
+
+    def _file(self, must_exist: bool, durable: bool) -> Engine:
+        if must_exist and not self.path.is_file():
+            raise BadInput(f"store {self.path} is not there", "the file of an experiment's database")
+        if not self.path.parent.is_dir():
+            raise BadInput(f"store {self.path}: its folder is not there", "a place in a folder that exists")
+        if not self.path.exists():  # closing one that SQLite has open in this process would free its locks
+            with suppress(OSError):  # what keeps it from being made is told by SQLite
+                os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, _PRIVATE))
+        engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
+        event.listen(engine, "connect", _prepare if durable else _prepare_throwaway)
+        event.listen(engine, "begin", _begin_in_file)
+        return engine
 
     def _check(self) -> None:
         with self.engine.connect() as connection:
@@ -149,13 +188,70 @@ class Store:
             reason = " ".join(str(outcome).split())
             raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
 
-    def _make_tables(self) -> None:
+    def _marked(self) -> bool:
+        with self.engine.connect() as connection:
+            return bool(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+
+    def mark(self, mark: int) -> None:
+        """Write a mark into the file itself, and with it what was committed so far. Raises StoreFault where it cannot
+        be.
+        """
+        if not self.is_file:
+            return
+        try:
+            with closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
+                plain.execute(f"PRAGMA user_version = {mark}")
+                plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        except _DAMAGED as error:
+            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+
+    def _torn(self) -> BadInput:
+        """Return the refusal of a file that was copied while a program wrote to it, without what is beside it."""
+        query = select(func.count(), func.max(schema.response.c.server_received_utc)).select_from(schema.response)
+        with self.engine.connect() as connection:
+            answers, last = connection.execute(query).one()
+        there = f"it holds {answers} answers" + (f", the last of {last}" if last else "")
+        return BadInput(
+            f"store {self.path} was copied, or closed by another program, while it was written to: {self._log.name} is "
+            f"not beside it; {there}, and may lack later ones",
+            f"the file with its {self._log.name}, or what `experiment backup` makes of either",
+        )
+
+    def backup(self, out: Path) -> None:
+        """Write a whole copy of the store, as it stands at one moment, whoever writes to it meanwhile.
+
+        It replaces a file at its place when it is complete. Raises BadInput where the place cannot be written.
+        """
+        if not self.is_file:
+            raise BadInput(f"store {self.name}", "a file; `experiment merge` copies a server's")
+        if out.exists() and os.path.samestat(out.stat(), self.path.stat()):
+            raise BadInput(f"{out} is the store itself", "another place")
+        try:
+            with (
+                atomic_path(out) as beside,
+                closing(sqlite3.connect(self.path)) as source,
+                closing(sqlite3.connect(beside)) as copy,
+            ):
+                source.backup(copy)
+                copy.execute("PRAGMA journal_mode = DELETE")
+                copy.execute("PRAGMA user_version = 0")
+        except _DAMAGED as error:
+            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+        out.chmod(_PRIVATE)
+
+    def _make_tables(self, must_exist: bool) -> None:
         """Make the tables in an empty database. Raises BadInput for one of another program, or of another version."""
-        names = inspect(self.engine).get_table_names()
+        with self.engine.connect() as connection:
+            names = inspect(connection).get_table_names()
+        if not names and must_exist and self.is_file:
+            lacks = f"a store, or a copy made by `experiment backup`: one of a served store lacks its {self._log.name}"
+            raise BadInput(f"store {self.path} holds no table", lacks)
         if not names:
-            with self.engine.begin() as connection:
-                schema.tables.create_all(connection)
-                connection.execute(insert(schema.schema_version).values(version=schema.VERSION))
+            with self._writing() as connection:
+                if not inspect(connection).get_table_names():  # another process may have been first
+                    schema.tables.create_all(connection)
+                    new = {"version": schema.VERSION, "uid": token_hex(16)}
+                    connection.execute(insert(schema.schema_version).values(new))
         elif schema.schema_version.name not in names:
             raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
         else:
@@ -165,29 +261,80 @@ class Store:
                 raise BadInput(f"store has schema version {version}", f"{schema.VERSION}; another tactuator wrote it")
 
     @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        with self.engine.connect().execution_options(writes=True) as connection, connection.begin():
+            yield connection
+
+    @property
+    def _short(self) -> str:
+        return self.path.name if self.is_file else self.name
+
+    @contextmanager
     def begin(self) -> Iterator[Connection]:
         """Begin a transaction, which is committed at the end of the context.
 
         Raises StoreFault where it cannot be; nothing of it is then in the store.
         """
         try:
-            with self.engine.begin() as connection:
+            with self._writing() as connection:
                 yield connection
-        except _DAMAGED as error:
-            raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
+        except self._faults as error:
+            raise StoreFault(f"{self._short}: {_reason(error)}") from error
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Open a view of the store that keeps nobody from writing. Raises StoreFault where it cannot be read."""
         try:
-            with self.engine.connect().execution_options(read_only=True) as connection:
+            with self.engine.connect() as connection:
                 yield connection
-        except _DAMAGED as error:
-            raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
+        except self._faults as error:
+            raise StoreFault(f"{self._short}: {_reason(error)}") from error
 
     def close(self) -> None:
-        """Close the database and its file."""
+        """Close the database and its file; the mark of a program that was killed goes with what SQLite kept of it."""
+        with suppress(BadInput, StoreFault):
+            if self._had_log and self._marked():
+                with sessions_of(self.path):  # refused while a program writes
+                    self.mark(0)
         self.engine.dispose()
+
+
+def is_server(place: str | os.PathLike[str]) -> bool:
+    """Return whether a place of a store is a database's server."""
+    return str(place).startswith(_SERVER)
+
+
+_SERVER = "postgresql://"
+_SERVER_TIMEOUT_S = 10.0
+_LOCK = 0x7461637475
+"""Number of the advisory lock that one writer at a time holds: the links of the chain follow one another."""
+
+
+def _server(place: str) -> Engine:
+    """Return the engine of a PostgreSQL server's database; its connections are tried before they are used."""
+    try:
+        url = make_url(place).set(drivername="postgresql+pg8000")
+    except (ArgumentError, ValueError):
+        raise BadInput("store postgresql://...", "postgresql://USER@HOST:PORT/DATABASE") from None
+    if url.password is None and "PGPASSWORD" in os.environ:
+        url = url.set(password=os.environ["PGPASSWORD"])
+    engine = create_engine(url, pool_pre_ping=True, connect_args={"timeout": _SERVER_TIMEOUT_S})
+    event.listen(engine, "begin", _begin_at_server)
+    return engine
+
+
+def _server_faults() -> tuple[type[Exception], ...]:
+    """Return what a server that is gone raises: much of it passes the library by."""
+    if importlib.util.find_spec("pg8000") is None:
+        raise BadInput("the package pg8000 is not installed", "pip install 'tactuator[stations]'")
+    return (*_DAMAGED, OSError, import_module("pg8000.exceptions").Error)
+
+
+def _begin_at_server(connection: Connection) -> None:
+    if connection.get_execution_options().get("writes", False):
+        connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
+    else:
+        connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ READ ONLY")
 
 
 def _prepare(connection: Any, record: Any) -> None:
@@ -205,12 +352,12 @@ def _prepare_throwaway(connection: Any, record: Any) -> None:
     connection.execute("PRAGMA synchronous = OFF")
 
 
-def _begin(connection: Connection) -> None:
-    read_only = connection.get_execution_options().get("read_only", False)
-    connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
+def _begin_in_file(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
 def _reason(error: BaseException) -> str:
     """Return the database's own message in one line."""
-    original = error.orig if isinstance(error, DatabaseError | OperationalError) else error
+    original = error.orig if isinstance(error, DBAPIError) else error
     return " ".join(str(original).split())

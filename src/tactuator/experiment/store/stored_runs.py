@@ -14,7 +14,7 @@ from sqlalchemy import Connection, Integer, Select, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
@@ -65,9 +65,9 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
     """
     run = schema.run.c
     with store.read() as connection:
-        asked = select(schema.stimulus.c.study_id)  # recognition studies have stimuli of their own
-        versions = select(schema.protocol_version).where(schema.protocol_version.c.study_id.not_in(asked))
-        protocols = {row.id: parse_protocol(row.toml) for row in connection.execute(versions)}
+        versions = select(schema.protocol_version)
+        every = {row.id: parse_any_protocol(row.toml) for row in connection.execute(versions)}
+        protocols = {row: protocol for row, protocol in every.items() if isinstance(protocol, Protocol)}
         kept = schema.session.c.ended.is_distinct_from("withdrawn-discard")
         sessions = {row.id: row for row in connection.execute(session_query().where(kept))}
         wanted = [
@@ -92,7 +92,7 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
                 frequency_hz, level, base, correct = trials.of(row.id)
                 runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     if not rows:
-        where = f"store {store.path}" if session is None else "the session"
+        where = f"store {store.name}" if session is None else "the session"
         raise BadInput(f"{where} has no {state} run", "one with at least one")
     return runs
 

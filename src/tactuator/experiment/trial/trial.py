@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Level, Seconds
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.parameters import Positive, Whole, table
+from tactuator.parameters import Number, Positive, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
@@ -195,20 +195,38 @@ BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
 """Labels of the stimuli of a detection trial; LOUD is that of a catch trial that anyone attentive gets right."""
 
 
+FELT, NOT_FELT = "1", "0"
+"""Responses to a single interval."""
+
+
 @table("[paradigm]")
 class ForcedChoice:
-    """Keys of [paradigm], detection in one of m intervals; the responses are "1" to str(m)."""
+    """Keys of [paradigm], detection in one of m intervals; the responses are "1" to str(m).
 
-    intervals: Annotated[Whole, Field(ge=2, le=9, description="intervals of a trial")] = 3
+    One interval is yes or no: "1" says that it was felt, "0" that it was not, and blank catch trials show who says yes
+    to nothing.
+    """
+
+    intervals: Annotated[Whole, Field(ge=1, le=9, description="intervals of a trial; 1: felt or not")] = 3
+    false_alarms: Annotated[
+        Number, Field(ge=0.01, le=0.3, description="share of blank trials taken to be felt, of one interval")
+    ] = 0.02
+
+    @property
+    def yes_no(self) -> bool:
+        """Return whether a subject says that it was felt, or not."""
+        return self.intervals == 1
 
     @property
     def guess(self) -> float:
-        """Return the probability of a correct guess."""
-        return 1.0 / self.intervals
+        """Return the probability of a correct guess; of one interval, that nothing is taken to be felt."""
+        return self.false_alarms if self.yes_no else 1.0 / self.intervals
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Return one key for each interval."""
+        """Return one key for each interval, or those of yes and no."""
+        if self.yes_no:
+            return (FELT, NOT_FELT)
         return tuple(str(1 + interval) for interval in range(self.intervals))
 
     def trial(self, number: int, placement: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
@@ -216,6 +234,8 @@ class ForcedChoice:
 
         label: of the interval that is asked for; with BLANK nothing is played in any interval.
         """
+        if self.yes_no:
+            return Trial(number, (label,), self.responses, NOT_FELT if label == BLANK else FELT, placement)
         target = int(trial_rng(seed, number).integers(self.intervals))
         stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
         return Trial(number, stimuli, self.responses, self.responses[target], placement)

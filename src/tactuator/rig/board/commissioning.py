@@ -98,12 +98,16 @@ def travel_max(channel: Channel, reference_max: float) -> float:
     """Return the most that the reference's slow part may come to, in threshold units, so that no sinusoid within the
     limits takes more than TRAVEL_SHARE of the channel's travel; TRAVEL_NEVER where comfort sees to that.
     """
-    frequency_hz = np.geomspace(*channel.threshold.band_hz, 400)
-    displacement_mm = channel.threshold_voltage(frequency_hz) / channel.sensor_gain_v_per_mm
+    frequency_hz = _band(channel)
+    displacement_mm = channel.prefilter_voltage(frequency_hz) / channel.sensor_gain_v_per_mm
     allowed = TRAVEL_SHARE * channel.travel_mm / displacement_mm
     limited = allowed < reference_max
     slow = allowed / np.hypot(1.0, frequency_hz / TRAVEL_HZ)
     return float(np.min(slow[limited], initial=TRAVEL_NEVER))
+
+
+def _band(channel: Channel) -> FloatArray:
+    return np.geomspace(*channel.threshold.band_hz, 400)
 
 
 def standstill(channel: Channel) -> Standstill:
@@ -191,7 +195,9 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
     code_max = 2 ** (converter.bits - 1) - 1
     comfort = float(from_db(display.objectives.comfort_db_sl))
     watched = is_watched(channel)
-    reference_max = comfort / float(from_db(LIFTED_DB + ADAPTIVE_DB * display.touch.adaptive))
+    raised = channel.prefilter_voltage(_band(channel)) / channel.threshold_voltage(_band(channel))
+    lifted = from_db(LIFTED_DB + ADAPTIVE_DB * display.touch.adaptive) * max(1.0, float(np.max(raised)))
+    reference_max = comfort / float(lifted)
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
     return ChannelSafety(
         converter=converter,

@@ -1,5 +1,6 @@
 "use strict";
-// Shows the responses as buttons that fit the page, and lamps for intervals that are no responses.
+// Shows the responses as buttons that fit the page, or a field for a number where there are none, and lamps for
+// intervals that are no responses.
 const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13, 12];
 const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second is for many responses
 
@@ -13,7 +14,8 @@ class Choices {
     this.inRow = own || choices.length === 2; // responses in the order of time, or two of them
     this.lamps = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "lamp" }, name));
     this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.lamps : [];
-    box.replaceChildren(...this.buttons.values());
+    this.number = choices.length === 0 ? this.field(chosen) : null;
+    box.replaceChildren(...this.buttons.values(), ...(this.number === null ? [] : [this.number]));
     lamps.replaceChildren(...this.lamps);
     lamps.hidden = this.lamps.length === 0;
     new ResizeObserver(() => this.fit()).observe(box.parentElement);
@@ -31,6 +33,19 @@ class Choices {
     return button;
   }
 
+  // Returns a form that takes a number above zero, with a point or a comma, and gives it by Enter.
+  field(chosen) {
+    const input = make("input", { type: "text", inputmode: "decimal", autocomplete: "off", maxlength: "12", "aria-label": word("number") });
+    const form = make("form", { class: "number" }, input, make("button", { type: "submit" }, word("enter")));
+    form.onsubmit = (event) => {
+      event.preventDefault();
+      const text = input.value.trim(), good = /^[0-9]*[.,]?[0-9]+$/.test(text) && Number(text.replace(",", ".")) > 0;
+      input.setAttribute("aria-invalid", String(!good));
+      if (good && !input.readOnly) chosen(text);
+    };
+    return form;
+  }
+
   // Returns the response of a key, by its place or by the character that it types, or undefined. Digits go by place,
   // since an unshifted AZERTY key types another character.
   byKey(code, key) {
@@ -39,14 +54,21 @@ class Choices {
   }
 
   // Marks the buttons as enabled or not for those who cannot see it; they keep their focus.
-  open(yes) { for (const button of this.buttons.values()) button.setAttribute("aria-disabled", String(!yes)); }
+  open(yes) {
+    for (const button of this.buttons.values()) button.setAttribute("aria-disabled", String(!yes));
+    if (this.number === null) return;
+    const input = this.number.firstElementChild;
+    input.readOnly = !yes;
+    this.number.lastElementChild.setAttribute("aria-disabled", String(!yes));
+    if (yes) { input.value = ""; input.focus(); }
+  }
 
   light(interval) { this.intervals.forEach((lamp, index) => lamp.classList.toggle("lit", index === interval)); }
 
   // Lights the lamp while a trial plays whose intervals are not told apart.
   playing(on) { if (this.intervals.length === 0) for (const lamp of this.lamps) lamp.classList.toggle("lit", on); }
 
-  mark(response, name) { this.buttons.get(response).classList.add(name); }
+  mark(response, name) { if (this.buttons.has(response)) this.buttons.get(response).classList.add(name); }
 
   clear() { for (const button of this.buttons.values()) button.classList.remove("chosen", "right", "wrong"); }
 
@@ -63,7 +85,7 @@ class Choices {
   // Chooses the largest letters with which every label is on one line of its cell and all cells are on the page; among
   // the numbers of columns that allow it, the one whose cells are nearest to 3 : 2.
   fit() {
-    if (this.box.hidden) return;
+    if (this.box.hidden || this.number !== null) return;
     const main = this.box.parentElement, style = getComputedStyle(main);
     const others = [...main.children].filter((child) => child !== this.box && !child.hidden);
     const gap = parseFloat(style.rowGap) || 0;

@@ -19,24 +19,26 @@ function enrolment(form) {
   return participant === "" ? message : { ...message, participant_id: participant };
 }
 
-// Shows the data of the day of a session in a row below it; saved: called with the message.
-function dayForm(session, saved) {
+// Shows the data of the day of a session in a row below it; posture: what is to be confirmed, "" for nothing; saved: called
+// with the message.
+function dayForm(session, posture, saved) {
   const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);
+  const kept = make("input", { type: "checkbox", name: "posture" });
   const form = make("form", { class: "day" }, make("b", {}, word("day")), make("label", {}, word("skin_temperature"), " ", temperature),
-    make("label", {}, word("contact_force"), " ", force), make("button", { type: "submit" }, word("save")));
+    make("label", {}, word("contact_force"), " ", force), ...(posture === "" ? [] : [make("label", {}, kept, " ", posture)]), make("button", { type: "submit" }, word("save")));
+  const stood = () => (posture === "" ? {} : { posture: kept.checked ? posture : "" });
   const value = (field) => (field.value === "" ? null : Number(field.value));
   form.onsubmit = (event) => {
     event.preventDefault();
-    saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force) });
+    saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force), ...stood() });
   };
   return form;
 }
 
 // Shows what is noted of a session's subject; only what is changed is sent, with the reason.
 function correctionForm(session, items, saved) {
-  const groups = ["hearing", "hearing-impaired", "simulated", "unknown"].map((one) => make("option", { value: one }, named("group", one)));
-  const group = make("select", {}, ...groups), participant = make("input", { pattern: "[A-Za-z0-9._\\-]{1,64}" });
+  const group = make("input", { required: "", maxlength: 64, list: "groups" }), participant = make("input", { pattern: "[A-Za-z0-9._\\-]{1,64}" });
   group.value = session.group;
   participant.value = session.participant_id || "";
   participant.required = session.participant_id !== null; // an id that is there may be another, not none

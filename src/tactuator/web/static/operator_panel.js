@@ -69,7 +69,7 @@ function sessionRows(session, snapshot) {
     word(session.here ? "open" : "closed"), open, buttons);
   made.className = session.id === snapshot.active ? "active" : "";
   const saved = (message) => { link.send(message); dayOf = null; };
-  return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
+  return dayOf === session.id ? [made, under(dayForm(session, snapshot.posture, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
 }
 
 const runRow = (run) => row(run.title, named("state", run.state),

@@ -120,7 +120,7 @@ function stand(trial) {
   page.choices.playing(false);
 }
 
-function hideAll() { for (const id of ["text", "lamps", "choices", "go", "others", "stimulus", "pause"]) el(id).hidden = true; }
+function hideAll() { for (const id of ["text", "lamps", "choices", "go", "others", "stimulus", "pause", "names"]) el(id).hidden = true; }
 
 function rest() {
   const tick = () => { if (page.stage === "break") { show(); if (restLeft() > 0) setTimeout(tick, 250); } };
@@ -139,7 +139,7 @@ const before = {
   stopped: () => [word("stopped"), "", word("go_on"), leave()],
 };
 const words = (introduction) => [page.about.instructions, introduction].filter((part) => part !== "").join("\n\n");
-const leave = () => [[word("withdraw"), () => { page.leaving = true; pause(); show(); }]];
+const leave = () => [[word("withdraw"), () => { page.leaving = true; if (page.asked || page.going) pause(); show(); }]];
 
 function asked(buttons) {
   el("others").hidden = buttons.length === 0;
@@ -168,11 +168,19 @@ function show() {
     el("text").hidden = text === "";
     el("text").textContent = text;
     el("go").textContent = button;
+    if (page.stage === "consent") askNames();
     el("go").disabled = page.stage === "break" && restLeft() > 0;
     el("go").hidden = false;
     asked(others);
-    if (!el("others").contains(document.activeElement)) el("go").focus();
+    if (!el("others").contains(document.activeElement) && !(page.stage === "consent" && el("names").contains(document.activeElement))) el(text === "" ? "go" : "text").focus();
   }
+}
+
+// Shows the fields of the names that the protocol asks for.
+function askNames() {
+  const asked = { name: page.about.consent_by === "name", witness: page.about.consent_witness };
+  for (const [name, yes] of Object.entries(asked)) { el(name).required = yes; el(name).parentElement.hidden = !yes; }
+  el("names").hidden = !asked.name && !asked.witness;
 }
 
 function trial() {
@@ -192,15 +200,18 @@ function goOn() { page.asked = true; link.send({ type: "ready", stage: page.stag
 function go() {
   if (page.over) { location.reload(); return; }
   if (page.asked || el("go").disabled) return;
+  if (page.stage === "consent" && !el("names").reportValidity()) return;
   page.noise.start();
-  if (page.stage === "consent") { link.send({ type: "consent" }); return; }
+  if (page.stage === "consent") { link.send({ type: "consent", name: el("name").value, witness: el("witness").value }); return; }
   page.going = page.stage !== "break" || page.introduction === "";
   goOn();
   if (page.stage === "trial") show();
 }
 
+// Nothing is to play, whatever the page shows: what was asked for may be on its way.
 function pause() {
-  if (el("pause").hidden) return;
+  const rests = ["paused", "stopped"].includes(page.stage) && !page.asked;
+  if (page.over || rests || ["done", "ended"].includes(page.stage)) return;
   page.unsaved = null;
   stand(null);
   link.send({ type: "pause" });
@@ -223,12 +234,15 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const enter = event.key === "Enter" || event.key === " ";
   if (event.repeat) { if (enter) event.preventDefault(); return; }
+  const writes = el("names").contains(document.activeElement);
+  if (writes && event.key !== "Enter" && event.key !== "Escape") return;
   const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.code, event.key);
   const other = document.activeElement !== null && el("others").contains(document.activeElement);
   if (response !== undefined) { event.preventDefault(); answer(response); }
   else if (event.key === "Escape") pause();
   else if (enter && !el("go").hidden && !other) { event.preventDefault(); go(); }
-  else if (event.key in ARROWS && !el("choices").hidden) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
+  else if (event.key in ARROWS && !el("choices").hidden && page.choices.number === null) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
 });
 el("go").onclick = go;
+el("names").onsubmit = (event) => event.preventDefault();
 el("pause").onclick = pause;

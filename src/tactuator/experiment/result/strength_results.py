@@ -1,0 +1,198 @@
+"""Equal-strength contours of a store's people and of their group, and the balance between fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from sqlalchemy import select
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_answers import answered_runs, task_keys
+from tactuator.experiment.strength.estimate import Equality, Measured, StrengthEstimate, equality, estimate
+from tactuator.experiment.strength.matches import ContourSetting
+from tactuator.experiment.task.matching import MatchingKeys
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun
+from tactuator.perception.contact import Contact
+from tactuator.perception.contours import Contours
+from tactuator.perception.curve import Provenance
+
+KIND = "matching"
+_POINTS = 24
+_SAME_HZ = 1e-6
+_NORMAL_95 = 1.959964
+
+
+@dataclass(frozen=True, eq=False)
+class PersonContours:
+    """Contours of one person, and what else the matches tell."""
+
+    subject: str
+    estimate: StrengthEstimate
+    contours: Contours
+
+
+@dataclass(frozen=True)
+class FingerBalance:
+    """How far a tone on a finger lies above an equally strong one on the standard's finger at the same frequency: that
+    finger's balance_db in a display file. people: their number. offset_db: over them.
+    """
+
+    finger: str
+    offset_db: Measured
+    people: int
+
+
+@dataclass(frozen=True, eq=False)
+class ContourResults:
+    """Contours of everybody and of the group, pairs that were matched one by one, and balance. group: None without any
+    contours. simulated: nobody felt anything.
+    """
+
+    people: tuple[PersonContours, ...]
+    group: Contours | None
+    pairs: tuple[tuple[AnsweredRun, Equality], ...]
+    balance: tuple[FingerBalance, ...]
+    simulated: bool
+
+
+def contour_results(path: Path, group: str | None = None) -> ContourResults:
+    """Return what the matches of a store tell.
+
+    Contours are of the standard's own finger. Raises BadInput where there are no finished matching runs, or runs with
+    several references.
+    """
+    store = Store(path, must_exist=True)
+    try:
+        runs, keys = answered_runs(store, KIND, group=group), _keys(store)
+        contact = _contact(store)
+    finally:
+        store.close()
+    mine = [run for run in runs if run.finger == keys.finger]
+    people = tuple(
+        _person(subject, _of(mine, subject), keys, contact) for subject in dict.fromkeys(run.subject for run in mine)
+    )
+    levels = np.array(keys.levels_db_sl)
+    pairs = tuple((run, keys.equality(run)) for run in runs if run.frequency_hz is not None)
+    simulated = any(run.simulated for run in runs)
+    together = _group(people, levels, contact, simulated) if people else None
+    return ContourResults(people, together, pairs, _balance(runs, keys), simulated)
+
+
+def _keys(store: Store) -> MatchingKeys:
+    """Return the task's keys, the newest, with every level that was a standard's."""
+    tasks = [keys for keys in task_keys(store, KIND) if isinstance(keys, MatchingKeys)]
+    references = {(keys.finger, keys.frequency_hz) for keys in tasks}
+    if len(references) != 1:
+        got = ", ".join(f"{hertz:g} Hz on {finger}" for finger, hertz in sorted(references))
+        raise BadInput(f"standards of {got or 'no protocol'}", "one frequency and finger in all of the store")
+    return max(tasks, key=lambda keys: len(keys.levels_db_sl))
+
+
+def _contact(store: Store) -> Contact:
+    """Return where it was felt, as far as all sessions say the same."""
+    session = schema.session.c
+    with store.read() as connection:
+        rows = connection.execute(select(session.site, session.surround, session.contact_area_mm2, session.preload_n))
+        columns = list(zip(*rows, strict=True))
+    site, surround, area_mm2, preload_n = (column[0] if len(set(column)) == 1 else None for column in columns)
+    return Contact(site or "", area_mm2, "" if surround in (None, "none") else surround, preload_n or None)
+
+
+def _of(runs: Sequence[AnsweredRun], subject: str) -> list[Answered]:
+    return [trial for run in runs if run.subject == subject for trial in run.trials]
+
+
+def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
+    """Return frequencies over what was matched, the reference among them."""
+    hertz = keys.matches(trials).frequency_hz
+    low, high = min(float(hertz.min()), keys.frequency_hz), max(float(hertz.max()), keys.frequency_hz)
+    grid = np.geomspace(low, high, _POINTS)
+    grid[np.argmin(np.abs(np.log(grid / keys.frequency_hz)))] = keys.frequency_hz
+    return grid
+
+
+def _person(subject: str, trials: Sequence[Answered], keys: MatchingKeys, contact: Contact) -> PersonContours:
+    hertz = keys.matches(trials).frequency_hz
+    band = (min(keys.band_hz[0], float(hertz.min())), max(keys.band_hz[1], float(hertz.max())))
+    result = estimate(keys.matches(trials), ContourSetting(keys.frequency_hz, band))
+    grid, levels = _grid(keys, trials), np.array(sorted(keys.levels_db_sl))
+    levels = levels[levels > 0.0]
+    curves = result.contours(grid, levels)
+    source = f"{len(trials)} matches; law: {result.law}"
+    return PersonContours(
+        subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, "measured", source, contact)
+    )
+
+
+def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contact, simulated: bool) -> Contours:
+    """Return the mean contours of all people, over the band that all of them matched, with the band of the mean."""
+    every = [person.contours for person in people]
+    first = every[0]
+    inside = [curves for curves in every if curves.reference_hz == first.reference_hz]
+    low, high = max(c.frequency_hz[0] for c in inside), min(c.frequency_hz[-1] for c in inside)
+    grid = first.frequency_hz[(first.frequency_hz >= low - _SAME_HZ) & (first.frequency_hz <= high + _SAME_HZ)]
+    strength = first.level_db_sl[:, None]
+    each = np.array([curves.level_db_sl_at(strength, grid) for curves in inside])
+    mean, count = each.mean(axis=0), len(inside)
+    if count == 1:
+        low_db, high_db = every[0].band_db_sl_at(strength, grid)
+    else:
+        half = scipy.stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
+        low_db, high_db = mean - half, mean + half
+    source = f"{count} people, {sum(person.estimate.matches for person in people)} matches"
+    provenance: Provenance = "simulated" if simulated else "measured"
+    return Contours(
+        "group", grid, first.level_db_sl, mean, low_db, high_db, first.reference_hz, provenance, source, contact
+    )
+
+
+def _balance(runs: Sequence[AnsweredRun], keys: MatchingKeys) -> tuple[FingerBalance, ...]:
+    """Return the balance of every finger that was matched at the standard's own frequency."""
+    fingers = dict.fromkeys(run.finger for run in runs if run.finger != keys.finger)
+    balances = []
+    for finger in fingers:
+        mine = [run for run in runs if run.finger == finger]
+        equalities = []
+        for subject in dict.fromkeys(run.subject for run in mine):
+            trials = [trial for trial in _of(mine, subject) if _same_frequency(keys, trial)]
+            if trials:
+                equalities.append(equality(keys.matches(trials), keys.setting).above_db)
+        if equalities:
+            balances.append(FingerBalance(finger, _mean(equalities), len(equalities)))
+    return tuple(balances)
+
+
+def _same_frequency(keys: MatchingKeys, trial: Answered) -> bool:
+    return all(tone is not None and abs(tone.frequency_hz - keys.frequency_hz) < _SAME_HZ for tone in trial.tones)
+
+
+def _mean(values: Sequence[Measured]) -> Measured:
+    """Return the mean over people with its interval; of one person, that person's."""
+    if len(values) == 1:
+        return values[0]
+    each = np.array([value.value for value in values])
+    half = float(scipy.stats.t.ppf(0.975, each.size - 1) * each.std(ddof=1) / np.sqrt(each.size))
+    mean = float(each.mean())
+    return Measured(mean, mean - half, mean + half)
+
+
+def person_document(person: PersonContours) -> dict[str, Any]:
+    """Return what the matches of a person tell, without the contours, in plain values."""
+    result = person.estimate
+    return {
+        "subject": person.subject,
+        "matches": result.matches,
+        "law": result.law,
+        "laws": result.laws,
+        "order_db": vars(result.order_db),
+        "standard_db": vars(result.standard_db),
+        "jnd_db": vars(result.jnd_db),
+    }

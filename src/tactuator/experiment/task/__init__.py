@@ -1,0 +1,1 @@
+"""Tasks of judging: matching, magnitude estimation, discrimination, and those of other packages."""

@@ -1,0 +1,171 @@
+"""Magnitude estimation with a free modulus: any number for how strong a tone is, and the exponents that follow.
+
+Estimates of a person are divided by their geometric mean, so that everybody's own scale falls out; geometric means over
+repeats and people then stand for each tone, and the exponent at a frequency is the slope of their logarithm against
+that of the amplitude (Stevens 1968).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+import scipy
+from pydantic import Field
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.experiment.keys import Level
+from tactuator.experiment.language.words import Words
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.strength.estimate import Measured
+from tactuator.experiment.task.task_keys import (
+    AnsweredRun,
+    JudgedTone,
+    Judgement,
+    Place,
+    Planned,
+    TaskKeys,
+    TaskQuestion,
+    TaskRun,
+    estimate,
+    judgement,
+)
+from tactuator.experiment.trial.trial import trial_rng
+from tactuator.parameters import Positive, Whole, table
+from tactuator.table import ResultTable
+
+_ROLE = "tone"
+
+
+@table("[task]")
+class EstimationKeys(TaskKeys):
+    """Keys of `magnitude-estimation`: a tone, and a number for how strong it was."""
+
+    finger: Annotated[str, Field(description="finger that is stimulated")]
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1, description="of the tones")]
+    levels_db_sl: Annotated[tuple[Level, ...], Field(min_length=2, description="of the tones")] = (
+        10.0, 20.0, 30.0, 40.0, 50.0,
+    )  # fmt: skip
+    repeats: Annotated[Whole, Field(ge=1, le=100, description="of every tone")] = 3
+
+    def asked(self, words: Words) -> TaskQuestion:
+        """Return that a number is asked for."""
+        return TaskQuestion(words("prompt.magnitude"))
+
+    def fingers_used(self) -> tuple[str, ...]:
+        """Return the finger."""
+        return (self.finger,)
+
+    @property
+    def tones(self) -> tuple[JudgedTone, ...]:
+        """Return every tone once."""
+        cells = ((hertz, level) for hertz in self.frequencies_hz for level in self.levels_db_sl)
+        return tuple(JudgedTone(_ROLE, self.finger, hertz, level) for hertz, level in cells)
+
+    def plans(self, words: Words) -> tuple[Planned, ...]:
+        """Return one run of all tones."""
+        return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)
+
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskRun:
+        """Return a fresh run."""
+        return EstimationRun(self, seed)
+
+    def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
+        """Return geometric means and exponents."""
+        heads = tuple(words(f"results.{key}") for key in ("hertz", "exponent", "trials"))
+        magnitude = magnitudes(runs)
+        rows = tuple(
+            (
+                f"{each.frequency_hz:.4g}",
+                f"{each.exponent.value:.2f} ({each.exponent.low:.2f} – {each.exponent.high:.2f})",
+                str(each.estimates),
+            )
+            for each in magnitude
+        )
+        means = tuple(
+            (f"{each.frequency_hz:.4g}", f"{level:g}", f"{mean:.3g}")
+            for each in magnitude
+            for level, mean in zip(each.level_db_sl, each.mean, strict=True)
+        )
+        columns = (words("results.hertz"), "dB SL", words("results.geometric_mean"))
+        return ResultTable(words("results.magnitudes"), heads, rows), ResultTable(
+            words("results.geometric_mean"), columns, means
+        )
+
+
+@dataclass
+class EstimationRun:
+    """One run: every tone `repeats` times; no tone comes again before all have come."""
+
+    task: EstimationKeys
+    seed: tuple[int, ...]
+    answered: int = field(init=False, default=0)
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the trials done."""
+        return self.answered / (len(self.task.tones) * self.task.repeats)
+
+    def trial(self, number: int) -> Judgement | None:
+        """Return the next tone, or None when the run is over."""
+        tones = self.task.tones
+        block, place = divmod(number, len(tones))
+        if block >= self.task.repeats:
+            return None
+        tone = tones[int(trial_rng((*self.seed, 7), block).permutation(len(tones))[place])]
+        return judgement(number, [(tone,)], (), "", Placement(tone.level_db_sl, tone.frequency_hz))
+
+    def record(self, trial: Judgement, response: str) -> None:
+        """Count the response. Raises BadInput for no number above 0."""
+        trial.judge(response)
+        self.answered += 1
+
+
+@dataclass(frozen=True, eq=False)
+class Magnitudes:
+    """Estimates at one frequency over all people: level_db_sl, mean (geometric, of estimates over each person's own
+    geometric mean), (levels,) each; the exponent of amplitude with its 95 % interval; the number of estimates.
+    """
+
+    frequency_hz: float
+    level_db_sl: FloatArray
+    mean: FloatArray
+    exponent: Measured
+    estimates: int
+
+
+def magnitudes(runs: Sequence[AnsweredRun]) -> tuple[Magnitudes, ...]:
+    """Return the magnitudes at every frequency. Raises BadInput without two levels at one of them."""
+    rows = _normalised(runs)
+    magnitude = [_at(hertz, rows[rows[:, 0] == hertz]) for hertz in np.unique(rows[:, 0])]
+    if not magnitude:
+        raise BadInput("no magnitude was estimated", "one or more")
+    return tuple(magnitude)
+
+
+def _normalised(runs: Sequence[AnsweredRun]) -> FloatArray:
+    """Return frequency, level and log of the estimate over the person's own mean, (estimates, 3)."""
+    rows = []
+    for subject in dict.fromkeys(run.subject for run in runs):
+        mine = [trial for run in runs if run.subject == subject for trial in run.trials if trial.tones[0] is not None]
+        logs = np.log([estimate(trial.response) for trial in mine])
+        for trial, log in zip(mine, logs - logs.mean(), strict=True):
+            tone = trial.tones[0]
+            assert tone is not None
+            rows.append((tone.frequency_hz, tone.level_db_sl, float(log)))
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _at(hertz: float, rows: FloatArray) -> Magnitudes:
+    amplitude, log = rows[:, 1] * np.log(10.0) / 20.0, rows[:, 2]
+    levels = np.unique(rows[:, 1])
+    if levels.size < 2:
+        raise BadInput(f"{levels.size} level at {hertz:g} Hz", "two or more")
+    line = scipy.stats.linregress(amplitude, log)
+    half = float(scipy.stats.t.ppf(0.975, max(log.size - 2, 1)) * line.stderr) if log.size > 2 else np.inf
+    slope = float(line.slope)
+    means = np.array([np.exp(log[rows[:, 1] == level].mean()) for level in levels])
+    return Magnitudes(float(hertz), levels, means, Measured(slope, slope - half, slope + half), int(log.size))

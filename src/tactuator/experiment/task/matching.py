@@ -1,0 +1,336 @@
+"""Matching of intensity: a standard and a comparison at another frequency or finger, and which was stronger.
+
+`contour`: one run in which every match is put where it tells most of all contours, as `curve` does for thresholds.
+`pairs`: for every frequency, finger and level, tracks that begin above and below equality and end at 70.7 and 29.3 %
+"comparison stronger", interleaved at random (Levitt 1971; Jesteadt 1980, Perception & Psychophysics 28:85). Either tone
+of a pair serves as standard equally often, and so does either order: both biases are then found beside the match.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tactuator.errors import BadInput
+from tactuator.experiment.keys import Level
+from tactuator.experiment.language.words import Words
+from tactuator.experiment.procedure.curve_prior import clear_of_mains
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.procedure.up_down import UpDown, UpDownRule
+from tactuator.experiment.strength.estimate import (
+    Equality,
+    Measured,
+    StrengthEstimate,
+    equality,
+    estimate,
+)
+from tactuator.experiment.strength.laws import FREE
+from tactuator.experiment.strength.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
+from tactuator.experiment.task.task_keys import (
+    Answered,
+    AnsweredRun,
+    AnsweredTone,
+    JudgedTone,
+    Judgement,
+    Place,
+    Planned,
+    TaskKeys,
+    TaskQuestion,
+    TaskRun,
+    judgement,
+)
+from tactuator.experiment.trial.trial import trial_rng
+from tactuator.parameters import Band, Positive, Whole, table
+from tactuator.perception.contours import REFERENCE_HZ
+from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.table import ResultTable
+
+STANDARD, COMPARISON = "standard", "comparison"
+INTERVALS = ("1", "2")
+_SAME_HZ = 1e-6
+_OFFSET_SD = 1.0
+"""Scatter of matches about equal strength, in standard deviations of a comparison: noise and biases show there."""
+_STEPS = 2
+_TRIALS_A_TRACK = 4.0
+"""Trials for a reversal of a track, about."""
+_TRACK_TRIALS_MAX = 60
+
+
+@table("[task]")
+class MatchingKeys(TaskKeys):
+    """Keys of `matching`: a standard and a comparison in two intervals, and which was stronger."""
+
+    finger: Annotated[str, Field(description="finger of the standard")]
+    frequency_hz: Annotated[Positive, Field(description="of the standard, the contours' reference")] = REFERENCE_HZ
+    levels_db_sl: Annotated[tuple[Level, ...], Field(min_length=1, description="levels of the standard")] = (
+        10.0, 20.0, 30.0, 40.0, 50.0,
+    )  # fmt: skip
+    comparison_fingers: Annotated[tuple[str, ...], Field(description="fingers of comparisons; none: the same")] = ()
+    method: Annotated[
+        Literal["contour", "pairs"],
+        Field(description="every match put where it tells most of all contours, or pairs of up-down tracks"),
+    ] = "contour"
+    comparisons_hz: Annotated[tuple[Positive, ...], Field(description="of `pairs`: frequencies of comparisons")] = ()
+    band_hz: Annotated[Band, Field(description="of `contour`: the band of comparisons")] = (10.0, 300.0)
+    points: Annotated[Whole, Field(ge=3, le=60, description="of `contour`: frequencies over the band")] = 20
+    trials: Annotated[Whole, Field(ge=20, le=2000, description="of `contour`: trials of a run")] = 200
+    reversals: Annotated[Whole, Field(ge=2, description="of `pairs`: reversals that end a track")] = 6
+    start_db: Annotated[Positive, Field(description="of `pairs`: first comparison above and below the standard")] = 8.0
+    steps_db: Annotated[tuple[Positive, ...], Field(min_length=1, description="of `pairs`: as of `up-down`")] = (
+        4.0, 4.0, 2.0,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if (self.method == "pairs") != bool(self.comparisons_hz):
+            wanted = "one or more" if self.method == "pairs" else "none: the method chooses"
+            raise BadInput(f"{len(self.comparisons_hz)} for {self.method}", wanted, key="comparisons_hz")
+        itself = [hertz for hertz in self.comparisons_hz if abs(hertz - self.frequency_hz) < _SAME_HZ]
+        if itself and self.finger in self.fingers_compared:
+            raise BadInput(f"{itself[0]:g}", "other frequencies than the standard's, or another finger")
+        if not self.band_hz[0] <= self.frequency_hz <= self.band_hz[1]:
+            raise BadInput(f"{self.frequency_hz:g}", "within band_hz", key="frequency_hz")
+
+    @property
+    def fingers_compared(self) -> tuple[str, ...]:
+        """Return the fingers of comparisons."""
+        return self.comparison_fingers or (self.finger,)
+
+    @property
+    def setting(self) -> ContourSetting:
+        """Return reference and band of the contours."""
+        return ContourSetting(self.frequency_hz, self.band_hz)
+
+    @property
+    def typical_trials(self) -> float:
+        """Return about how many trials a run has."""
+        if self.method == "contour":
+            return float(self.trials)
+        return _TRIALS_A_TRACK * self.reversals * len(list(self._tracks()))
+
+    def _tracks(self) -> Iterator[tuple[float, bool, bool]]:
+        """Yield level of the standard, whether the comparison serves as that, and whether it begins above."""
+        for level in self.levels_db_sl:
+            for swapped in (False, True):
+                for above in (False, True):
+                    yield level, swapped, above
+
+    def asked(self, words: Words) -> TaskQuestion:
+        """Return which interval was stronger."""
+        return TaskQuestion(words("prompt.stronger"), tuple((name, (name,)) for name in INTERVALS), INTERVALS)
+
+    def fingers_used(self) -> tuple[str, ...]:
+        """Return the standard's finger and those of comparisons."""
+        return tuple(dict.fromkeys((self.finger, *self.fingers_compared)))
+
+    def _cells(self) -> list[tuple[str, float | None]]:
+        frequencies: tuple[float | None, ...] = self.comparisons_hz or (None,)
+        return [(finger, hertz) for finger in self.fingers_compared for hertz in frequencies]
+
+    def plans(self, words: Words) -> tuple[Planned, ...]:
+        """Return a run for each finger, and of pairs for each frequency."""
+        return tuple(
+            Planned(
+                finger,
+                hertz,
+                words("run.contours" if hertz is None else "run.hertz", hertz=f"{hertz or 0.0:g}"),
+                self.typical_trials,
+            )
+            for finger, hertz in self._cells()
+        )
+
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskRun:
+        """Return a fresh run."""
+        finger, hertz = self._cells()[index]
+        if hertz is None:
+            return ContourRun(self, finger, seed, self._candidates(place))
+        return PairsRun(self, finger, hertz, seed)
+
+    def _candidates(self, place: Place) -> Candidates:
+        playable = place.playable
+        band = (max(self.band_hz[0], playable.band_hz[0]), min(self.band_hz[1], playable.band_hz[1]))
+        if not band[0] < self.frequency_hz < band[1]:
+            raise BadInput(f"band {band[0]:g} to {band[1]:g} Hz", f"with {self.frequency_hz:g} Hz inside")
+        hertz = np.geomspace(*band, self.points)
+        clear = clear_of_mains(hertz, playable.mains_hz, playable.clearance_hz, band)
+        return Candidates(clear[np.abs(clear - self.frequency_hz) > _SAME_HZ], np.array(self.levels_db_sl))
+
+    def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Judgement:
+        """Return the trial of a match. swapped: the comparison serves as standard. second: it is in interval 2."""
+        roles = (STANDARD, COMPARISON) if swapped else (COMPARISON, STANDARD)
+        comparison = JudgedTone(roles[0], finger, placed.frequency_hz, placed.comparison_db_sl)
+        reference = JudgedTone(roles[1], self.finger, self.frequency_hz, placed.reference_db_sl)
+        tones = (reference, comparison) if second else (comparison, reference)
+        at = Placement(placed.comparison_db_sl, placed.frequency_hz)
+        return judgement(number, [(tone,) for tone in tones], INTERVALS, INTERVALS[second], at)
+
+    def is_reference(self, tone: AnsweredTone | JudgedTone) -> bool:
+        """Return whether a tone is at the reference frequency and finger."""
+        return tone.finger == self.finger and abs(tone.frequency_hz - self.frequency_hz) < _SAME_HZ
+
+    def row(self, tones: Sequence[AnsweredTone | JudgedTone | None], stronger: bool) -> Row:
+        """Return a match as `Matches.of` takes it, from the tones of both intervals. Raises BadInput for others."""
+        both = [tone for tone in tones if tone is not None]
+        at = [self.is_reference(tone) for tone in both]
+        if len(both) != len(INTERVALS) or sum(at) != 1:
+            raise BadInput(f"a trial of {len(both)} tones", "a match of the task")
+        reference, comparison = both[at.index(True)], both[at.index(False)]
+        swapped = comparison.role == STANDARD
+        levels = (comparison.frequency_hz, comparison.level_db_sl, reference.level_db_sl)
+        return (*levels, at[0], swapped, stronger)
+
+    def matches(self, trials: Sequence[Answered]) -> Matches:
+        """Return the matches of stored trials."""
+        return Matches.of([self.row(trial.tones, trial.correct) for trial in trials])
+
+    def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
+        """Return the points of subjective equality of pairs, and of contours the law with biases and JND."""
+        mine = [run for run in runs if run.finger == self.finger]
+        result = (
+            [estimate(self.matches([t for run in mine for t in run.trials]), self.setting)]
+            if self.method == "contour" and mine
+            else []
+        )
+        pairs = [] if self.method == "contour" else [(run, self.equality(run)) for run in runs]
+        return tuple([law_table(each, words) for each in result] + ([pairs_table(pairs, words)] if pairs else []))
+
+    def equality(self, run: AnsweredRun) -> Equality:
+        """Return the point of subjective equality of a run of one pair, over its levels."""
+        return equality(self.matches(run.trials), self.setting)
+
+
+Row = tuple[float, float, float, bool, bool, bool]
+
+
+def _told(measured: Measured) -> str:
+    return f"{measured.value:+.1f} ({measured.low:+.1f} – {measured.high:+.1f})"
+
+
+def law_table(result: StrengthEstimate, words: Words) -> ResultTable:
+    """Return what the matches of contours tell: law, biases and JND."""
+    rows = [(name, f"{100.0 * share:.0f} %") for name, share in result.laws.items()]
+    rows.append(
+        (words("results.jnd"), f"{result.jnd_db.value:.1f} ({result.jnd_db.low:.1f} – {result.jnd_db.high:.1f}) dB")
+    )
+    rows.append((words("results.order_bias"), f"{_told(result.order_db)} dB"))
+    rows.append((words("results.standard_bias"), f"{_told(result.standard_db)} dB"))
+    note = words("results.law", law=result.law)
+    return ResultTable(
+        words("results.strength"), (words("results.law_name"), words("results.share")), tuple(rows), (note,)
+    )
+
+
+def pairs_table(pairs: Sequence[tuple[AnsweredRun, Equality]], words: Words) -> ResultTable:
+    """Return a row for each pair: how far the comparison lies above the standard that is as strong, biases, JND."""
+    heads = [
+        words(f"results.{key}")
+        for key in ("subject", "finger", "hertz", "trials", "equal_at", "order_bias", "standard_bias", "jnd")
+    ]
+    rows = tuple(
+        (
+            run.subject,
+            run.finger,
+            f"{run.frequency_hz or 0.0:.4g}",
+            str(match.matches),
+            _told(match.above_db),
+            _told(match.order_db),
+            _told(match.standard_db),
+            f"{match.jnd_db.value:.1f}",
+        )
+        for run, match in pairs
+    )
+    return ResultTable(words("results.strength"), tuple(heads), rows)
+
+
+@dataclass
+class ContourRun:
+    """One run of `contour`."""
+
+    task: MatchingKeys
+    finger: str
+    seed: tuple[int, ...]
+    candidates: Candidates
+    rows: list[Row] = field(init=False, default_factory=list)
+    known: Fit = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = fit(FREE, self.task.setting, Matches.of([]))
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the trials done."""
+        return len(self.rows) / self.task.trials
+
+    def trial(self, number: int) -> Judgement | None:
+        """Return the most telling match, or None when the run is over."""
+        if len(self.rows) >= self.task.trials:
+            return None
+        block, place = divmod(number, 4)
+        turn = int(trial_rng((*self.seed, 7), block).permutation(4)[place])
+        offset = float(trial_rng((*self.seed, 8), number).normal(0.0, _OFFSET_SD))
+        second, swapped = bool(turn & 1), bool(turn & 2)
+        placed = most_telling(self.known, self.candidates, offset, second, swapped)
+        return self.task.match(number, self.finger, placed, swapped, second)
+
+    def record(self, trial: Judgement, response: str) -> None:
+        """Learn the response."""
+        self.rows.append(self.task.row([interval[0] for interval in trial.tones], trial.judge(response)))
+        self.known = fit(FREE, self.task.setting, Matches.of(self.rows), start=self.known.place, steps=_STEPS)
+
+
+@dataclass
+class PairsRun:
+    """One run of `pairs`: the tracks of all levels at one frequency and finger, interleaved."""
+
+    task: MatchingKeys
+    finger: str
+    frequency_hz: float
+    seed: tuple[int, ...]
+    tracks: list[tuple[float, bool, UpDown]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.tracks = [(level, swapped, self._track(level, above)) for level, swapped, above in self.task._tracks()]
+
+    def _track(self, level_db_sl: float, above: bool) -> UpDown:
+        """Return a track of the tone that varies: from above it ends at 70.7 % stronger, from below at 29.3 %."""
+        down, up = (2, 1) if above else (1, 2)
+        start = level_db_sl + (self.task.start_db if above else -self.task.start_db)
+        rule = UpDownRule(
+            start_db_sl=min(max(start, 0.0), COMFORT_DB_SL), down=down, up=up, steps_db=self.task.steps_db,
+            reversals=self.task.reversals, averaged=max(1, self.task.reversals - 2), floor_db_sl=-5.0,
+            trial_limit=_TRACK_TRIALS_MAX,
+        )  # fmt: skip
+        return UpDown(rule)
+
+    @property
+    def progress(self) -> float:
+        """Return the mean progress of the tracks."""
+        return float(np.mean([track.progress for _, _, track in self.tracks]))
+
+    def trial(self, number: int) -> Judgement | None:
+        """Return the next match of a track that is drawn, or None when all are over."""
+        which = self._drawn(number)
+        if which is None:
+            return None
+        level, swapped, track = self.tracks[which]
+        placement = track.placement()
+        assert placement is not None
+        varied = placement.level_db_sl
+        comparison, reference = (level, varied) if swapped else (varied, level)
+        block, place = divmod(track.trials, 2)
+        second = bool(trial_rng((*self.seed, 7, which), block).permutation(2)[place])
+        return self.task.match(number, self.finger, Placed(self.frequency_hz, comparison, reference), swapped, second)
+
+    def _drawn(self, number: int) -> int | None:
+        going = [index for index, (_, _, track) in enumerate(self.tracks) if not track.finished]
+        return going[int(trial_rng((*self.seed, 8), number).integers(len(going)))] if going else None
+
+    def record(self, trial: Judgement, response: str) -> None:
+        """Move the track on."""
+        which = self._drawn(trial.number)
+        assert which is not None
+        _, swapped, track = self.tracks[which]
+        track.record(trial.judge(response) != swapped)

@@ -1,0 +1,237 @@
+"""Equal-strength contours: how far above threshold tones of each frequency lie that are felt equally strong.
+
+The strength of a tone is named by the level, dB SL, of an equally strong tone at the reference frequency, and is called
+its strength level, as the phon names a loudness by the level of a tone of 1 kHz.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.parameters import Numbers, Positive, table
+from tactuator.perception.contact import Contact
+from tactuator.perception.curve import Provenance
+from tactuator.table import brief
+
+REFERENCE_HZ = 100.0
+"""Frequency of the tones whose level names a strength, where a file names no other."""
+
+
+@table("contours", eq=False)
+class Contours:
+    """Equal-strength contours of one person or group.
+
+    frequency_hz: (n,), ascending. level_db_sl: (m,), the strength levels, ascending and above 0. db_sl: (m, n), the
+    sensation level that each contour has at each frequency, which rises with the strength everywhere; at reference_hz
+    it is the strength level itself. low_db_sl, high_db_sl: (m, n), the 95 % band, or None where there is none.
+    provenance, source: as those of a threshold curve. contact: where it was felt.
+
+    Between the points the level is smooth in log frequency and in strength level (piecewise cubic, monotone in the
+    strength). What a tone is at threshold, all are: the contour of 0 dB is 0 dB SL at every frequency. Below 0 and
+    above the highest contour, and beyond the frequencies, the distance from the strength level is held.
+
+    Raises BadInput for shapes that do not fit, numbers that are not finite, points that do not rise with the strength,
+    a reference frequency beyond the points, or contours that are not at their own level there (within 0.5 dB).
+    """
+
+    name: str
+    frequency_hz: Numbers
+    level_db_sl: Numbers
+    db_sl: Numbers
+    low_db_sl: Numbers | None = None
+    high_db_sl: Numbers | None = None
+    reference_hz: Positive = REFERENCE_HZ
+    provenance: Provenance = "measured"
+    source: str = ""
+    contact: Contact = field(default_factory=Contact)
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        for key in ("frequency_hz", "level_db_sl", "db_sl", "low_db_sl", "high_db_sl"):
+            values = getattr(self, key)
+            if values is not None:
+                array = np.array(values, dtype=np.float64)
+                array.flags.writeable = False
+                object.__setattr__(self, key, array)
+        try:
+            self._check_shapes()
+            self._check_levels()
+        except BadInput as error:
+            raise error.within(repr(self.name)) from None
+
+    def _check_shapes(self) -> None:
+        frequency, level = self.frequency_hz, self.level_db_sl
+        if frequency.ndim != 1 or frequency.size < 2 or level.ndim != 1 or level.size < 1:
+            raise BadInput(f"{frequency.size} frequencies and {level.size} contours", "2 or more, and 1 or more")
+        for key in ("db_sl", "low_db_sl", "high_db_sl"):
+            values = getattr(self, key)
+            if values is not None and values.shape != (level.size, frequency.size):
+                shape = " x ".join(map(str, values.shape))
+                raise BadInput(f"{key} is {shape}", f"{level.size} x {frequency.size}, a row for each contour")
+        tables = (frequency, level, self.db_sl, self.low_db_sl, self.high_db_sl)
+        if not all(np.all(np.isfinite(values)) for values in tables if values is not None):
+            raise BadInput("a frequency or level is not a finite number", "finite numbers")
+
+    def _check_levels(self) -> None:
+        frequency, level = self.frequency_hz, self.level_db_sl
+        for what, values in (("frequencies", frequency), ("strength levels", level)):
+            if values[0] <= 0.0 or np.any(np.diff(values) <= 0.0):
+                raise BadInput(f"{what} {', '.join(f'{value:g}' for value in values)}", "ascending, above 0")
+        below = np.diff(self.db_sl, axis=0, prepend=0.0) <= 0.0
+        if np.any(below):
+            row, place = np.argwhere(below)[0]
+            got = f"{self.db_sl[row, place]:g} dB SL at {frequency[place]:g} Hz on the contour of {level[row]:g} dB SL"
+            raise BadInput(got, "more than on the contour below it, above 0")
+        if not frequency[0] <= self.reference_hz <= frequency[-1]:
+            allowed = f"within {frequency[0]:g} to {frequency[-1]:g} Hz"
+            raise BadInput(f"{self.reference_hz:g} Hz", allowed, key="reference_hz")
+        off = self.level_db_sl_at(level, self.reference_hz) - level
+        if np.max(np.abs(off)) > _OFF_DB:
+            got = f"{off[np.argmax(np.abs(off))]:+.2f} dB from the strength level at {self.reference_hz:g} Hz"
+            raise BadInput(got, f"within {_OFF_DB:g} dB: the strength level is the level there")
+
+    def level_db_sl_at(self, strength_db_sl: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the sensation level (dB SL) at `frequency_hz` of a tone of that strength level; arguments
+        broadcast.
+        """
+        strength, frequency = np.broadcast_arrays(
+            np.asarray(strength_db_sl, dtype=np.float64), np.asarray(frequency_hz, dtype=np.float64)
+        )
+        knots, slopes = self._knots(frequency.ravel())
+        return _cubic(self._strengths, knots, slopes, strength.ravel()).reshape(strength.shape)
+
+    def strength_db_sl_at(self, level_db_sl: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the strength level (dB SL at the reference frequency) of a tone of `level_db_sl` at `frequency_hz`;
+        arguments broadcast. The inverse of `level_db_sl_at`.
+        """
+        level, frequency = np.broadcast_arrays(
+            np.asarray(level_db_sl, dtype=np.float64), np.asarray(frequency_hz, dtype=np.float64)
+        )
+        wanted = level.ravel()
+        knots, slopes = self._knots(frequency.ravel())
+        low = np.minimum(wanted, 0.0) - 1.0
+        high = self._strengths[-1] + np.maximum(wanted - knots[-1], 0.0) + 1.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            above = _cubic(self._strengths, knots, slopes, middle) > wanted
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        return np.asarray((0.5 * (low + high)).reshape(level.shape))
+
+    def band_db_sl_at(self, strength_db_sl: ArrayLike, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the low and the high end of the 95 % band; NaN where the contours have none. Arguments broadcast."""
+        centre = self.level_db_sl_at(strength_db_sl, frequency_hz)
+        ends = []
+        for edge in (self.low_db_sl, self.high_db_sl):
+            if edge is None:
+                ends.append(np.full_like(centre, np.nan))
+                continue
+            bare = np.concatenate((np.zeros((1, self.frequency_hz.size)), edge - self.db_sl))
+            at = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
+            point = np.clip(np.asarray(strength_db_sl, dtype=np.float64), 0.0, self._strengths[-1])
+            row, share = _place(self._strengths, point)
+            column, part = _place(np.log(self.frequency_hz), np.log(at))
+            upper = bare[row, column] * (1.0 - part) + bare[row, column + 1] * part
+            lower = bare[row + 1, column] * (1.0 - part) + bare[row + 1, column + 1] * part
+            ends.append(np.asarray(centre + upper * (1.0 - share) + lower * share))
+        return ends[0], ends[1]
+
+    def covers(self, low_hz: float, high_hz: float) -> bool:
+        """Return whether the points reach over the whole band."""
+        return bool(self.frequency_hz[0] <= low_hz and high_hz <= self.frequency_hz[-1])
+
+    @property
+    def content_hash(self) -> str:
+        """Return SHA-256 (hex) of the points as little-endian doubles, the reference frequency first."""
+        digest = hashlib.sha256(np.array([self.reference_hz]).astype("<f8").tobytes())
+        for values in (self.frequency_hz, self.level_db_sl, self.db_sl):
+            digest.update(values.astype("<f8").tobytes())
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Contours) and (self.name, self.content_hash) == (other.name, other.content_hash)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.content_hash))
+
+    @cached_property
+    def _strengths(self) -> FloatArray:
+        return np.concatenate(([0.0], self.level_db_sl))
+
+    @cached_property
+    def _steps(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return log frequency, the steps from contour to contour (m, n), and their slopes along log frequency."""
+        along = np.log(self.frequency_hz)
+        steps = np.diff(self.db_sl, axis=0, prepend=0.0)
+        return along, steps, np.array([_slopes(along, row[:, None])[:, 0] for row in steps])
+
+    def _knots(self, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the levels at each strength of `_strengths` at the frequencies, and their slopes along the strength,
+        (m + 1, points) each. The steps between contours are interpolated, which keeps them above 0.
+        """
+        along, steps, slopes = self._steps
+        asked = np.log(np.clip(frequency_hz, *self.frequency_hz[[0, -1]]))
+        risen = np.array(
+            [_cubic(along, row[:, None], slope[:, None], asked) for row, slope in zip(steps, slopes, strict=True)]
+        )
+        knots = np.concatenate((np.zeros((1, asked.size)), np.cumsum(risen, axis=0)))
+        return knots, _slopes(self._strengths, knots)
+
+
+_OFF_DB = 0.5
+_HALVINGS = 60
+
+
+def _slopes(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return slopes at the points x (n,) of y (n, k) that keep a cubic between them monotone where y is: harmonic means
+    of the neighbours' (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300), at the ends a parabola's, cut to what
+    keeps the cubic monotone.
+    """
+    width = np.diff(x)[:, None]
+    secant = np.diff(y, axis=0) / width
+    if x.size == 2:
+        return np.repeat(secant, 2, axis=0)
+    before, after = secant[:-1], secant[1:]
+    first, second = 2.0 * width[1:] + width[:-1], width[1:] + 2.0 * width[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (first + second) / (first / before + second / after)
+    inner = np.where(before * after > 0.0, mean, 0.0)
+    ends = [
+        _end(width[0], width[1], secant[0], secant[1]),
+        _end(width[-1], width[-2], secant[-1], secant[-2]),
+    ]
+    return np.concatenate((ends[0][None], inner, ends[1][None]))
+
+
+def _end(width: FloatArray, next_width: FloatArray, secant: FloatArray, next_secant: FloatArray) -> FloatArray:
+    slope = ((2.0 * width + next_width) * secant - width * next_secant) / (width + next_width)
+    most = np.where(secant * next_secant < 0.0, 3.0 * np.abs(secant), np.inf)
+    slope = np.clip(slope, -most, most)
+    return np.asarray(np.where(slope * secant > 0.0, slope, 0.0))
+
+
+def _place(x: FloatArray, at: FloatArray) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.intp]], FloatArray]:
+    """Return the interval of x that each value lies in, and where in it (0 to 1 within x)."""
+    row = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
+    return row, np.asarray((at - x[row]) / (x[row + 1] - x[row]))
+
+
+def _cubic(x: FloatArray, y: FloatArray, slopes: FloatArray, at: FloatArray) -> FloatArray:
+    """Return, for each of the values (k,), the cubic through the points x (n,), y (n, k) or (n, 1), with those slopes;
+    beyond x it rises by 1 for 1 where y has a column for each value, and is never asked otherwise.
+    """
+    inside = np.clip(at, x[0], x[-1])
+    row, t = _place(x, inside)
+    column = np.arange(at.size) if y.shape[1] == at.size else np.zeros(at.size, dtype=np.intp)
+    width = x[row + 1] - x[row]
+    y0, y1 = y[row, column], y[row + 1, column]
+    d0, d1 = slopes[row, column] * width, slopes[row + 1, column] * width
+    value = y0 + t * (d0 + t * (3.0 * (y1 - y0) - 2.0 * d0 - d1 + t * (2.0 * (y0 - y1) + d0 + d1)))
+    return np.asarray(value + (at - inside))

@@ -1,0 +1,133 @@
+"""The part of the verb `experiment` on strength: contours of a store's matches."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.verbs.parameters import Argument, Figures, Option, Place
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result, columns_of, plain
+
+if TYPE_CHECKING:
+    from tactuator.experiment.result.strength_results import ContourResults
+    from tactuator.perception.contours import Contours
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoreContours(Result):
+    """Equal-strength contours of a store's people and of their group, and the balance between fingers."""
+
+    results: "ContourResults"
+
+    def headline(self) -> Mapping[str, str]:
+        figures = {"people": str(len(self.results.people)), "pairs": str(len(self.results.pairs))}
+        figures |= {person.subject: person.estimate.law for person in self.results.people}
+        figures |= {
+            f"balance_db of {each.finger}": f"{each.offset_db.value:+.1f} dB ({each.people} people)"
+            for each in self.results.balance
+        }
+        return figures | ({"simulated": "nobody felt this"} if self.results.simulated else {})
+
+    def _rows(self) -> list[tuple[float, ...]]:
+        group = self._contours()
+        low, high = group.low_db_sl, group.high_db_sl
+        assert low is not None
+        assert high is not None
+        return [
+            (level, hertz, float(group.db_sl[row, column]), float(low[row, column]), float(high[row, column]))
+            for row, level in enumerate(group.level_db_sl.tolist())
+            for column, hertz in enumerate(group.frequency_hz.tolist())
+        ]
+
+    def _contours(self) -> "Contours":
+        if self.results.group is None:
+            raise BadInput("no matches on the standard's own finger", "contours of some")
+        return self.results.group
+
+    def columns(self) -> Mapping[str, Any]:
+        return columns_of(("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl"), self._rows())
+
+    def chart(self) -> Chart:
+        group = self._contours()
+        low, high = group.low_db_sl, group.high_db_sl
+        assert low is not None
+        assert high is not None
+        curves = [
+            ChartLine(
+                f"as strong as {level:g} dB SL at {group.reference_hz:g} Hz, ± 95 %",
+                group.frequency_hz,
+                group.db_sl[row],
+                half=0.5 * (high[row] - low[row]),
+                colour=row,
+            )
+            for row, level in enumerate(group.level_db_sl.tolist())
+        ]
+        return Chart("frequency (Hz)", "equally strong (dB SL)", curves, log_x=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        from tactuator.experiment.result.strength_results import person_document
+
+        group, names = self.results.group, ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
+        document = {
+            "people": [person_document(person) for person in self.results.people],
+            "contours": [] if group is None else [dict(zip(names, row, strict=True)) for row in self._rows()],
+            "pairs": [
+                {"subject": run.subject, "finger": run.finger, "frequency_hz": run.frequency_hz, **vars(equal)}
+                for run, equal in self.results.pairs
+            ],
+            "balance": list(self.results.balance),
+            "simulated": self.results.simulated,
+        }
+        answer = plain(document)
+        assert isinstance(answer, dict)
+        return answer
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        from tactuator.experiment.language.words import shipped_words
+        from tactuator.experiment.task.matching import law_table, pairs_table
+
+        words, lines = shipped_words("en"), list[ResultTable | str]()
+        for person in self.results.people:
+            lines += [person.subject, law_table(person.estimate, words)]
+        if self.results.pairs:
+            lines.append(pairs_table(self.results.pairs, words))
+        lines += [
+            f"balance_db of {each.finger} for the display file: {each.offset_db.value:+.1f} "
+            f"({each.offset_db.low:+.1f} to {each.offset_db.high:+.1f}), {each.people} people"
+            for each in self.results.balance
+        ]
+        return [*lines, *(["simulated: nobody felt this"] if self.results.simulated else [])]
+
+
+def contours(
+    store: Annotated[Place, Argument("Database of the experiment (SQLite).", metavar="STORE", file=True)],
+    group: Annotated[str | None, Option("Only subjects of this group.")] = None,
+    subject: Annotated[str | None, Option("Write the contours of this subject, not the group's.")] = None,
+    out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
+    figures: Figures = None,
+) -> StoreContours:
+    """Estimate equal-strength contours from matches. They come with the law of strength, biases and JND of everybody.
+
+    Raises BadInput where there are no finished matching runs, or no such subject.
+    """
+    from tactuator.experiment.result.strength_results import contour_results
+    from tactuator.io.csv_tables import write_contours
+
+    with working("fitting the matches"):
+        results = contour_results(Path(store), group)
+    result = StoreContours(results)
+    if out is not None:
+        people = {person.subject: person.contours for person in results.people}
+        if subject is not None and subject not in people:
+            raise BadInput(f"subject {subject!r} has no matches", ", ".join(people) or "one who has")
+        write_contours(Path(out), result._contours() if subject is None else people[subject])
+    if figures is not None and results.group is not None:
+        from tactuator.report.chart import chart_plate
+
+        folder = Path(figures)
+        folder.mkdir(parents=True, exist_ok=True)
+        chart_plate(result.chart(), "contours", results.group.source).save(folder)
+    return result

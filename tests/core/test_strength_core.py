@@ -1,0 +1,121 @@
+"""A reference reshaped by its own level: the core against NumPy's float32 bit for bit, and against its own response."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from tactuator.errors import BadInput
+from tactuator.model.controller import StrengthShaping
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.tables import strength_table
+from tactuator.signals.decibels import db
+from tests.core.single_precision import TINY, Single, finite
+from tests.runtime.paper_display import RATE_HZ, controller, display
+from tests.strength import reshaped
+
+SHAPING = reshaped(controller(display())).channels[0].strength
+assert SHAPING is not None
+
+
+def run_core(reference, shaping=SHAPING):
+    channel = reshaped(controller(display()), shaping).channels[0]
+    table, state = strength_table(channel, RATE_HZ), ffi.new("tact_strength_state *")
+    lib.tact_strength_reset(state)
+    return np.array([lib.tact_strength_step(table, state, float(r)) for r in reference], dtype=np.float32)
+
+
+def run_numpy(reference):
+    """The same from the description in strength.h; rows by NumPy's frexp, not by the bits."""
+    follow = Single(-np.expm1(-1.0 / (SHAPING.follow_s * RATE_HZ)))
+    turns = (2.0 * np.sin(np.pi * SHAPING.pairs_hz / RATE_HZ)).astype(np.float32)
+    gains, damping = SHAPING.gains.astype(np.float32), Single(SHAPING.damping)
+    power = level = Single(0.0)
+    pairs = np.zeros((4, 2), dtype=np.float32)
+    out = []
+    for each in reference:
+        r = finite(Single(each), 1e6)
+        power = power + follow * (r * r - power)
+        level = level + follow * (power - level)
+        mantissa, exponent = np.frexp(level)
+        row = int(exponent) - 1 + 1 if level > 0.0 else -1
+        low, high, share = gains[0], gains[0], Single(0.0)
+        if row >= 20:
+            low = high = gains[20]
+        elif row >= 0:
+            low, high, share = gains[row], gains[row + 1], Single(2.0) * mantissa - Single(1.0)
+        gain = low + share * (high - low)
+        total = gain[0] * r
+        for i in range(4):
+            band = pairs[i, 0] + turns[i] * ((r - pairs[i, 1]) - damping * pairs[i, 0])
+            band = band if band >= TINY or band <= -TINY else Single(0.0)
+            pairs[i] = band, pairs[i, 1] + turns[i] * band
+            total = total + (gain[2 * i + 1] * band + gain[2 * i + 2] * pairs[i, 1])
+        if level < Single(1e-12):
+            power, level = finite(power, 1e12), finite(level, 1e12)
+            pairs[np.abs(pairs) < Single(1e-20)] = 0.0
+        out.append(total)
+    return np.array(out, dtype=np.float32)
+
+
+@settings(max_examples=60)
+@given(hnp.arrays(np.float32, st.integers(1, 40), elements=st.floats(width=32)))
+def test_strength__any_bits_in__agrees_with_numpy_bit_for_bit(reference) -> None:
+    with np.errstate(all="ignore"):
+        expected = run_numpy(reference)
+    assert np.array_equal(run_core(reference).view(np.uint32), expected.view(np.uint32))
+
+
+def test_strength__speech_like_noise_of_every_level__agrees_bit_for_bit() -> None:
+    rng = np.random.default_rng(3)
+    reference = rng.standard_normal(3000) * np.repeat(10.0 ** (rng.uniform(-80.0, 60.0, 30) / 20.0), 100)
+    assert np.array_equal(run_core(reference).view(np.uint32), run_numpy(reference.astype(np.float32)).view(np.uint32))
+
+
+@pytest.mark.parametrize("level", [3.0, 20.0, 37.0])
+@pytest.mark.parametrize("hertz", [16.0, 100.0, 250.0])
+def test_strength__steady_tone__is_raised_by_its_response(hertz: float, level: float) -> None:
+    time_s = np.arange(6000) / RATE_HZ
+    turned = np.exp(-2j * np.pi * hertz * time_s[2000:])
+    out = run_core(10.0 ** (level / 20.0) * np.sin(2.0 * np.pi * hertz * time_s))[2000:]
+    felt = db(2.0 * np.abs(np.mean(out * turned))) - level
+    assert felt == pytest.approx(db(np.abs(SHAPING.response(level, hertz, RATE_HZ))), abs=0.05)
+
+
+def test_strength__a_tone_that_swells_or_stops__changes_its_gain_without_a_step() -> None:
+    """Against the same tone through each sample's own gains held: no sample's gain is 0.1 dB from the one before."""
+    time_s = np.arange(8000) / RATE_HZ
+    swell = 10.0 ** (np.interp(time_s, [0.0, 0.5, 1.0, 1.001], [0.0, 50.0, 50.0, 10.0]) / 20.0)
+    level = power = 0.0
+    steps = []
+    basis_at = SHAPING.response
+    before = None
+    follow = -np.expm1(-1.0 / (SHAPING.follow_s * RATE_HZ))
+    for r in swell * np.sin(2.0 * np.pi * 60.0 * time_s):
+        power += follow * (r * r - power)
+        level += follow * (power - level)
+        gain = float(db(np.abs(basis_at(10.0 * np.log10(max(2.0 * level, 1e-9)), 60.0, RATE_HZ))))
+        steps += [] if before is None else [abs(gain - before)]
+        before = gain
+    assert 0.005 < max(steps) < 0.1
+
+
+def test_strength__silence__comes_to_rest_without_subnormal_numbers() -> None:
+    channel = reshaped(controller(display()), SHAPING).channels[0]
+    table, state = strength_table(channel, RATE_HZ), ffi.new("tact_strength_state *")
+    lib.tact_strength_reset(state)
+    for sample, r in enumerate(np.concatenate((1e3 * np.ones(4000), np.zeros(60000)))):
+        lib.tact_strength_step(table, state, float(r))
+        if sample % 200:
+            continue
+        values = np.abs([state.power, state.level, *(value for pair in state.pair for value in pair)])
+        assert np.all((values == 0.0) | (values > float(TINY) * 1e-6))
+    assert not np.any(values)
+
+
+@pytest.mark.parametrize("changes", [{"damping": 1e9}, {"gains": np.full((21, 9), 1e5)}, {"gains": np.zeros((20, 9))}])
+def test_strength_table__figures_that_cannot_run__are_refused(changes) -> None:
+    figures = {"pairs_hz": SHAPING.pairs_hz, "damping": 1.2, "gains": SHAPING.gains, "follow_s": 0.05} | changes
+    with pytest.raises(BadInput, match="strength"):
+        run_core([0.0], StrengthShaping(**figures))

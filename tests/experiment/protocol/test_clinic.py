@@ -1,0 +1,118 @@
+"""A clinic's limits: for the day, for a standard's conditions, and the names of who consents."""
+
+import pytest
+from sqlalchemy import select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.export.export import export
+from tactuator.experiment.protocol.clinic import Gates
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.studies import open_session
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, opened_study
+
+GATES = (
+    '\n[gates]\nskin_temperature_low_c = 27\nskin_temperature_high_c = 36\npreload_high_n = 0.5\nposture = "seated"\n'
+)
+TEXT = PROTOCOL + GATES
+SITTING = records.Sitting("person", "")
+
+
+def of_study(tmp_path, text):
+    store = Store(tmp_path / "lab.db")
+    study = opened_study(store, ObedientClock(), text)
+    row = next(row for row in study.sessions() if row.subject_code == "S1")
+    return store, study, row
+
+
+@pytest.mark.parametrize(
+    ("day", "unmet"),
+    [
+        ((30.0, 0.2, "seated"), []),
+        ((27.0, 0.5, "seated"), []),
+        ((12.0, 0.2, "seated"), ["skin_temperature_c: 12 °C (allowed: 27 to 36 °C)"]),
+        ((30.0, 0.6, "seated"), ["preload_n: 0.6 N (allowed: at most 0.5 N)"]),
+        ((30.0, None, ""), ["preload_n: not given (allowed: at most 0.5 N)", "posture: not given (allowed: seated)"]),
+    ],
+)
+def test_gates__data_of_the_day__are_compared_with_every_limit(day, unmet) -> None:
+    gates = parse_protocol(TEXT).gates
+    assert [str(one) for one in gates.unmet(*day)] == unmet
+
+
+def test_gates__low_above_high__is_refused() -> None:
+    with pytest.raises(BadInput, match="a low limit up to the high one"):
+        Gates(skin_temperature_low_c=36.0, skin_temperature_high_c=27.0)
+
+
+def test_run__outside_the_gates__does_not_begin_until_the_day_is_within(tmp_path) -> None:
+    store, study, row = of_study(tmp_path, TEXT)
+    session = study.session(row, SITTING)
+    session.give_consent()
+    at, clock = PresentedSession(session), study.clock
+    study.set_day(row.id, 12.0, 0.2, posture="seated")
+    with pytest.raises(BadInput, match=r"12 °C \(allowed: 27 to 36 °C\)"):
+        answer_one(at, clock)
+    study.set_day(row.id, 31.0, 0.2, posture="seated")
+    assert answer_one(at, clock) == (0, 0)
+    study.set_day(row.id, 12.0, 0.2, posture="seated")
+    assert answer_one(at, clock) == (0, 1)  # a run that goes on is not cut in two
+    store.close()
+
+
+def test_run__outside_gates_that_only_tell__begins_with_an_event(tmp_path) -> None:
+    store, study, row = of_study(tmp_path, TEXT.replace("[gates]", '[gates]\noutside = "tell"'))
+    session = study.session(row, SITTING)
+    session.give_consent()
+    study.set_day(row.id, 12.0, 0.2, posture="seated")
+    answer_one(PresentedSession(session), study.clock)
+    with store.read() as connection:
+        told = connection.execute(select(schema.event.c.detail).where(schema.event.c.kind == "gate")).scalars().all()
+    assert told == ["skin_temperature_c: 12 °C (allowed: 27 to 36 °C)"]
+    store.close()
+
+
+def test_standard__every_condition_unmet_or_not_compared__is_told() -> None:
+    text = PROTOCOL + "\n[standard]\nsource = 'own copy'\ncontact_high_mm2 = 20\nramp_low_s = 0.5\n"
+    told = [str(one) for one in parse_protocol(text).unmet()]
+    assert told[:3] == [f"frequency: none (allowed: {hertz} Hz)" for hertz in ("4", "31.5", "125")]
+    assert "contact area: 78.5 mm² (allowed: at most 20 mm²)" in told
+    assert "ramp: 0.01 s (allowed: at least 0.5 s)" in told
+    assert "stimulus: 0.05 s (allowed: no limit given, not compared)" in told
+    assert "surround: none (allowed: no limit given, not compared)" in told
+    assert parse_protocol(PROTOCOL).unmet() == []
+
+
+@pytest.mark.parametrize("group", ["neuropathy", "Diabetes mellitus 2", "hearing-impaired", "contrôle"])
+def test_group__of_any_name__is_allowed(group) -> None:
+    text = PROTOCOL.replace('group = "hearing"', f'group = "{group}"')
+    assert parse_protocol(text).subject[0].group == group
+
+
+@pytest.mark.parametrize("group", ["", " led", "a" * 65, "=SUM(A1)", "a,b", 'a\\"b'])
+def test_group__that_is_no_name__is_refused(group) -> None:
+    with pytest.raises(BadInput, match="1 to 64 letters"):
+        parse_protocol(PROTOCOL.replace('group = "hearing"', f'group = "{group}"'))
+
+
+def test_consent__by_name_with_a_witness__needs_both_and_is_in_no_export(tmp_path) -> None:
+    text = PROTOCOL.replace("[study]", '[study]\nconsent_by = "name"\nconsent_witness = true')
+    store, study, _ = of_study(tmp_path, text)
+    session = open_session(study, "S1")
+    for names in ((), ("Ada Example",), ("  ", "Bob Example")):
+        with pytest.raises(BadInput, match="consent without a"):
+            session.give_consent(*names)
+        assert session.stage == "consent"
+    session.give_consent("Ada Example", "Bob Example")
+    assert session.stage == "trial"
+    answer_one(PresentedSession(session), study.clock)
+    with store.read() as connection:
+        assert (
+            records.latest(connection, session.id, records.CONSENT_NAMES) == "name: Ada Example; witness: Bob Example"
+        )
+    export(store, tmp_path / "out", "tidy")
+    written = "".join(file.read_text() for file in (tmp_path / "out").rglob("*") if file.suffix in (".csv", ".tsv"))
+    assert "Example" not in written
+    store.close()

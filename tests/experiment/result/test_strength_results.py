@@ -1,0 +1,58 @@
+"""Contours of a store: two simulated people at the display, a finger against another, and the file of it."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.result.strength_results import contour_results
+from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.simulated.judging_sitting import run_judging
+from tactuator.experiment.simulated.strength_people import people_of
+from tactuator.experiment.store.store import Store
+from tactuator.io.csv_tables import read_contours, write_contours
+from tactuator.perception.curve import curve
+from tests.experiment.session.apparatuses import apparatus
+from tests.experiment.session.test_judging_task import HEAD
+
+TASK = '[task]\nkind = "matching"\nfinger = "index"\nband_hz = [20, 150]\ntrials = 40\n'
+PAIRS = (
+    '[task]\nkind = "matching"\nfinger = "index"\nmethod = "pairs"\ncomparison_fingers = ["thumb"]\n'
+    "comparisons_hz = [100]\nlevels_db_sl = [20, 30]\nreversals = 4\n"
+)
+
+
+def observed(path, text: str) -> None:
+    protocol, store = parse_any_protocol(text), Store(path)
+    codes = [subject.code for subject in protocol.subject]
+    people = people_of(codes, dict.fromkeys(codes, "sensation-level"), {}, curve("bolanowski-1988"), 3)
+    run_judging(store, protocol, text, apparatus(), people, SystemClock())
+    store.close()
+
+
+def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_path) -> None:
+    observed(tmp_path / "lab.db", HEAD + '[[subject]]\ncode = "S2"\n' + TASK)
+    results = contour_results(tmp_path / "lab.db")
+    assert [person.subject for person in results.people] == ["S1", "S2"]
+    assert results.simulated
+    assert results.group is not None
+    write_contours(tmp_path / "contours.csv", results.group)
+    again = read_contours(tmp_path / "contours.csv")
+    assert again == results.group
+    assert again.provenance == "simulated"
+    assert np.sqrt(np.mean((again.db_sl - again.level_db_sl[:, None]) ** 2)) < 4.0
+
+
+def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance(tmp_path) -> None:
+    observed(tmp_path / "lab.db", HEAD + PAIRS)
+    results = contour_results(tmp_path / "lab.db")
+    assert results.group is None
+    (balance,) = results.balance
+    assert balance.finger == "thumb"
+    assert balance.offset_db.value == pytest.approx(0.0, abs=2.0)
+
+
+def test_contour_results__store_without_matches__is_refused(tmp_path) -> None:
+    Store(tmp_path / "lab.db").close()
+    with pytest.raises(BadInput, match="no done run of matching"):
+        contour_results(tmp_path / "lab.db")

@@ -1,0 +1,123 @@
+"""Judging at the simulated display: levels and times as they were played, and sessions that go on after a stop."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.export.rows import exported
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.studies import open_session, open_study, task_of
+from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_answers import answered_runs
+from tests.experiment.session.apparatuses import apparatus
+
+HEAD = """
+[study]
+name = "judged"
+seed = 3
+[session]
+practice_trials = 2
+[timing]
+stimulus_s = 0.2
+ramp_s = 0.02
+gap_s = 0.05
+lead_s = 0.05
+[[subject]]
+code = "S1"
+"""
+MATCHING = '[task]\nkind = "matching"\nfinger = "index"\ncomparison_fingers = ["thumb"]\ntrials = 24\n'
+ESTIMATION = """[task]
+kind = "magnitude-estimation"
+finger = "index"
+frequencies_hz = [40, 250]
+levels_db_sl = [10, 30]
+repeats = 1
+"""
+ORDER = """[task]
+kind = "discrimination"
+of = "order"
+fingers = ["index", "thumb"]
+frequencies_hz = [140]
+procedure = { kind = "quest-plus", trials = 6 }
+"""
+
+
+class Level(Respondent):
+    """Answers by what is commanded, and stops after so many trials."""
+
+    def __init__(self, most: int = 10**6) -> None:
+        self.most, self.asked = most, []
+
+    def respond(self, trial) -> str:
+        if len(self.asked) == self.most:
+            raise KeyboardInterrupt
+        self.asked.append(trial)
+        if not trial.responses:
+            return f"{10.0 ** (trial.tones[0][0].level_db_sl / 20.0):.3g}"
+        levels = [tones[0].level_db_sl for tones in trial.tones]
+        return trial.responses[int(np.argmax(levels))]
+
+
+@pytest.fixture
+def opened(tmp_path):
+    stores = []
+
+    def open_(text: str):
+        stores.append(Store(tmp_path / "lab.db"))
+        task = task_of(parse_any_protocol(text), tmp_path, apparatus())
+        return stores[-1], open_study(stores[-1], task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
+
+    yield open_
+    for store in stores:
+        store.close()
+
+
+def test_matching__across_fingers__plays_each_tone_on_its_finger_at_its_level(opened) -> None:
+    store, study = opened(HEAD + MATCHING)
+    run_session(PresentedSession(open_session(study, "S1")), Level())
+    rows = exported(store).tables["intervals"].rows
+    assert {str(row["stimulus"]).split(":")[1] for row in rows} == {"index", "thumb"}
+    # the paper's prefilter, which plays here, misses its curve above 150 Hz
+    loud = [row for row in rows if row["commanded_db_sl"] > 20.0 and float(row["stimulus"].split(":")[2]) < 150.0]
+    errors = [row["measured_db_sl"] - row["commanded_db_sl"] for row in loud]
+    assert np.max(np.abs(errors)) < 1.0
+    (run,) = answered_runs(store, "matching")
+    keys = study.task.protocol.task
+    assert len(run.trials) == 24
+    matches = keys.matches(run.trials)
+    assert np.array_equal(matches.stronger, matches.comparison_db_sl > matches.reference_db_sl) or (
+        np.any(matches.comparison_db_sl == matches.reference_db_sl)
+    )
+
+
+@pytest.mark.parametrize(("task", "trials"), [(MATCHING, 26), (ESTIMATION, 6), (ORDER, 8)])
+def test_session__stopped_in_the_middle__goes_on_with_the_same_trials(opened, task: str, trials: int) -> None:
+    store, study = opened(HEAD + task)
+    first = Level(4)
+    with pytest.raises(KeyboardInterrupt):
+        run_session(PresentedSession(open_session(study, "S1")), first)
+    second = Level()
+    run_session(PresentedSession(open_session(study, "S1")), second)
+    assert len(first.asked) + len(second.asked) == trials
+    assert study.task.results(store, open_session(study, "S1").id) if task != MATCHING else True
+
+
+def test_estimation__no_number__is_refused_and_the_trial_stands(opened) -> None:
+    _, study = opened(HEAD + ESTIMATION)
+    presented = PresentedSession(open_session(study, "S1"))
+
+    class Words(Level):
+        def respond(self, trial) -> str:
+            return "strong"
+
+    with pytest.raises(BadInput, match="allowed: a number above 0"):
+        run_session(presented, Words())
+    assert presented.session.trials == 0
+
+
+def test_protocol__finger_that_the_display_lacks__is_refused(tmp_path) -> None:
+    text = HEAD + MATCHING.replace('"thumb"', '"toe"')
+    with pytest.raises(BadInput, match="toe"):
+        task_of(parse_any_protocol(text), tmp_path, apparatus())

@@ -1,0 +1,64 @@
+"""One interval, felt or not: the up-down rule and von Bekesy's arithmetic, on people drawn by the test's generator."""
+
+import numpy as np
+import pytest
+
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.played import attention
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.studies import open_session
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.trial.trial import BLANK
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
+
+YES_NO = (
+    PROTOCOL.replace("steps_db = [4, 2]", "steps_db = [4, 2]\ndown = 1\nup = 1")
+    .replace("reversals = 6\naveraged = 4", "reversals = 25\naveraged = 21\naverage = 'mid-runs'")
+    .replace("[conditions]", "[paradigm]\nintervals = 1\n[catch]\nblank_share = 0.2\n[conditions]")
+    .replace("[30, 90, 210]", "[90]")
+    .replace("practice_trials = 2", "practice_trials = 0")
+)
+THRESHOLD_DB_SL = 7.0
+
+
+class Person(Respondent):
+    """Feels a level with the probability of a logistic function, and nothing at all `alarms` of the time."""
+
+    def __init__(self, alarms: float) -> None:
+        self.rng, self.alarms = np.random.default_rng(3), alarms
+
+    def respond(self, trial) -> str:
+        blank = BLANK in trial.stimuli
+        felt = 0.0 if blank else 1.0 / (1.0 + np.exp(-(trial.placement.level_db_sl - THRESHOLD_DB_SL) / 1.2))
+        return "1" if self.rng.random() < max(felt, self.alarms) else "0"
+
+
+def result(tmp_path, alarms):
+    store, clock = Store(tmp_path / "lab.db"), ObedientClock()
+    session = open_session(opened_study(store, clock, YES_NO), "S1")
+    session.give_consent()
+    run_session(PresentedSession(session), Person(alarms), rest=clock.wait)
+    runs = detection_runs(store)
+    found = thresholds(runs)[0], attention(runs[0])
+    store.close()
+    return found
+
+
+def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_half_of_the_time(tmp_path) -> None:
+    one, flags = result(tmp_path, 0.0)
+    assert one.point == pytest.approx(0.5, abs=1e-3)
+    assert one.own_db_sl == pytest.approx(THRESHOLD_DB_SL, abs=1.0)
+    assert one.refit_low_db_sl < THRESHOLD_DB_SL < one.refit_high_db_sl
+    assert flags == ()
+
+
+def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(tmp_path) -> None:
+    assert result(tmp_path, 0.5)[1] == ("attention",)
+
+
+def test_yes_no__question__has_two_answers_and_tells_no_interval() -> None:
+    protocol = parse_protocol(YES_NO)
+    assert protocol.paradigm.responses == ("1", "0")
+    assert protocol.paradigm.guess == 0.02

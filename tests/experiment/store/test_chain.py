@@ -1,0 +1,223 @@
+"""The chain over a store's rows: what was altered by plain SQL is found, and copies are whole or refused."""
+
+import hashlib
+import json
+import random
+import shutil
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.store.store import Store, opened_store
+from tactuator.verbs.store import backup, verify
+from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """A store of one session: a run that is over, another that goes on, and events."""
+    path, clock = tmp_path_factory.mktemp("chain") / "lab.db", ObedientClock()
+    with opened_store(path) as store:
+        presented = begin(store, clock)
+        for _ in range(25):
+            if presented.session.stage == "break":
+                clock.wait(300.0)
+                presented.session.end_break()
+            answer_one(presented, clock)
+    return path
+
+
+def altered(path: Path, rng: random.Random) -> str:
+    """Alter the file by plain SQL: a value, a row away, a row doubled, two rows exchanged. The table."""
+    with closing(sqlite3.connect(path)) as plain, plain:
+        tables = [
+            name
+            for (name,) in plain.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+            if plain.execute(f"SELECT count(*) FROM {name}").fetchone()[0] > (name == "schema_version")
+        ]
+        table = rng.choice(tables)
+        names = [row[1] for row in plain.execute(f"PRAGMA table_info({table})")]
+        key = names[0]
+        rows = [row[0] for row in plain.execute(f"SELECT {key} FROM {table} ORDER BY {key}")]
+        row = rng.choice(rows)
+        kind = rng.choice(["edit", "edit", "delete", "insert", "swap"])
+        if kind == "delete" and row != rows[-1] and table != "chain":
+            plain.execute(f"DELETE FROM {table} WHERE {key} = ?", (row,))
+        elif kind == "insert" and table != "chain":
+            columns = ", ".join(names[1:])
+            values = ", ".join(f"{name} || 'x'" if name in UNIQUE else name for name in names[1:])
+            new = (
+                f"INSERT INTO {table} ({key}, {columns}) SELECT {max(rows) + 1}, {values} FROM {table} WHERE {key} = ?"
+            )
+            plain.execute("PRAGMA ignore_check_constraints = 1")
+            try:
+                plain.execute(new, (row,))
+            except sqlite3.IntegrityError:  # a number that is taken: another value will do
+                _edit(plain, table, key, row, rng.choice(names[1:]), rng)
+        elif kind == "swap" and len(rows) > 1:
+            other = rng.choice([each for each in rows if each != row])
+            for old, new in ((row, -1), (other, row), (-1, other)):
+                plain.execute(f"UPDATE {table} SET {key} = ? WHERE {key} = ?", (new, old))
+        else:
+            _edit(plain, table, key, row, rng.choice(names[1:]), rng)
+    return table
+
+
+UNIQUE = ("name", "sha256", "code", "participant_id", "link_token", "label", "key")
+
+
+def _edit(plain, table, key, row, column, rng) -> None:
+    (old,) = plain.execute(f"SELECT {column} FROM {table} WHERE {key} = ?", (row,)).fetchone()
+    if isinstance(old, float):
+        new = old + rng.choice([1e-12, 0.5, -6.0]) if abs(old) < 1 else old * rng.choice([1 + 1e-12, 2.0])
+    elif isinstance(old, int):
+        new = old + rng.choice([1, 7, 1000])
+    else:
+        new = f"{old or ''}{rng.choice(['1', ' ', '0'])}" if old is None or len(old) < 2 else old[1:] + old[0] + "z"
+    plain.execute("PRAGMA ignore_check_constraints = 1")
+    plain.execute(f"UPDATE {table} SET {column} = ? WHERE {key} = ?", (new, row))
+
+
+def test_verify__as_it_was_written__holds(sound) -> None:
+    result = verify(sound)
+    assert (result.holds, result.altered) == (True, ()), result.altered
+    assert result.rows > 25 * 4
+    assert verify(sound, result.head).holds
+
+
+@pytest.mark.parametrize("count", [15, pytest.param(1000, marks=pytest.mark.soak)])
+def test_verify__rows_altered_at_random__are_found_in_every_copy(sound, tmp_path, count) -> None:
+    tables = set()
+    for seed in range(count):
+        copy = Path(shutil.copy(sound, tmp_path / "copy.db"))
+        tables.add(altered(copy, random.Random(seed)))
+        assert not verify(copy).holds, f"alteration {seed}"
+    assert len(tables) > 5
+
+
+@pytest.mark.parametrize(
+    ("statement", "first"),
+    [
+        ("UPDATE response SET correct = 1 - correct WHERE trial_id = 9", ("response", 9, "changed")),
+        ("DELETE FROM response WHERE trial_id = 9", ("response", 9, "taken away")),
+        ("UPDATE response SET correct = 2 WHERE trial_id = 9 AND correct", ("response", 9, "changed")),
+        ("UPDATE chain SET content_sha256 = sha256 WHERE id = 30", ("chain", 30, "changed")),
+        ("DELETE FROM chain WHERE id = 30", ("chain", 30, "taken away")),
+        ("UPDATE trial SET level_db_sl = level_db_sl + 4 WHERE id > 6", ("trial", 7, "changed")),
+    ],
+)
+def test_verify__altered_row__is_told_as_the_first(sound, tmp_path, statement, first) -> None:
+    copy = Path(shutil.copy(sound, tmp_path / "copy.db"))
+    with closing(sqlite3.connect(copy)) as plain, plain:
+        assert plain.execute(statement).rowcount
+    told = verify(copy).altered[0]
+    assert (told.table, told.row, told.what) == first
+
+
+def test_verify__end_cut_off_with_its_links__is_found_by_the_head_that_was_kept(sound, tmp_path) -> None:
+    copy, kept = Path(shutil.copy(sound, tmp_path / "copy.db")), verify(sound).head
+    with closing(sqlite3.connect(copy)) as plain, plain:
+        plain.execute("DELETE FROM response WHERE trial_id = 25")
+        plain.execute("DELETE FROM interval WHERE trial_id = 25")
+        plain.execute("DELETE FROM trial WHERE id = 25")
+        plain.execute("DELETE FROM chain WHERE of_table IN ('trial', 'response') AND of_row = 25")
+        plain.execute("DELETE FROM chain WHERE id > (SELECT max(id) FROM chain WHERE of_table = 'response')")
+    assert verify(copy).holds
+    assert [each.what for each in verify(copy, kept).altered] == ["taken away"]
+
+
+@pytest.mark.parametrize("head", ["12", "12:", "x:12", ":"])
+def test_verify__head_of_another_form__is_refused(sound, head) -> None:
+    with pytest.raises(BadInput, match="NUMBER:SHA256"):
+        verify(sound, head)
+
+
+def test_chain__by_the_words_of_the_page__is_what_another_program_computes(sound) -> None:
+    """docs/files.md says how: an independent reading of it, with sqlite3 and json alone."""
+
+    def sha256(content) -> str:
+        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def rows(cursor):
+        return [dict(zip([column[0] for column in cursor.description], row, strict=True)) for row in cursor]
+
+    with closing(sqlite3.connect(sound)) as plain:
+        (previous,) = plain.execute("SELECT uid FROM schema_version").fetchone()
+        truths = {"practice", "rig_simulated", "saturated", "correct"}
+        links = rows(plain.execute("SELECT * FROM chain ORDER BY id"))
+        last = {(link["of_table"], link["of_row"]): link["content_sha256"] for link in links}
+        for number, link in enumerate(links, 1):
+            parts = (link["of_table"], link["of_row"], link["content_sha256"], link["origin"])
+            assert link["id"] == number
+            assert link["sha256"] == sha256([previous, number, *parts])
+            previous = link["sha256"]
+        for table in ("study", "run", "trial", "interval", "response", "event", "session"):
+            for row in rows(plain.execute(f"SELECT * FROM {table}")):
+                values = {n: bool(v) if n in truths and v is not None else v for n, v in row.items()}
+                assert last[table, row.get("id", row.get("trial_id"))] == sha256(values)
+
+
+def test_events__all_of_them__have_who(sound) -> None:
+    with closing(sqlite3.connect(sound)) as plain:
+        assert {who for (who,) in plain.execute("SELECT who FROM event")} == {"subject S1"}
+
+
+WRITER = """
+import sys
+from tactuator.experiment.store.store import opened_store, sessions_of
+from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin
+clock = ObedientClock()
+with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[1])) as store:
+    presented = begin(store, clock)
+    while True:
+        if presented.session.stage == "break":
+            clock.wait(300.0)
+            presented.session.end_break()
+        if presented.session.stage == "done":
+            print("done", flush=True)
+            sys.stdin.read()
+        answer_one(presented, clock)
+        print(presented.session.trials, flush=True)
+"""
+
+
+@pytest.mark.parametrize("count", [5, pytest.param(100, marks=pytest.mark.soak)])
+def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, count) -> None:
+    path = tmp_path / "lab.db"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True)
+    try:
+        for _ in range(count):
+            before = int(writer.stdout.readline())
+            result = backup(path, tmp_path / "copy.db")
+            assert result.holds
+            with closing(Store(tmp_path / "copy.db", must_exist=True)) as copy, copy.read() as connection:
+                stored = connection.exec_driver_sql("SELECT count(*) FROM response").scalar_one()
+            assert stored >= before
+        alone = Path(shutil.copy(path, tmp_path / "alone.db"))
+        with pytest.raises(BadInput, match=r"alone.db was copied.*alone.db-wal is not beside it; it holds \d+ answers"):
+            Store(alone, must_exist=True)
+        assert backup(alone, tmp_path / "mended.db").holds
+        Store(tmp_path / "mended.db", must_exist=True).close()
+    finally:
+        writer.kill()
+        writer.communicate()
+    with closing(Store(path, must_exist=True)):  # its program was killed: nothing lacks
+        pass
+    assert not Path(f"{path}-wal").exists()
+    Store(path, must_exist=True).close()
+
+
+def test_backup__onto_the_store_itself__is_refused(sound) -> None:
+    with pytest.raises(BadInput, match="the store itself"):
+        backup(sound, sound)
+
+
+def test_store__empty_copy__says_what_it_lacks(tmp_path) -> None:
+    (tmp_path / "copy.db").touch()
+    with pytest.raises(BadInput, match=r"holds no table; allowed: .*lacks its copy.db-wal"):
+        Store(tmp_path / "copy.db", must_exist=True)

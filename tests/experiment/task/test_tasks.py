@@ -1,0 +1,176 @@
+"""Tasks as state machines: what they ask, that they replay, that they end, and what they refuse."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.language.words import shipped_words
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.task.discrimination import DiscriminationKeys
+from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
+from tactuator.experiment.task.matching import MatchingKeys
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, Place, estimate, parse_task
+from tactuator.experiment.trial.trial import Timing
+
+PLACE = Place(Playable(), Timing())
+TASKS = {
+    "contour": {"kind": "matching", "finger": "index", "trials": 20},
+    "pairs": {"kind": "matching", "finger": "index", "method": "pairs", "comparisons_hz": [40.0], "reversals": 2},
+    "estimation": {"kind": "magnitude-estimation", "finger": "index", "frequencies_hz": [40.0, 250.0]},
+    "amplitude": {"kind": "discrimination", "of": "amplitude", "fingers": ["index"], "frequencies_hz": [40.0]},
+    "frequency": {"kind": "discrimination", "of": "frequency", "fingers": ["index"], "frequencies_hz": [40.0]},
+    "gap": {"kind": "discrimination", "of": "gap", "fingers": ["index"], "frequencies_hz": [140.0]},
+    "order": {"kind": "discrimination", "of": "order", "fingers": ["index", "thumb"], "frequencies_hz": [140.0]},
+}
+
+
+def played(document: dict, seed: int = 1, most: int = 2000):
+    """All trials of the first run, answered by a lot."""
+    run, rng, trials = parse_task(document).begin(0, PLACE, (seed,)), np.random.default_rng(seed), []
+    while (trial := run.trial(len(trials))) is not None and len(trials) < most:
+        assert run.trial(len(trials)) == trial
+        response = "7.5" if not trial.responses else trial.responses[int(rng.integers(len(trial.responses)))]
+        run.record(trial, response)
+        trials.append((trial, response))
+    assert run.trial(len(trials)) is None
+    return trials, run
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_task__any_answers__ends_and_replays_to_the_same_trials(name: str) -> None:
+    trials, run = played(TASKS[name])
+    assert run.progress == pytest.approx(1.0)
+    again, _ = played(TASKS[name])
+    assert [trial for trial, _ in trials] == [trial for trial, _ in again]
+    assert all(len(trial.stimuli) == len(trial.tones) for trial, _ in trials)
+
+
+@pytest.mark.parametrize("language", ["en", "de", "fr"])
+@pytest.mark.parametrize("name", TASKS)
+def test_task__in_every_language__has_question_titles_and_keys(name: str, language: str) -> None:
+    keys, words = parse_task(TASKS[name]), shipped_words(language)
+    asked = keys.asked(words)
+    assert asked.prompt
+    assert all(plan.what and plan.trials > 0 for plan in keys.plans(words))
+    assert len({key for _, of in asked.responses for key in of}) == len(asked.responses)
+
+
+@pytest.mark.parametrize("name", ["contour", "pairs"])
+def test_matching__order_and_standard__are_balanced_and_levels_comfortable(name: str) -> None:
+    keys = parse_task(TASKS[name])
+    trials = [trial for trial, _ in played(TASKS[name])[0]]
+    rows = [keys.row([tones[0] for tones in trial.tones], True) for trial in trials]
+    second, swapped = [row[3] for row in rows], [row[4] for row in rows]
+    assert np.mean(second) == pytest.approx(0.5, abs=0.1)
+    assert 0.3 < np.mean(swapped) < 0.7
+    assert all(tone.level_db_sl <= 55.0 for trial in trials for tones in trial.tones for tone in tones)
+    assert all(trial.correct == str(1 + row[3]) for trial, row in zip(trials, rows, strict=True))
+
+
+def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -> None:
+    keys = MatchingKeys(finger="index", method="pairs", comparisons_hz=(40.0,), levels_db_sl=(20.0, 30.0))
+    run, trials = keys.begin(0, PLACE, (3,)), []
+    rng = np.random.default_rng(4)
+    while (trial := run.trial(len(trials))) is not None:
+        felt = [tones[0].level_db_sl - 5.0 * (tones[0].frequency_hz == 40.0) + rng.normal() for tones in trial.tones]
+        response = trial.responses[int(np.argmax(felt))]
+        run.record(trial, response)
+        tones = tuple(AnsweredTone(t.role, t.finger, t.frequency_hz, t.level_db_sl) for (t,) in trial.tones)
+        trials.append(Answered(tones, None, response, trial.judge(response)))
+    found = keys.equality(AnsweredRun("S", "index", 40.0, tuple(trials)))
+    assert found.above_db.value == pytest.approx(5.0, abs=0.7)
+    assert abs(found.order_db.value) < 0.6
+    assert keys.results((AnsweredRun("S", "index", 40.0, tuple(trials)),), shipped_words("de"))[0].rows
+
+
+def test_discrimination__the_changed_interval__differs_by_what_was_placed() -> None:
+    for name in ("amplitude", "frequency", "gap", "order"):
+        for trial, _ in played(TASKS[name])[0][:40]:
+            difference = 10.0 ** (trial.placement.level_db_sl / 20.0)
+            if name == "order":
+                ((one, other),) = trial.tones
+                assert other.onset_s - one.onset_s == pytest.approx(1e-3 * difference)
+                assert trial.correct == one.finger
+                continue
+            target = trial.tones[trial.responses.index(trial.correct)]
+            base = trial.tones[trial.responses.index(trial.correct) - 1][0]
+            if name == "amplitude":
+                assert target[0].level_db_sl - base.level_db_sl == pytest.approx(min(difference, 35.0))
+            elif name == "frequency":
+                assert target[0].frequency_hz == pytest.approx(min(40.0 * (1.0 + difference / 100.0), 300.0))
+            else:
+                silent = target[1].onset_s - target[0].duration_s
+                assert silent == pytest.approx(min(1e-3 * difference, 0.8 * base.duration_s))
+                assert target[1].onset_s + target[1].duration_s == pytest.approx(base.duration_s)
+
+
+def test_magnitudes__a_power_function_in_any_modulus__gives_its_exponent() -> None:
+    keys = EstimationKeys(finger="index", frequencies_hz=(40.0, 250.0), repeats=2)
+    rng, runs = np.random.default_rng(2), []
+    for subject, modulus in (("A", 0.1), ("B", 300.0)):
+        run, trials = keys.begin(0, PLACE, (ord(subject),)), []
+        while (trial := run.trial(len(trials))) is not None:
+            tone = trial.tones[0][0]
+            exponent = {40.0: 0.9, 250.0: 0.45}[tone.frequency_hz]
+            response = f"{modulus * 10.0 ** (exponent * tone.level_db_sl / 20.0) * np.exp(rng.normal(0.0, 0.05)):.4g}"
+            run.record(trial, response)
+            told = AnsweredTone(tone.role, tone.finger, tone.frequency_hz, tone.level_db_sl)
+            trials.append(Answered((told,), tone.level_db_sl, response, False))
+        runs.append(AnsweredRun(subject, "index", None, tuple(trials)))
+    low, high = magnitudes(runs)
+    assert (low.exponent.value, high.exponent.value) == pytest.approx((0.9, 0.45), abs=0.03)
+    assert low.exponent.low < 0.9 < low.exponent.high
+    assert low.mean[-1] / low.mean[0] == pytest.approx(10.0 ** (0.9 * 2.0), rel=0.15)
+
+
+@pytest.mark.parametrize("response", ["0", "-1", "inf", "nan", "strong", ""])
+def test_estimate__no_number_above_zero__is_refused(response: str) -> None:
+    with pytest.raises(BadInput, match="allowed: a number above 0"):
+        estimate(response)
+
+
+def test_estimate__a_comma__is_a_decimal_point() -> None:
+    assert estimate("2,5") == 2.5
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ({"kind": "guessing"}, "guessing.*allowed: discrimination, magnitude-estimation, matching"),
+        ({"kind": "matching"}, "finger: missing|missing"),
+        ({"kind": "matching", "finger": "index", "method": "pairs"}, "comparisons_hz"),
+        ({"kind": "matching", "finger": "index", "comparisons_hz": [40.0]}, "none: the method chooses"),
+        ({"kind": "matching", "finger": "index", "frequency_hz": 400.0}, "frequency_hz"),
+        (
+            {"kind": "matching", "finger": "index", "method": "pairs", "comparisons_hz": [100.0]},
+            "other frequencies than the standard's",
+        ),
+        ({"kind": "discrimination", "of": "order", "fingers": ["index"], "frequencies_hz": [40.0]}, "two"),
+        (
+            {"kind": "discrimination", "of": "gap", "fingers": ["index"], "frequencies_hz": [40.0], "rove_db": 3.0},
+            "rove_db",
+        ),
+    ],
+)
+def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        parse_task(document)
+
+
+def test_difference__of_a_psychometric_function_written_here__is_found() -> None:
+    keys, rng = (
+        DiscriminationKeys(of="frequency", fingers=("index",), frequencies_hz=(100.0,)),
+        np.random.default_rng(3),
+    )
+    found = []
+    for seed in range(20):
+        run, trials = keys.begin(0, PLACE, (seed,)), []
+        while (trial := run.trial(len(trials))) is not None:
+            # three intervals: chance that the largest of three normals is the shifted one, d' 1.63 at 25 %
+            shift = 1.6314 * 10.0 ** (trial.placement.level_db_sl / 20.0) / 25.0
+            right = shift + rng.normal() > max(rng.normal(), rng.normal())
+            response = trial.correct if right else next(r for r in trial.responses if r != trial.correct)
+            run.record(trial, response)
+            trials.append(Answered((), trial.placement.level_db_sl, response, bool(right)))
+        found.append(keys.difference(AnsweredRun("S", "index", 100.0, tuple(trials))).jnd.value)
+    assert np.mean(found) == pytest.approx(25.0, abs=3.0)

@@ -1,0 +1,93 @@
+"""Equal-strength contours: interpolation against SciPy's, the inverse, what is held beyond them, refusals."""
+
+import numpy as np
+import pytest
+import scipy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactuator.errors import BadInput
+from tactuator.perception.contact import Contact
+from tactuator.perception.contours import Contours
+
+HERTZ = np.array([2.0, 8.0, 30.0, 60.0, 100.0, 160.0, 250.0, 300.0])
+LEVELS = np.array([10.0, 20.0, 30.0, 45.0])
+WAVE = LEVELS[:, None] * (1.0 + 0.2 * np.sin(np.log(HERTZ / 100.0)))
+MADE = Contours("made", HERTZ, LEVELS, WAVE, WAVE - 1.0, WAVE + 2.0, provenance="synthetic")
+
+
+def test_contours__at_their_points__are_given_back() -> None:
+    np.testing.assert_allclose(MADE.level_db_sl_at(LEVELS[:, None], HERTZ), WAVE, atol=1e-9)
+
+
+def test_contours__between_levels_and_between_frequencies__are_the_monotone_cubic_of_scipy() -> None:
+    strength = np.linspace(0.0, 45.0, 91)
+    along = scipy.interpolate.PchipInterpolator(np.concatenate(([0.0], LEVELS)), np.concatenate(([0.0], WAVE[:, 2])))
+    np.testing.assert_allclose(MADE.level_db_sl_at(strength, 30.0), along(strength), atol=1e-9)
+    hertz = np.geomspace(2.0, 300.0, 77)
+    across = scipy.interpolate.PchipInterpolator(np.log(HERTZ), WAVE[0])
+    np.testing.assert_allclose(MADE.level_db_sl_at(10.0, hertz), across(np.log(hertz)), atol=1e-9)
+
+
+def test_contours__beyond_their_points__hold_the_distance() -> None:
+    top = MADE.level_db_sl_at(45.0, 30.0)
+    assert MADE.level_db_sl_at(55.0, 30.0) == pytest.approx(top + 10.0)
+    assert MADE.level_db_sl_at(-20.0, 30.0) == pytest.approx(-20.0)
+    assert MADE.level_db_sl_at(20.0, [0.0, 2.0]).tolist() == pytest.approx([WAVE[1, 0]] * 2)
+
+
+def test_contours__equal_velocity__lie_off_equal_sensation_level_by_what_griffin_2012_says() -> None:
+    # a tone at 30 Hz is 8.0 dB stronger than one of 100 Hz at the same level, one at 250 Hz 5.0 dB weaker
+    moved = np.array([-8.0, 0.0, 5.0])
+    griffin = Contours("griffin", [30.0, 100.0, 250.0], [20.0, 30.0, 40.0], np.array([[20.0], [30.0], [40.0]]) + moved)
+    assert griffin.strength_db_sl_at([22.0, 35.0], [30.0, 250.0]).tolist() == pytest.approx([30.0, 30.0])
+
+
+@given(
+    st.lists(st.floats(0.3, 30.0), min_size=4, max_size=4),
+    st.floats(-10.0, 60.0),
+    st.floats(0.5, 500.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_contours__any_that_rise__are_monotone_and_inverted(steps, strength, hertz, seed) -> None:
+    drawn = np.random.default_rng(seed).uniform(0.3, 30.0, (4, 5))
+    drawn[:, 2] = steps
+    made = Contours("drawn", [10.0, 30.0, 100.0, 200.0, 300.0], np.cumsum(steps), np.cumsum(drawn, axis=0))
+    level = made.level_db_sl_at(strength, hertz)
+    assert made.strength_db_sl_at(level, hertz) == pytest.approx(strength, abs=1e-6)
+    assert made.level_db_sl_at(strength + 0.5, hertz) > level
+
+
+def test_band__at_points_between_and_without_one__is_about_the_contour() -> None:
+    low, high = MADE.band_db_sl_at([20.0, 25.0], 45.0)
+    centre = MADE.level_db_sl_at([20.0, 25.0], 45.0)
+    np.testing.assert_allclose([low - centre, high - centre], [[-1.0, -1.0], [2.0, 2.0]], atol=1e-9)
+    assert np.isnan(Contours("bare", HERTZ, LEVELS, WAVE).band_db_sl_at(20.0, 45.0)).all()
+
+
+@pytest.mark.parametrize(
+    ("hertz", "levels", "table", "reference_hz", "words"),
+    [
+        ([30.0, 100.0], [10.0], [[10.0, 10.0, 1.0]], 100.0, "db_sl is 1 x 3; allowed: 1 x 2"),
+        ([30.0], [10.0], [[10.0]], 100.0, "1 frequencies and 1 contours"),
+        ([100.0, 30.0], [10.0], [[10.0, 10.0]], 100.0, "frequencies 100, 30"),
+        ([30.0, 100.0], [20.0, 10.0], [[20.0, 20.0], [10.0, 10.0]], 100.0, "strength levels 20, 10"),
+        ([30.0, 100.0], [10.0, 20.0], [[12.0, 10.0], [12.0, 20.0]], 100.0, "12 dB SL at 30 Hz on the contour of 20"),
+        ([30.0, 100.0], [10.0], [[-1.0, 10.0]], 100.0, "-1 dB SL at 30 Hz"),
+        ([30.0, 100.0], [10.0], [[10.0, np.nan]], 100.0, "not a finite number"),
+        ([30.0, 100.0], [10.0], [[10.0, 10.0]], 160.0, "reference_hz.*160 Hz; allowed: within 30 to 100 Hz"),
+        ([30.0, 100.0], [10.0], [[10.0, 12.0]], 100.0, r"\+2.00 dB from the strength level at 100 Hz"),
+    ],
+)
+def test_contours__that_are_none__are_refused(hertz, levels, table, reference_hz, words) -> None:
+    with pytest.raises(BadInput, match=words):
+        Contours("made", hertz, levels, np.array(table), reference_hz=reference_hz)
+
+
+def test_contact__where_both_sides_state_it__tells_what_differs() -> None:
+    thenar = Contact("thenar", 290.0, "rigid, gap 1 mm", None, (20.0, 30.0))
+    tip = Contact("index fingertip", 200.0, "none", 1.0, (25.0, 70.0))
+    assert {key for key, *_ in tip.differences(thenar)} == {"site", "surround"}
+    assert [*Contact("fingertip").differences(Contact("index fingertip"))] == []
+    assert [*Contact().differences(thenar)] == []
+    assert [*Contact(area_mm2=7.0).differences(thenar)] == [("area_mm2", "7 mm²", "290 mm²")]

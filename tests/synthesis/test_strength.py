@@ -1,0 +1,107 @@
+"""Contours that a display follows: by one prefilter, or at every level; and what check and measure say of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import NoDesign
+from tactuator.measure.error import ResponseLevels, error_db
+from tactuator.model.description import Strength, display_document
+from tactuator.model.verdict import FELT_LESS_ASKED, Outcome
+from tactuator.perception.contact import Contact
+from tactuator.perception.contours import Contours
+from tactuator.rig.board.commissioning import safety_table
+from tactuator.signals.decibels import db, from_db
+from tactuator.signals.record import Response
+from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
+from tactuator.synthesis.verdict import judge_channel
+from tactuator.verbs.controller import design
+from tests.griffin import distance_db, griffin
+from tests.runtime.paper_display import RATE_HZ, channel, display
+from tests.strength import blended
+
+HERTZ = np.geomspace(0.4, 300.0, 120)
+
+
+def asked(**keys: object):
+    finger = channel()
+    return display(replace(finger, strength=Strength(**keys), prefilter=replace(finger.prefilter, poles=8)))
+
+
+def response(of, hertz, felt_db_sl, level) -> Response:
+    volts = from_db(felt_db_sl) * of.channels[0].threshold_voltage(hertz)
+    nothing = np.zeros(hertz.size)
+    peak, flags = np.full(hertz.size, from_db(level)), np.zeros(hertz.size, dtype=bool)
+    return Response("index", "none", level, "multisine", hertz, volts + 0j, peak, nothing, nothing, nothing, flags,
+                    flags, nothing)  # fmt: skip
+
+
+@pytest.mark.parametrize("level", JUDGED_DB_SL)
+def test_fit_strength__of_griffins_contours__keeps_every_level(level: float) -> None:
+    shaping = fit_strength(blended(display(channel())).channels[0], RATE_HZ, 1.0)
+    assert shaping is not None
+    hertz = np.array([2.0, 8.0, 30.0, 60.0, 100.0, 160.0, 250.0, 300.0])
+    raised = db(np.abs(shaping.response(level, hertz, RATE_HZ)))
+    np.testing.assert_allclose(raised, distance_db(hertz, level), atol=0.7)
+    assert np.max(np.abs(shaping_error_db(shaping, level, griffin(), HERTZ, RATE_HZ))) < 0.8
+    assert np.max(np.abs(shaping.gains)) < 20.0
+
+
+def test_fit_strength__contours_with_a_cliff__are_no_design() -> None:
+    table = np.array([[20.0, 20.0, 5.0, 20.0]])
+    cliff = Contours("cliff", [20.0, 50.0, 55.0, 100.0], [20.0], table, provenance="synthetic")
+    finger = replace(channel(), strength=Strength(cliff, blended=True))
+    with pytest.raises(NoDesign, match="contours are missed by"):
+        fit_strength(finger, RATE_HZ, 1.0)
+
+
+def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() -> None:
+    made = design(asked(contours=griffin(), strength_db_sl=40.0))
+    assert made.channels[0].strength is None
+    felt = db(np.abs(made.response("index", HERTZ)) / made.display.channels[0].threshold_voltage(HERTZ))
+    inside = (HERTZ > 2.0) & (HERTZ < 290.0)
+    np.testing.assert_allclose(felt[inside], griffin().level_db_sl_at(40.0, HERTZ[inside]) - 40.0, atol=0.6)
+    (flat,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
+               if f.quantity == FELT_LESS_ASKED and f.load == "none"]  # fmt: skip
+    assert flat.outcome is Outcome.MET
+    plain = replace(made.display.channels[0], strength=Strength())
+    (off,) = [f for f in judge_channel(made.channels[0], plain, made.display)
+              if f.quantity == FELT_LESS_ASKED and f.load == "none"]  # fmt: skip
+    assert off.value == pytest.approx(8.0, abs=1.0)
+
+
+def test_design__without_strength__is_what_it_was() -> None:
+    bare, stated = design(asked()), design(asked(balance_db=0.0))
+    assert bare.content_hash == stated.content_hash
+    assert not {"contours", "blended", "strength"} & set(str(display_document(bare.display)).replace("'", " ").split())
+
+
+def test_balance__of_a_finger__moves_its_whole_level_and_its_limit() -> None:
+    more, even = asked(balance_db=3.0), asked()
+    levels = [db(np.abs(design(one).response("index", HERTZ))) for one in (more, even)]
+    np.testing.assert_allclose(levels[0] - levels[1], 3.0, atol=0.5)
+    limits = [safety_table(one).channels[0].reference_max for one in (even, more)]
+    assert db(np.array(limits[0] / limits[1])) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("keys", [{"strength_db_sl": 30.0}, {"blended": True}])
+def test_measure__of_a_response_on_the_contour__is_felt_as_asked(keys: dict[str, object]) -> None:
+    of, hertz = asked(contours=griffin(), **keys), np.array([10.0, 30.0, 250.0])
+    on = response(of, hertz, griffin().level_db_sl_at(20.0, hertz), 20.0)
+    np.testing.assert_allclose(error_db(on, of), 0.0, atol=1e-9)
+    equal = response(of, hertz, np.full(3, 20.0), 20.0)
+    assert error_db(equal, of)[1] == pytest.approx(8.0, abs=0.1)
+    if "blended" in keys:
+        levels = ResponseLevels.of(on, design(of))
+        np.testing.assert_allclose(levels.model_db, 0.0, atol=1.0)
+        np.testing.assert_allclose(levels.asked_db_sl, griffin().level_db_sl_at(20.0, hertz))
+
+
+def test_design__for_another_contact_than_the_curves__warns() -> None:
+    finger = replace(channel(), contact=Contact("index fingertip", 300.0))
+    (notice,) = design(display(finger)).notices()
+    assert notice == (
+        "index: the threshold curve bolanowski-1988 was not felt alike: site thenar; the display's is index fingertip"
+    )
+    assert design(display(replace(finger, contact=Contact("thenar")))).notices() == []

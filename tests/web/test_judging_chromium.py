@@ -1,0 +1,125 @@
+"""Tasks of judging in a real Chromium, by keyboard alone: matching, numbers for magnitudes, which finger was first."""
+
+import pytest
+from playwright.sync_api import Page, expect
+from sqlalchemy import select
+
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import controller
+from tests.web.study import Server, started, watch_errors
+
+HEAD = """
+[study]
+name = "judged"
+seed = 3
+language = "{language}"
+[session]
+practice_trials = 1
+[timing]
+stimulus_s = 0.05
+ramp_s = 0.01
+gap_s = 0.01
+lead_s = 0.01
+feedback_s = 0.0
+[[subject]]
+code = "S1"
+"""
+TASKS = {
+    "matching": '[task]\nkind = "matching"\nfinger = "index"\ntrials = 20\n',
+    "magnitude": """[task]
+kind = "magnitude-estimation"
+finger = "index"
+frequencies_hz = [40, 250]
+levels_db_sl = [10, 30]
+repeats = 1
+""",
+    "order": """[task]
+kind = "discrimination"
+of = "order"
+fingers = ["index", "thumb"]
+frequencies_hz = [140]
+procedure = { kind = "quest-plus", trials = 5 }
+""",
+}
+OPEN_FIELD = ".number input:not([readonly])"
+OPEN_BUTTON = ".choice[aria-disabled=false]"
+
+
+@pytest.fixture
+def page(browser):
+    made = browser.new_page()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def serve(tmp_path):
+    made: list[Server] = []
+
+    def start(text: str) -> Server:
+        made.append(started(tmp_path, text, controller()))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.kill()
+
+
+def answered(page: Page, keys) -> int:
+    """Answer by keys until the session is over; how many answers were given."""
+    count, last = 0, None
+    for _ in range(20_000):
+        if page.locator("#progress").evaluate("bar => bar.value") == 1 and not page.locator("#choices").is_visible():
+            return count
+        trial = page.locator("body").get_attribute("data-trial")
+        if page.locator("#go").is_visible():
+            page.keyboard.press("Enter")
+        elif trial != last and page.locator(f"{OPEN_BUTTON}, {OPEN_FIELD}").count():
+            keys(page, count)
+            count, last = count + 1, trial
+        page.wait_for_timeout(5)
+    raise AssertionError("the session does not end")
+
+
+def responses(server: Server) -> list[str]:
+    store = Store(server.store)
+    with store.read() as connection:
+        rows = list(
+            connection.execute(select(schema.response.c.response).order_by(schema.response.c.trial_id)).scalars()
+        )
+    store.close()
+    return rows
+
+
+def typed(page: Page, count: int) -> None:
+    """A number by the keyboard, with a point or a comma; the first time something else comes before it."""
+    if count == 0:
+        page.keyboard.type("0")
+        page.keyboard.press("Enter")
+        expect(page.locator(".number input")).to_have_attribute("aria-invalid", "true")
+        page.keyboard.press("Backspace")
+    page.keyboard.type(f"{count + 1},5" if count % 2 else f"{count + 1}.5")
+    page.keyboard.press("Enter")
+
+
+@pytest.mark.parametrize(
+    ("task", "language"),
+    [("matching", "en"), ("magnitude", "en"), ("magnitude", "de"), ("magnitude", "fr"), ("order", "fr")],
+)
+def test_judging__by_keyboard_alone__is_answered_to_the_end(page: Page, serve, task: str, language: str) -> None:
+    text = HEAD.format(language=language) + TASKS[task]
+    protocol, errors = parse_any_protocol(text), watch_errors(page)
+    server = serve(text)
+    page.goto(server.addresses["subject S1"])
+    count = answered(
+        page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
+    )
+    given = responses(server)
+    assert len(given) == count == {"matching": 21, "magnitude": 5, "order": 6}[task]
+    if task == "magnitude":
+        assert given == ["1.5", "2,5", "3.5", "4,5", "5.5"]
+    if task == "order":
+        assert set(given) == set(protocol.task.fingers)
+    assert errors == []

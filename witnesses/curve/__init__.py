@@ -1,0 +1,1 @@
+"""Whole curves of people who are not like the procedure's prior."""

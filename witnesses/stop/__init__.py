@@ -1,0 +1,1 @@
+"""What an end that a subject asks for takes, at the finger."""

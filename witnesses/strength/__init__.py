@@ -1,0 +1,1 @@
+"""Equally strong, on a person whose law nobody who designs has seen."""

@@ -1,0 +1,112 @@
+"""A person with Griffin's law: at high magnitudes what is equally strong has equal velocity, at threshold all is equal.
+
+The law is written from its words, from velocity and the person's own threshold; it knows nothing of contours, nor of
+how a display is made to follow them. From equal sensation level it lies 8.0 dB off at 30 Hz and 5.0 dB at 250 Hz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from tactuator.arrays import FloatArray
+
+_GROWS_DB = 8.0
+"""How soon above threshold velocity takes over."""
+_STANDARD_HZ = 100.0
+Answer = tuple[float, float, float, bool, bool, bool]
+
+
+def _threshold() -> tuple[FloatArray, FloatArray]:
+    """Return the points of the person's threshold, read from the data file by this program itself."""
+    folder = Path(__file__).resolve().parents[2] / "src/tactuator/perception/data"
+    lines = (folder / "digitised-bolanowski-1988-thenar.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines if line[:1].isdigit()]
+    table = np.array([[float(cell) for cell in row] for row in rows])
+    return table[:, 0], table[:, 1]
+
+
+@dataclass
+class Person:
+    """Somebody who tells which of two tones is stronger, sure of it by so many dB of standard deviation.
+
+    order_db: what the second tone seems stronger by.
+    """
+
+    rng: np.random.Generator
+    sigma_db: float = 2.0
+    order_db: float = 0.7
+
+    def threshold_db(self, hertz: float) -> float:
+        """Return the least displacement that is felt, dB re 1 um peak."""
+        at, level = _threshold()
+        return float(np.interp(np.log(hertz), np.log(at), level))
+
+    def strength(self, hertz: float, displacement_db: float) -> float:
+        """Return the strength of a tone of that peak displacement (dB re 1 um): the level above threshold of a tone of
+        the standard's frequency that is as strong.
+        """
+        above = displacement_db - self.threshold_db(hertz)
+        faster_db = 20.0 * np.log10(hertz / _STANDARD_HZ) + self.threshold_db(hertz) - self.threshold_db(_STANDARD_HZ)
+        if above <= 0.0:
+            return above
+
+        def less(strength: float) -> float:
+            return float(strength - faster_db * (1.0 - np.exp(-((strength / _GROWS_DB) ** 2))) - above)
+
+        return float(scipy.optimize.brentq(less, -40.0, 120.0))
+
+    def second_is_stronger(self, first: tuple[float, float], second: tuple[float, float]) -> bool:
+        """Tell which of two tones (hertz, displacement in dB) is stronger, with noise and a bias of their order."""
+        apart = self.strength(*second) - self.strength(*first) + self.order_db
+        return bool(apart + self.sigma_db * np.sqrt(2.0) * self.rng.standard_normal() > 0.0)
+
+
+def matched(person: Person, hertz: float, level_db_sl: float, trials: int) -> float:
+    """Return the sensation level at `hertz` that the person finds as strong as the standard at level_db_sl: two
+    up-down tracks that are interleaved, one from above and one from below, orders drawn; the mean of their later
+    reversals.
+    """
+    standard = _STANDARD_HZ, person.threshold_db(_STANDARD_HZ) + level_db_sl
+    at, steps = [level_db_sl + 10.0, max(level_db_sl - 10.0, 1.0)], [4.0, 4.0]
+    came_down: list[bool | None] = [None, None]
+    turned: list[list[float]] = [[], []]
+    for trial in range(trials):
+        track = trial % 2
+        comparison = hertz, person.threshold_db(hertz) + at[track]
+        if person.rng.random() < 0.5:
+            stronger = person.second_is_stronger(standard, comparison)
+        else:
+            stronger = not person.second_is_stronger(comparison, standard)
+        if came_down[track] is not None and came_down[track] != stronger:
+            turned[track].append(at[track])
+            steps[track] = {1: 2.0, 2: 2.0}.get(len(turned[track]), 1.0)
+        came_down[track] = stronger
+        at[track] = at[track] + (-steps[track] if stronger else steps[track])
+    return float(np.mean([np.mean(reversals[2:] or [at[k]]) for k, reversals in enumerate(turned)]))
+
+
+def answered(person: Person, hertz: float, level_db_sl: float, trials: int) -> list[Answer]:
+    """Return the answers to matches of a tone at `hertz` with the standard at level_db_sl: two up-down tracks that are
+    interleaved, one from above and one from below, orders drawn. Each: frequency, comparison and standard in dB SL,
+    whether the comparison came second, False (it never is the standard), whether it was called stronger.
+    """
+    standard = _STANDARD_HZ, person.threshold_db(_STANDARD_HZ) + level_db_sl
+    at, steps = [level_db_sl + 10.0, max(level_db_sl - 10.0, 1.0)], [4.0, 4.0]
+    before: list[bool | None] = [None, None]
+    answers: list[Answer] = []
+    for trial in range(trials):
+        track = trial % 2
+        comparison = hertz, person.threshold_db(hertz) + at[track]
+        second = bool(person.rng.random() < 0.5)
+        called_second = person.second_is_stronger(*((standard, comparison) if second else (comparison, standard)))
+        stronger = called_second == second
+        answers.append((hertz, at[track], level_db_sl, second, False, stronger))
+        if before[track] is not None and before[track] != stronger:
+            steps[track] = max(0.5 * steps[track], 1.0)
+        before[track] = stronger
+        at[track] += -steps[track] if stronger else steps[track]
+    return answers
