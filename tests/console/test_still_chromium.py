@@ -57,14 +57,7 @@ def pulled(page, handle, along, down, settled):
 @pytest.mark.slow
 @pytest.mark.parametrize(("wide", "high"), SIZES)
 def test_loop__each_handle_pulled_by_40_px__moves_what_is_dragged_and_nothing_else(page, wide, high):
-    page.set_viewport_size({"width": wide, "height": high})
-    go(page, "loop", display="file")
-    page.wait_for_selector(SETTLED)
-
-    def settled():
-        page.wait_for_timeout(120)
-        page.wait_for_selector(SETTLED)
-
+    settled = loop_view(page, wide, high)
     whole = page.locator(".bench .plots").bounding_box()
     if wide >= 1440:
         assert whole["y"] + whole["height"] <= high
@@ -92,6 +85,19 @@ def test_loop__each_handle_pulled_by_40_px__moves_what_is_dragged_and_nothing_el
             undone(page, settled, before)
 
 
+def loop_view(page, wide, high):
+    """Open the loop in a window of this size; return what waits until it stands."""
+    page.set_viewport_size({"width": wide, "height": high})
+    go(page, "loop", display="file")
+    page.wait_for_selector(SETTLED)
+
+    def settled():
+        page.wait_for_timeout(120)
+        page.wait_for_selector(SETTLED)
+
+    return settled
+
+
 def undone(page, settled, before):
     page.keyboard.press("Control+z")
     settled()
@@ -101,14 +107,7 @@ def undone(page, settled, before):
 @pytest.mark.slow
 @pytest.mark.parametrize(("wide", "high"), SIZES)
 def test_handles_on_the_open_loop__pulled_by_40_px__move_their_own_value_alone(page, wide, high):
-    page.set_viewport_size({"width": wide, "height": high})
-    go(page, "loop", display="file")
-    page.wait_for_selector(SETTLED)
-
-    def settled():
-        page.wait_for_timeout(120)
-        page.wait_for_selector(SETTLED)
-
+    settled = loop_view(page, wide, high)
     for nth, name in enumerate(["gain", "zero", "pole"]):
         for way, (along, down) in DIRECTIONS.items():
             before = shape(page)

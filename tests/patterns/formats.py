@@ -1,5 +1,7 @@
 """Whole files of formats that several tests alter."""
 
+import copy
+
 TRANSIENT = {"effect_type": "Basis", "position": 0, "keyframes": [
     {"relative_position": 100, "amplitude_modulation": 0.5, "frequency_modulation": 90}]}  # fmt: skip
 WAVE = {"effect_type": "Basis", "position": 200, "phase": 0, "base_signal": "Sine", "keyframes": [
@@ -40,3 +42,16 @@ ACF = """{
   },
 }
 """
+
+
+def changed(document, path, value):
+    """A copy of the document with another value at a path; None takes the key away."""
+    document = copy.deepcopy(document)
+    part = document
+    for key in path[:-1]:
+        part = part[key]
+    if value is None:
+        del part[path[-1]]
+    else:
+        part[path[-1]] = value
+    return document

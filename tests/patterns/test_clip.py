@@ -1,6 +1,5 @@
 """Clips of other formats: what they ask for, and every rule that one can break."""
 
-import copy
 import json
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from tactuator.errors import BadInput
 from tactuator.patterns.clip import Clip
 from tactuator.patterns.reading import read_clip
-from tests.patterns.formats import HJIF
+from tests.patterns.formats import HJIF, changed
 
 HAPTIC = {
     "version": {"major": 1, "minor": 0, "patch": 0},
@@ -55,19 +54,6 @@ def read(tmp_path, name, content, **how) -> Clip:
     path = tmp_path / name
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return read_clip(path, **how)
-
-
-def changed(document, path, value):
-    """A copy of the document with another value at a path; None takes the key away."""
-    document = copy.deepcopy(document)
-    part = document
-    for key in path[:-1]:
-        part = part[key]
-    if value is None:
-        del part[path[-1]]
-    else:
-        part[path[-1]] = value
-    return document
 
 
 def test_haptic__points__are_strength_pitch_and_taps(tmp_path) -> None:

@@ -1,6 +1,5 @@
 """HJIF: the part that AHAP maps to, and the rules of MPEG's reference software."""
 
-import copy
 import json
 
 import numpy as np
@@ -8,19 +7,11 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.patterns.hjif import parse_hjif
-from tests.patterns.formats import HJIF, LIMITS
+from tests.patterns.formats import HJIF, LIMITS, changed
 
 
 def altered(path, value):
-    document = copy.deepcopy(HJIF)
-    part = document
-    for key in path[:-1]:
-        part = part[key]
-    if value is None:
-        del part[path[-1]]
-    else:
-        part[path[-1]] = value
-    return json.dumps(document)
+    return json.dumps(changed(HJIF, path, value))
 
 
 PERCEPTION = ("perceptions", 0)

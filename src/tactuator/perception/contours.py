@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput
 from tactuator.parameters import Numbers, Positive, table
 from tactuator.perception.contact import Contact
@@ -55,12 +55,7 @@ class Contours:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        for key in ("frequency_hz", "level_db_sl", "db_sl", "low_db_sl", "high_db_sl"):
-            values = getattr(self, key)
-            if values is not None:
-                array = np.array(values, dtype=np.float64)
-                array.flags.writeable = False
-                object.__setattr__(self, key, array)
+        freeze_arrays(self, "frequency_hz", "level_db_sl", "db_sl", "low_db_sl", "high_db_sl")
         try:
             self._check_shapes()
             self._check_levels()

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput
 from tactuator.parameters import Numbers, table
 from tactuator.perception.contact import Contact
@@ -44,12 +44,7 @@ class ThresholdCurve:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        for key in ("frequency_hz", "level_db_re_1um", "standard_error_db"):
-            values = getattr(self, key)
-            if values is not None:
-                array = np.array(values, dtype=np.float64)
-                array.flags.writeable = False
-                object.__setattr__(self, key, array)
+        freeze_arrays(self, "frequency_hz", "level_db_re_1um", "standard_error_db")
         try:
             self._check()
         except BadInput as error:

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level, Seconds
+from tactuator.experiment.keys import Level
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.procedure.procedure import (
     Playable,
@@ -18,7 +18,7 @@ from tactuator.experiment.procedure.procedure import (
     parse_procedure,
 )
 from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
-from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, StudyProtocol, further
+from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
 
@@ -38,7 +38,7 @@ class Conditions:
 
 
 @table("[session]")
-class SessionRules:
+class SessionRules(RunRules):
     """Keys of [session]: practice before the first run, breaks, feedback, and the longest interruption of a run.
 
     Where practice_limit trials do not reach the criterion, the experimenter is called and practice begins again.
@@ -51,11 +51,7 @@ class SessionRules:
     ] = None
     practice_limit: Annotated[Whole, Field(ge=1, le=1000, description="most trials of practice")] = 40
     practice_level_db_sl: Annotated[Level, Field(description="of practice")] = 30.0
-    break_after_trials: Annotated[Whole, Field(ge=1, le=100000, description="trials between breaks")] = 100
-    break_between_runs: Annotated[Flag, Field(description="a break between runs as well")] = False
-    break_s: Annotated[Seconds, Field(description="least duration of a break, by the server's clock")] = 0.0
     feedback: Annotated[Flag, Field(description="the right response is told after each answer")] = True
-    resume_within_s: Annotated[Seconds, Field(gt=0.0, description="longest interruption of a run")] = 1800.0
 
     def __post_init__(self) -> None:
         correct, window, limit = self.practice_correct, self.practice_trials, self.practice_limit

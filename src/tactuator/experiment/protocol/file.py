@@ -45,12 +45,6 @@ def read_recognition(path: str | Path) -> tuple[RecognitionProtocol, str]:
     return parse_recognition(text, str(path)), text
 
 
-def read_judging(path: str | Path) -> tuple[JudgingProtocol, str]:
-    """Return a protocol with a task and the file's text. Raises BadInput as `read_protocol`."""
-    text = _text(path)
-    return _parsed(text, str(path), JudgingProtocol), text
-
-
 def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
     """Return the protocol of any kind that the text describes. Raises BadInput as `read_any_protocol`."""
     return _parsed(text, where, StudyProtocol)

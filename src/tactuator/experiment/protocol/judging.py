@@ -7,24 +7,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from tactuator.experiment.keys import Seconds
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol, further
+from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.task.task_keys import TaskKeys, parse_task
 from tactuator.experiment.trial.trial import Marks, Timing
 from tactuator.parameters import Flag, Whole, kept_by, table
 
 
 @table("[session]")
-class JudgingRules:
+class JudgingRules(RunRules):
     """Keys of [session]: practice before the first run, breaks, and the longest interruption of a run."""
 
     practice_trials: Annotated[Whole, Field(ge=0, le=100, description="trials of practice")] = 5
-    break_after_trials: Annotated[Whole, Field(ge=1, le=100000, description="trials between breaks")] = 100
-    break_between_runs: Annotated[Flag, Field(description="a break between runs as well")] = False
-    break_s: Annotated[Seconds, Field(description="least duration of a break, by the server's clock")] = 0.0
     feedback: Annotated[Flag, Field(description="of discrimination: the right response is told")] = False
-    resume_within_s: Annotated[Seconds, Field(gt=0.0, description="longest interruption of a run")] = 1800.0
 
 
 @table("protocol")

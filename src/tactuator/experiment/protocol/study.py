@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
+from tactuator.experiment.keys import Seconds
 from tactuator.experiment.protocol.clinic import Celsius, Gates
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
 
@@ -46,6 +47,16 @@ class StudyPart:
     language: Annotated[str, Field(description="of every page")] = "en"
     language_file: Annotated[str | None, Field(description="a language of one's own, beside the protocol")] = None
     visits: Annotated[Whole, Field(ge=1, le=100, description="visits of each subject")] = 1
+
+
+@table("[session]")
+class RunRules:
+    """Keys of [session] that every kind of run has: breaks, and the longest interruption of a run."""
+
+    break_after_trials: Annotated[Whole, Field(ge=1, le=100000, description="trials between breaks")] = 100
+    break_between_runs: Annotated[Flag, Field(description="a break between runs as well")] = False
+    break_s: Annotated[Seconds, Field(description="least duration of a break, by the server's clock")] = 0.0
+    resume_within_s: Annotated[Seconds, Field(gt=0.0, description="longest interruption of a run")] = 1800.0
 
 
 @table("[circumstances]")

@@ -38,7 +38,7 @@ class JudgingSetting:
     """Settings of a simulation. law: everybody's, None: each in turn. trials: of a matching run, None: as usual."""
 
     runs: int
-    lapse: float = 0.02
+    lapse: float = StrengthPerson.lapse
     seed: int = 0
     law: str | None = None
     trials: int | None = None

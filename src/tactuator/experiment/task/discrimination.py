@@ -8,7 +8,7 @@ finds is the just-noticeable difference, at the share of right answers that it a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -187,7 +187,6 @@ class DiscriminationRun:
     place: Place
     seed: tuple[int, ...]
     procedure: Procedure
-    answered: int = field(init=False, default=0)
 
     @property
     def progress(self) -> float:
