@@ -20,8 +20,10 @@ def table(name):
     """Return the keys of one table of the display file, a line each: key, unit, what is allowed, default, meaning."""
     lines = []
     for key, about in keys_of(name).items():
-        usual = default(about)
-        said = (unit(key), allowed(about), "must be given" if usual is None else f"default {usual}")
+        usual, may_be = default(about), allowed(about)
+        if unit(key):
+            may_be = may_be.removeprefix("a number, ").removeprefix("a number")
+        said = (unit(key), may_be, "required" if usual is None else f"default {usual}")
         lines.append(f"- `{key}` ({'; '.join(part for part in said if part)}): {about.description}")
     return "\n".join(lines) + "\n"
 
