@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 _LONGEST = 180
+NOBODY_FELT_IT = "simulated: nobody felt this"
+"""What a table or figure of simulated subjects says in itself."""
 
 
 def brief(noun: Any) -> str:
@@ -74,6 +76,7 @@ class Chart:
 
     targets: levels that were asked for. tolerance, jnd: half-widths about each target, of what is allowed and of what
     is not felt. limits: other levels, by name; upright: the same on the axis of x. log_x: x is a frequency in hertz.
+    simulated: nobody felt what it shows.
     """
 
     x_label: str
@@ -86,3 +89,4 @@ class Chart:
     limits: Mapping[str, float] = field(default_factory=dict)
     upright: Mapping[str, float] = field(default_factory=dict)
     right_label: str = ""
+    simulated: bool = False

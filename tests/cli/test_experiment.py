@@ -30,7 +30,7 @@ def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, key
         assert main(["experiment", "simulate", *arguments, "--seed", "3", "--json"]) == 0
         told.append(capsys.readouterr().out)
     assert told[0] == told[1]
-    assert keys <= set(json.loads(told[0]))
+    assert keys | {"simulated"} <= set(json.loads(told[0]))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,8 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     monkeypatch.chdir(tmp_path)
     (tmp_path / "protocol.toml").write_text(SHORT)
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["truth"]) == 6
+    truth = json.loads(capsys.readouterr().out)["truth"]
+    assert [row["simulated"] for row in truth] == ["simulated"] * 6
     made = ["--curve-out", "curve.csv", "--figures", "figures"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -142,7 +143,7 @@ def test_recognise__at_the_terminal__asks_consent_introduces_tells_and_breaks(wo
     typed(monkeypatch, "y", keys[right[0]], "9", wrong, keys[right[2]], "", "1", "1", "1")
     assert main(RECOGNISE) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out) == {"subject": "S1", "trials": 6, "store": "lab.db"}
+    assert json.loads(said.out) == {"subject": "S1", "trials": 6, "store": "lab.db", "simulated": True}
     order = [
         "You may stop.",
         "Block 1 of 2: training, 3 trials.",
@@ -166,9 +167,13 @@ def test_recognise__no_consent__stores_no_answer(words, capsys, monkeypatch) -> 
 def test_recognise__abx_by_script__on_any_rig_with_a_name(words, capsys, rig) -> None:
     (words / "words.toml").write_text(protocol_text("abx", training=0, test=1))
     assert main([*RECOGNISE, "--rig", rig, "--scripted-error", "0"]) == 0
-    assert json.loads(capsys.readouterr().out)["trials"] == 12
+    answered = json.loads(capsys.readouterr().out)
+    assert (answered["trials"], answered["simulated"]) == (12, True)
     assert main(["experiment", "information", "--store", "lab.db", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["abx"][0]["share_correct"] == 1.0
+    (abx,) = json.loads(capsys.readouterr().out)["abx"]
+    assert (abx["share_correct"], abx["simulated"]) == (1.0, True)
+    assert main(["experiment", "information", "--store", "lab.db"]) == 0
+    assert "simulated: nobody felt this" in " ".join(capsys.readouterr().out.split())
 
 
 def test_serve__sessions_are_run_already__is_refused_in_one_line(tmp_path, capsys) -> None:

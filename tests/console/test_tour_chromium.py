@@ -73,6 +73,8 @@ def test_tour__walked_by_keyboard__gives_the_files_of_its_own_commands(browser, 
     assert made == sorted([*FILES, "reference.json"])
     different = [name for name in made if not filecmp.cmp(mine / name, lab / name, shallow=False)]
     assert different == []
+    os.chdir(mine)
+    assert main(["design", "mine.toml", "--out", "mine.json"]) == 0  # as it is, with no load to design for
 
 
 FILES = ["controller.json", "felt.wav", "mine.toml", "model.json", "personal.json", "reference.wav", "response.csv"]

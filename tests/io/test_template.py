@@ -49,10 +49,12 @@ def test_protocol_template__each_kind__is_a_protocol(kind):
 def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
     write_model(tmp_path / "my model.json", MODEL)
     (tmp_path / "display.toml").write_text(with_model(display_template(kind), MODEL, "my model.json"))
-    (channel,) = read_display(tmp_path / "display.toml").channels
+    display = read_display(tmp_path / "display.toml")
+    (channel,) = display.channels
     assert channel.plant.polynomials()[1] == pytest.approx([1.0, 97.0, 305.0])
     assert channel.environment.friction_v == 8e-3
     assert channel.loads == ()
+    assert not display.touch.adaptive  # what is learnt of a load wants one: the file could not be designed
 
 
 def test_with_model__that_says_something_of_a_part__narrows_the_band(tmp_path):

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 import tactuator as tt
-from tactuator.report.chart import draw
+from tactuator.report.chart import chart_plate, draw
 from tactuator.signals.record import Record
 from tactuator.table import Chart, ChartLine
 from tactuator.verbs.nouns import RecordResult
@@ -70,3 +70,13 @@ def test_record__two_units__have_an_axis_each():
     axes = record.plot(Figure().add_subplot())
     beside = next(other for other in axes.figure.axes if other is not axes)
     assert (axes.get_ylabel(), beside.get_ylabel()) == ("position (mm)", "command (V)")
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_chart__that_nobody_felt__says_so_in_axes_figure_and_table(simulated: bool):
+    chart = Chart("frequency (Hz)", "threshold (dB SL)", [ChartLine("S1", HERTZ, LEVEL, "o")], simulated=simulated)
+    plate, axes = chart_plate(chart, "thresholds"), draw(chart, Figure().add_subplot())
+    told = [text.get_text() == "simulated: nobody felt this" for text in axes.texts]
+    assert told == [True] * simulated
+    assert ("simulated: nobody felt this" in plate.svg()) is simulated
+    assert plate.csv().splitlines()[1].endswith(",simulated") is simulated

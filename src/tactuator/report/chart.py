@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from matplotlib.figure import Figure
 
 from tactuator.arrays import FloatArray
 from tactuator.report.plate import Plate, labelled, table_of
-from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, frequency_axis, house, legend
-from tactuator.table import Chart, ChartLine
+from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, RED, frequency_axis, house, legend
+from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine
 
 
 def draw(chart: Chart, ax: Axes | None = None) -> Axes:
@@ -25,6 +26,8 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
     draw_levels(axes, chart)
     for number, curve in enumerate(chart.curves):
         draw_curve(right if curve.right else axes, curve, number)
+    if chart.simulated:
+        axes.text(0.99, 0.02, NOBODY_FELT_IT, color=RED, fontsize=9, ha="right", transform=axes.transAxes)
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
     if chart.right_label:
@@ -44,9 +47,10 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
 def chart_plate(chart: Chart, name: str, caption: str = "") -> Plate:
     """Return the chart as a figure of its own, with the numbers of every curve."""
     figure = Figure(figsize=(6.6, 3.6), layout="constrained")
-    draw(chart, figure.add_subplot())
+    draw(replace(chart, simulated=False), figure.add_subplot())  # the plate says it above
     rows = (row for curve in chart.curves for row in labelled((curve.label,), np.asarray(curve.x), np.asarray(curve.y)))
-    return Plate(name, name, caption, figure, table_of(("curve", chart.x_label, chart.y_label), rows))
+    heads = ("curve", chart.x_label, chart.y_label)
+    return Plate(name, name, caption, figure, table_of(heads, rows), chart.simulated)
 
 
 def span(columns: list[FloatArray]) -> tuple[float, float]:

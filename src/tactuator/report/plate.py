@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_folder, write_text
 from tactuator.report.style import RED
-
-NOBODY_FELT_IT = "simulated: nobody felt this"
-"""What a figure of simulated subjects says in itself."""
+from tactuator.table import NOBODY_FELT_IT
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import (
@@ -180,15 +180,20 @@ class ObservedResult(Result):
 
     def columns(self) -> Mapping[str, Any]:
         level = "true_db_re_1um" if self.what.startswith("true") else "equal_db_sl"
-        return columns_of(("subject", "frequency_hz", level), self.truth)
+        names = ("subject", "frequency_hz", level, "simulated")
+        return columns_of(names, [(*row, "simulated") for row in self.truth])
 
     def to_dict(self) -> dict[str, Any]:
-        return {"store": self.store, "truth": [dict(zip(self.columns(), row, strict=True)) for row in self.truth]}
+        columns = self.columns()
+        return {
+            "store": self.store,
+            "truth": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
+        }
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
         columns = ("subject", "frequency (Hz)", self.what)
-        return [ResultTable("", columns, rows), f"written: {self.store}"]
+        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"written: {self.store}"]
 
 
 def observe(
@@ -329,14 +334,18 @@ class StoreThresholds(Result):
         people = {threshold.subject for threshold in thresholds}
         figures = {"runs": str(len(levels)), "subjects": str(len(people))}
         figures["thresholds"] = f"{min(levels):.1f} to {max(levels):.1f} dB SL"
-        simulated = {"simulated": "nobody felt this"} if any(each.simulated for each in thresholds) else {}
-        return figures | simulated
+        return figures | ({"simulated": "nobody felt this"} if self._simulated else {})
+
+    @property
+    def _simulated(self) -> bool:
+        return any(each.simulated for each in self.results.thresholds)
 
     def columns(self) -> Mapping[str, Any]:
         thresholds = self.results.thresholds
         names = ("subject", "finger", "frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl", "trials")
         columns = {name: [getattr(threshold, name) for threshold in thresholds] for name in names}
-        return columns | {"flags": [", ".join(threshold.flags) for threshold in thresholds]}
+        columns["flags"] = [", ".join(threshold.flags) for threshold in thresholds]
+        return columns | {"simulated": ["simulated" if threshold.simulated else "" for threshold in thresholds]}
 
     def chart(self) -> Chart:
         import numpy as np
@@ -351,7 +360,9 @@ class StoreThresholds(Result):
             half = np.nan_to_num(np.maximum([level - low, high - level], 0.0), posinf=_OPEN_DB)
             curves.append(ChartLine(f"{name}, ± 95 %", hertz, level, "o", half, [bool(t.flags) for t in of]))
         curve = self.results.reference.name
-        return Chart("frequency (Hz)", "threshold (dB SL)", curves, log_x=True, limits={f"curve {curve!r}": 0.0})
+        limits = {f"curve {curve!r}": 0.0}
+        axes = ("frequency (Hz)", "threshold (dB SL)")
+        return Chart(*axes, curves, log_x=True, limits=limits, simulated=self._simulated)
 
     def to_dict(self) -> dict[str, Any]:
         return self.results.document()
@@ -481,16 +492,17 @@ class QualityResult(Result):
         return dict(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        return dict(self.figures)
+        return {**self.figures, "simulated": True}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        whole = ResultTable(f"{self.procedure}, {self.runs} runs", ("figure", "value"), tuple(self.headline().items()))
+        title = f"{self.procedure}, {self.runs} simulated runs"
+        whole = ResultTable(title, ("figure", "value"), tuple(self.headline().items()))
         at = tuple(
             (f"{row['frequency_hz']:.4g}", f"{row['rms_error_db']:.2f}", f"{row['coverage95']:.2f}")
             for row in self.figures.get("by_frequency", ())
         )
         heads = ("frequency (Hz)", "rms error (dB)", _WORDS["coverage95"])
-        return [whole, ResultTable("by frequency", heads, at)] if at else [whole]
+        return [whole, ResultTable("by frequency, simulated", heads, at)] if at else [whole]
 
 
 _WORDS = {

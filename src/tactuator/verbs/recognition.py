@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.table import ResultTable
+from tactuator.table import NOBODY_FELT_IT, ResultTable
 from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.experiment import StoreToFill
 from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, RigOption, Seed
@@ -25,14 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AnsweredResult(Result):
-    """A subject who answered trials of a recognition experiment."""
+    """A subject who answered trials of a recognition experiment. simulated: nobody felt them."""
 
     subject: str
     trials: int
     store: Path
+    simulated: bool = False
 
     def tables(self) -> Sequence[ResultTable | str]:
-        return [ResultTable("", tuple(self.headline()), (tuple(self.headline().values()),))]
+        told = {name: str(getattr(self, name)) for name in ("subject", "trials", "store")}
+        return [ResultTable("", tuple(told), (tuple(told.values()),), (NOBODY_FELT_IT,) if self.simulated else ())]
 
 
 def recognise(
@@ -76,7 +78,8 @@ def recognise(
                     step(session.trials)
 
                 trials = run_session(presented, scripted or _terminal(task), show)
-    return AnsweredResult(code, trials, Path(store))
+            simulated = scripted is not None or place.simulated
+    return AnsweredResult(code, trials, Path(store), simulated)
 
 
 def _terminal(task: "SessionTask") -> "Respondent":
@@ -164,6 +167,7 @@ class StoreInformation(Result):
                 "labels": each.labels,
                 "matrix": each.counts,
                 "seconds_per_stimulus": each.seconds_per_stimulus,
+                "simulated": each.simulated,
                 **_information_document(each.information),
             }
             for each in self.subjects
@@ -172,9 +176,10 @@ class StoreInformation(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [
-            *(_information_table(_title(each), each.information) for each in self.subjects),
+            *(_information_table(_title(each), each.information, each.simulated) for each in self.subjects),
             *(
                 f"{each.study}, {each.subject} (abx): {each.trials} trials, {100 * each.share_correct:.1f} % correct"
+                f"{f' ({NOBODY_FELT_IT})' if each.simulated else ''}"
                 for each in self.abx
             ),
         ]
@@ -221,11 +226,11 @@ def _title(each: "SubjectResult") -> str:
     return f"{each.study}, {'all subjects' if each.subject is None else each.subject} ({each.paradigm})"
 
 
-def _information_table(title: str, information: "Information") -> ResultTable:
+def _information_table(title: str, information: "Information", simulated: bool = False) -> ResultTable:
     from tactuator.experiment.language.words import shipped_words
     from tactuator.experiment.result.confusion import information_table
 
-    return information_table(title, information, shipped_words("en"))
+    return information_table(title, information, shipped_words("en"), simulated)
 
 
 def _information_document(information: "Information") -> dict[str, Any]:

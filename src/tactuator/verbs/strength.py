@@ -1,12 +1,12 @@
 """The part of the verb `experiment` on strength: contours of a store's matches."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Argument, Figures, Option, Place
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, columns_of, plain
@@ -48,7 +48,9 @@ class StoreContours(Result):
         return self.results.group
 
     def columns(self) -> Mapping[str, Any]:
-        return columns_of(("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl"), self._rows())
+        names = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl", "simulated")
+        told = "simulated" if self.results.simulated else ""
+        return columns_of(names, [(*row, told) for row in self._rows()])
 
     def chart(self) -> Chart:
         group = self._contours()
@@ -65,7 +67,8 @@ class StoreContours(Result):
             )
             for row, level in enumerate(group.level_db_sl.tolist())
         ]
-        return Chart("frequency (Hz)", "equally strong (dB SL)", curves, log_x=True)
+        axes = ("frequency (Hz)", "equally strong (dB SL)")
+        return Chart(*axes, curves, log_x=True, simulated=self.results.simulated)
 
     def to_dict(self) -> dict[str, Any]:
         from tactuator.experiment.result.strength_results import person_document
@@ -99,7 +102,9 @@ class StoreContours(Result):
             f"({each.offset_db.low:+.1f} to {each.offset_db.high:+.1f}), {each.people} people"
             for each in self.results.balance
         ]
-        return [*lines, *(["simulated: nobody felt this"] if self.results.simulated else [])]
+        told = (NOBODY_FELT_IT,) if self.results.simulated else ()
+        said = [replace(line, notes=(*told, *line.notes)) if isinstance(line, ResultTable) else line for line in lines]
+        return [*said, *told]
 
 
 def contours(

@@ -12,6 +12,8 @@ from tactuator.experiment.simulated.strength_people import people_of
 from tactuator.experiment.store.store import Store
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.perception.curve import curve
+from tactuator.table import ResultTable
+from tactuator.verbs.strength import StoreContours
 from tests.experiment.session.apparatuses import apparatus
 from tests.experiment.session.test_judging_task import HEAD
 
@@ -36,6 +38,12 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
     assert [person.subject for person in results.people] == ["S1", "S2"]
     assert results.simulated
     assert results.group is not None
+    told = StoreContours(results)
+    assert told.chart().simulated
+    assert set(told.columns()["simulated"]) == {"simulated"}
+    tables = [table for table in told.tables() if isinstance(table, ResultTable)]
+    assert tables
+    assert all("simulated: nobody felt this" in table.notes for table in tables)
     write_contours(tmp_path / "contours.csv", results.group)
     again = read_contours(tmp_path / "contours.csv")
     assert again == results.group

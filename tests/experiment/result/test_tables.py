@@ -88,6 +88,22 @@ def test_tables__matrix_and_abx__have_no_other_word() -> None:
     assert words_left(matrix_table(one, MARKED)) == words_left(abx_table(AbxResult("9", "7", 10, 0.9), MARKED)) == []
 
 
+def test_tables__recognition_that_nobody_felt__say_so_and_of_people_do_not() -> None:
+    words, counts = shipped_words("en"), np.array([[9, 1], [2, 8]])
+    of_people = SubjectResult(
+        "9", "recognition", "7", ("1", "2"), counts, 1.0, information(counts, np.random.default_rng(0))
+    )
+    abx = AbxResult("9", "7", 10, 0.9)
+    for simulated in (False, True):
+        matrix = replace(of_people, simulated=simulated)
+        tables = (
+            matrix_table(matrix, words),
+            information_table("9", matrix.information, words, matrix.simulated),
+            abx_table(replace(abx, simulated=simulated), words),
+        )
+        assert ["simulated: nobody felt this" in table.notes for table in tables] == [simulated] * 3
+
+
 @pytest.mark.parametrize("language", shipped_languages())
 def test_languages__every_flag_and_estimator__has_a_text(language: str) -> None:
     texts = shipped_words(language).texts

@@ -46,6 +46,7 @@ def test_study__scripted_subject__matrix_and_bits_come_out_of_the_store(opened):
     assert answered == 3 + 180
     (result,), abx = recognition_results(store, np.random.default_rng(0))
     assert abx == []
+    assert result.simulated
     assert result.counts.sum() == 180  # training does not count
     np.testing.assert_array_equal(result.counts.sum(axis=1), 60)
     assert result.information.share_correct == pytest.approx(0.8, abs=0.08)
@@ -80,6 +81,7 @@ def test_study__abx__share_of_right_answers(opened, controller):
     results, (one,) = recognition_results(store, np.random.default_rng(0))
     assert results == []
     assert one.trials == 24
+    assert one.simulated
     assert one.share_correct > 0.9
 
 

@@ -5,7 +5,7 @@ export class Drop {
   // taken: called with (key, name); it may be async, and what it throws is told here. busy: called with true when a file
   // sets out, and with false when it is taken or refused.
   constructor(link, { label, hint = "", multiple = false, accept = "", taken, busy = () => {} }) {
-    Object.assign(this, { link, taken, multiple, busy });
+    Object.assign(this, { link, label, taken, multiple, busy });
     this.input = make("input", { type: "file", multiple: multiple ? "" : null, accept: accept || null, onchange: () => { this.take([...this.input.files]); this.input.value = ""; } });
     this.told = make("p", { class: "crossed told", role: "alert" });
     this.name = make("span", { class: "name" });
@@ -25,7 +25,7 @@ export class Drop {
       this.name.textContent = `${file.name}: on its way`;
       try {
         const { key, name } = await this.send(file);
-        this.name.textContent = name;
+        this.name.textContent = name === this.label ? "" : name;
         say(`${name} is there`);
         await this.taken(key, name, file);
       } catch (error) {

@@ -46,13 +46,14 @@ export default class Experiment {
     this.auto = make("input", { type: "checkbox", id: "auto-start", checked: this.own.auto ? "" : null, onchange: () => { this.own.auto = this.auto.checked ? "1" : ""; write(this.state); } });
     this.amend = make("input", { type: "text", id: "amend", autocomplete: "off", placeholder: "of a study that has begun" });
     this.begin = make("button", { type: "button", id: "begin", class: "first", onclick: () => this.start() }, "Begin or resume");
+    this.needs = make("span", { id: "needs", class: "needs" });
     this.bits.setup.replaceChildren(make("h2", {}, "Begin or resume a study"),
       make("p", {}, "The study plays on the rig above, with the controller that is loaded. Its ", term("experiment store", "store"), " keeps every answer; a store that is there is resumed. The ", term("experiment protocol", "protocol"), " says what is played, and by which rule, a ", term("staircase"), " for example. While the study is open, the scope and the response watch and cannot play."),
       make("div", { class: "begin" },
         make("div", {}, make("label", { for: "protocol" }, "protocol that comes with the package"), this.protocol, this.drop.box, this.about),
         make("div", {}, make("label", { for: "store" }, "store, a file in the folder of the console"), this.store, make("datalist", { id: "stores" }, ...stores.map((name) => make("option", { value: name }))),
           this.others.box, make("label", {}, this.auto, " subjects may begin without the operator"), make("label", { for: "amend" }, "reason, where the protocol was changed"), this.amend)),
-      make("div", { class: "bar" }, this.begin));
+      make("div", { class: "bar" }, this.begin, this.needs));
     if (this.own.protocol) this.look(this.own.protocol, this.own.name).catch(() => this.chosen("", ""));
     this.standing();
   }
@@ -110,7 +111,8 @@ export default class Experiment {
     this.loader.box.hidden = rig.experiment;
     this.begin.disabled = this.busy || !rig.mayPlay || !rig.standing.loaded || !this.own.protocol || rig.standing.mode === "measuring";
     this.begin.textContent = this.busy ? "Wait" : "Begin or resume";
-    this.begin.title = rig.standing.loaded ? "" : "load a controller first";
+    const needs = [rig.standing.loaded ? "" : "a controller, loaded above", this.own.protocol ? "" : "a protocol"].filter(Boolean);
+    this.needs.textContent = needs.length ? `needs ${needs.join(" and ")}` : "";
   }
 
   // What the server says of the study; the panel is taken up once, and left when the study is over.

@@ -118,7 +118,7 @@ export default class Identify {
   candidates(found) {
     const take = ({ poles, zeros, hold }) => { Object.assign(this.own, { order: String(poles), zeros: String(zeros), hold }); this.again(); };
     const rows = found.tried.map((one) => make("tr", { class: one.taken ? "taken" : null },
-      make("th", { scope: "row" }, make("button", { type: "button", "aria-pressed": String(one.taken), onclick: () => take(one) }, `${one.poles} poles, ${one.zeros} zeros, ${one.hold}`)),
+      make("th", { scope: "row" }, make("button", { type: "button", "aria-pressed": String(one.taken), onclick: () => take(one) }, `${one.poles} pole${one.poles === 1 ? "" : "s"}, ${one.zeros} zero${one.zeros === 1 ? "" : "s"}, ${one.hold}`)),
       ...[one.dead_time ? "yes" : "no", one.behind].map((text) => make("td", { class: "number" }, String(text)))));
     const head = [["order and ", term("hold")], [term("dead time")], [term("candidate", "behind")]].map((texts) => make("th", { scope: "col" }, ...texts));
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What was tried" }, make("table", { id: "tried" }, make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...rows)));

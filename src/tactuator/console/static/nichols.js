@@ -62,6 +62,7 @@ export class Nichols {
     const { left, right, bottom, top } = this.window, { ground } = this.basis, labels = [];
     const turns = left < -360 ? [-360, 0] : [0];
     const turned = (points, turn) => points.map(([p, g]) => [p + turn, g]);
+    this.levels = [];
     this.layers.ground.replaceChildren(...ground.contours.flatMap(({ points }) => turns.map((turn) => draw("path", { class: "contour", d: this.line(turned(points, turn)) }))));
     const beside = 26 * (right - left) / (this.wide - LEFT - RIGHT); // half a label
     for (const { level_db: level, points } of ground.contours) {
@@ -71,7 +72,9 @@ export class Nichols {
       const [x, y] = [this.x(spot[0]), this.y(spot[1])];
       if (level > 1 || labels.some(([a, b]) => Math.abs(a - x) < 40 && Math.abs(b - y) < 13)) continue;
       labels.push([x, y]);
-      this.layers.ground.append(draw("text", { x, y: y - 3, "text-anchor": "middle" }, `${level} dB`.replace("-", "−")));
+      const label = draw("text", { x, y: y - 3, "text-anchor": "middle" }, `${level} dB`.replace("-", "−"));
+      this.layers.ground.append(label);
+      this.levels.push({ x: x - 19, y: y - 3, label });
     }
     this.regions = {};
     this.layers.regions.replaceChildren();
@@ -126,6 +129,8 @@ export class Nichols {
     const placed = [];
     this.drawn = frame.curves.flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])])).filter((_, i) => i % 2 === 0);
     for (const one of [...this.marks, this.free]) if (one.hz !== null) this.place(one, placed);
+    // what names the ground gives way to what is dragged
+    for (const { x, y, label } of this.levels) label.setAttribute("visibility", this.clear(x, y, 46) && placed.every(([a, b, wide]) => Math.abs(b - y) > 12 || a > x + 40 || a + wide < x) ? "visible" : "hidden");
     this.value.show();
   }
 

@@ -29,12 +29,13 @@ export default class Response {
     this.on = channels.map((one) => make("input", { type: "checkbox", id: `measure-${one.name}`, checked: "" }));
     this.shown = make("select", { id: "shown", onchange: () => this.draw() }, ...channels.map((one) => make("option", { value: one.name }, one.name)));
     this.begin = make("button", { type: "button", id: "measure", class: "first", onclick: () => this.measure() }, "Measure");
+    this.needs = make("span", { id: "needs", class: "needs" });
     this.save = make("a", { id: "save-response", download: "response.csv", hidden: "" }, "Save response.csv");
     this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }), within: make("p", { id: "within", class: "within" }), kept: make("div") };
-    this.chart = new Chart("Felt level (dB SL) over frequency (Hz)", { height: Math.max(300, Math.min(460, innerHeight - 420)), log: true, unit: "dB SL" });
+    this.chart = new Chart("Felt level (dB SL) over frequency (Hz)", { height: Math.max(300, Math.min(460, innerHeight - 480)), log: true, unit: "dB SL" });
     this.view.replaceChildren(make("div", { class: "workbench" }, this.loader.box, this.rig.bar,
       make("div", { class: "panel settings" }, make("div", { class: "bar strip" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains,
-        make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
+        make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.needs, this.save), this.bits.command, this.bits.progress),
       make("div", { class: "measured" }, make("div", { class: "panel" }, make("div", { class: "bar" }, make("label", {}, "channel ", this.shown), this.bits.within), this.chart.box, this.bits.kept), make("div", { class: "panel" }, this.bits.table))));
   }
 
@@ -86,7 +87,7 @@ export default class Response {
     const { rig } = this, { mode, loaded } = rig.standing;
     this.loader.standing();
     this.begin.disabled = !rig.mayPlay || !loaded || !["idle", "live"].includes(mode);
-    this.begin.title = loaded ? mode === "live" ? "ends what plays live, and measures" : "" : "needs a controller: load one above";
+    this.needs.textContent = loaded ? mode === "live" ? "ends what plays live" : "" : "needs a controller, loaded above";
     if (mode !== "measuring" && this.points && !this.points.over && this.mode === "measuring") this.bits.progress.textContent = `${this.points.done} of ${this.points.total} points, then it ended`;
     if (mode !== "measuring" && !this.points && this.mode === "measuring") this.bits.progress.textContent = "";
     this.mode = mode;
@@ -106,7 +107,7 @@ export default class Response {
     const cut = rows?.saturated.some(Boolean), cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2)), heads = ["Hz", "felt, dB SL", "error, dB", "JND", "± dB", "model’s, dB", ...(cut ? ["cut"] : [])];
     this.bits.table.replaceChildren(rows === null ? make("p", {}, "The points stand here when they are measured: felt less asked is the error, and what of it the model expects is told beside it.") : make("table", { class: "points" }, make("caption", {}, `${channel}, ${rows.name}: the largest error (felt less asked) first`),
       make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col", class: "number" }, text)))),
-      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(told(rows.model_db[k])), ...(cut ? [cell(rows.saturated[k] ? "yes" : "")] : []))))));
+      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : rows.confidence_db[k] < 0.01 ? "< 0.01" : told(rows.confidence_db[k])), cell(told(rows.model_db[k])), ...(cut ? [cell(rows.saturated[k] ? "yes" : "")] : []))))));
   }
 
   // the level that was asked for, of the points or else of the input, with what can just be told from it

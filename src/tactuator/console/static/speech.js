@@ -8,7 +8,7 @@ import { Rig } from "./rig.js";
 import { term } from "./words.js";
 
 const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
-const LEFT = 36, RIGHT = 62, TOP = 20, BOTTOM = 20, NAMED = [2, 5, 10, 20, 50, 100, 200];
+const NAMED = [2, 5, 10, 20, 50, 100, 200];
 
 export default class Speech {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], maps: [] }); }
@@ -26,7 +26,7 @@ export default class Speech {
     this.rig = new Rig(() => this.standing(), () => {});
     view.replaceChildren(make("h1", {}, "Speech on ", display.name),
       make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
-      make("div", { class: "panel" }, this.drop.box, this.heard, make("div", { class: "factor" },
+      make("div", { class: "panel asking" }, this.drop.box, this.heard, make("div", { class: "factor" },
         make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found);
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
   }
@@ -110,7 +110,8 @@ export default class Speech {
   // Levels in third octaves over time, with both axes and the scale of the colours.
   picture({ canvas, finger, what }) {
     const ctx = canvas.getContext("2d"), [ground, full, below, faint] = ["paper", "nominal", "sense", "faint"].map(colour), differs = what === "difference", bands = finger.hz.length;
-    const wide = canvas.width - LEFT - RIGHT, tall = canvas.height - TOP - BOTTOM, high = tall / bands, length = Math.max(...finger.parts.map((part) => part.asked.length * part.seconds));
+    const size = Math.min(1.8, Math.max(1, canvas.width / (canvas.clientWidth || canvas.width))); // of the text, where the picture is drawn small
+    const [LEFT, RIGHT, TOP, BOTTOM] = [36, 62, 20, 20].map((room) => room * size), wide = canvas.width - LEFT - RIGHT, tall = canvas.height - TOP - BOTTOM, high = tall / bands, length = Math.max(...finger.parts.map((part) => part.asked.length * part.seconds));
     const write = (text, x, y, align = "right") => { ctx.textAlign = align; ctx.fillText(text, x, y); };
     const shade = (value) => { ctx.fillStyle = differs && value < 0 ? below : full; ctx.globalAlpha = Math.max(0, Math.min(1, differs ? Math.abs(value) / APART : (value - LOW) / (HIGH - LOW))); };
     ctx.globalAlpha = 1; ctx.fillStyle = ground; ctx.fillRect(0, 0, canvas.width, canvas.height);
@@ -125,15 +126,15 @@ export default class Speech {
       }));
       first += part.hz.length;
     }
-    const [bottom, top] = differs ? [-APART, APART] : [LOW, HIGH], bar = canvas.width - RIGHT + 14;
-    for (let i = 0; i < tall; i += 1) { shade(bottom + (top - bottom) * (1 - i / tall)); ctx.fillRect(bar, TOP + i, 14, 1); }
-    ctx.globalAlpha = 1; ctx.fillStyle = ctx.strokeStyle = faint; ctx.font = "13px system-ui";
-    ctx.strokeRect(LEFT, TOP, wide, tall); ctx.strokeRect(bar, TOP, 14, tall);
-    [[top, 10], [(top + bottom) / 2, tall / 2 + 4], [bottom, tall]].forEach(([value, y]) => write(`${Math.round(value)}`.replace("-", "−"), bar + 18, TOP + y, "left"));
+    const [bottom, top] = differs ? [-APART, APART] : [LOW, HIGH], bar = canvas.width - RIGHT + 12 * size;
+    for (let i = 0; i < tall; i += 1) { shade(bottom + (top - bottom) * (1 - i / tall)); ctx.fillRect(bar, TOP + i, 12 * size, 1); }
+    ctx.globalAlpha = 1; ctx.fillStyle = ctx.strokeStyle = faint; ctx.font = `${13 * size}px system-ui`;
+    ctx.strokeRect(LEFT, TOP, wide, tall); ctx.strokeRect(bar, TOP, 12 * size, tall);
+    [[top, 10], [(top + bottom) / 2, tall / 2 + 4], [bottom, tall]].forEach(([value, y]) => write(`${Math.round(value)}`.replace("-", "−"), bar + 15 * size, TOP + y, "left"));
     write(differs ? "dB" : "dB SL", canvas.width - 2, TOP - 5);
     write("Hz", LEFT - 6, TOP - 5);
     for (const hz of NAMED) { const band = finger.hz.findIndex((one) => Math.abs(Math.log(one / hz)) < 0.1); if (band >= 0) write(String(hz), LEFT - 6, TOP + tall - (band + 0.5) * high + 4); }
-    const every = [0.5, 1, 2, 5, 10].find((one) => length / one <= 6) ?? 10;
+    const every = [0.5, 1, 2, 5, 10].find((one) => length / one <= 6 / size) ?? 10;
     for (let t = 0; t <= length; t += every) write(`${t} s`, LEFT + wide * t / length, canvas.height - 4, t ? "center" : "left");
   }
 
@@ -146,6 +147,6 @@ export default class Speech {
     } catch (error) { refusal(error); }
   }
 
-  resize() { this.charts.forEach(([chart]) => chart.resize()); }
+  resize() { this.charts.forEach(([chart]) => chart.resize()); this.maps.forEach((one) => this.picture(one)); }
   restyle() { this.draw(); }
 }

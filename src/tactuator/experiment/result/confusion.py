@@ -15,6 +15,7 @@ from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.information import Information, information
+from tactuator.experiment.result.played import was_simulated
 from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
@@ -44,8 +45,7 @@ def threshold_table(thresholds: Sequence[MeasuredThreshold], words: Words) -> Re
     )
     points = ", ".join(sorted({f"{100.0 * threshold.point:.1f}" for threshold in thresholds}))
     notes = [words("results.point", percent=points)]
-    if any(threshold.simulated for threshold in thresholds):
-        notes.append(words("results.simulated"))
+    notes += _nobody(words, any(threshold.simulated for threshold in thresholds))
     for name, powers in (
         ("results.lapses_unjudged", [threshold.lapse_power for threshold in thresholds]),
         ("results.drift_unjudged", [threshold.drift_power for threshold in thresholds]),
@@ -77,8 +77,8 @@ def _interval(threshold: MeasuredThreshold, words: Words) -> str:
     return words("results.range", low=low, high=high)
 
 
-def information_table(title: str, information: Information, words: Words) -> ResultTable:
-    """Return a table with a row for each estimator."""
+def information_table(title: str, information: Information, words: Words, simulated: bool = False) -> ResultTable:
+    """Return a table with a row for each estimator; simulated: nobody felt the items, as it then says."""
     rates = information.bits_per_second or {}
     rows = tuple(
         (
@@ -100,7 +100,12 @@ def information_table(title: str, information: Information, words: Words) -> Res
         words("results.categories"),
         words("results.rate"),
     )
-    return ResultTable(title, heads, rows, (answered, *warnings))
+    return ResultTable(title, heads, rows, (*_nobody(words, simulated), answered, *warnings))
+
+
+def _nobody(words: Words, simulated: bool) -> tuple[str, ...]:
+    """Return the note of a table that nobody felt, or none."""
+    return (words("results.simulated"),) if simulated else ()
 
 
 def _number(value: float, digits: int) -> str:
@@ -113,13 +118,14 @@ def matrix_table(result: SubjectResult, words: Words) -> ResultTable:
     rows = tuple(
         (label, *map(str, counts)) for label, counts in zip(result.labels, result.counts.tolist(), strict=True)
     )
-    return ResultTable(words("results.matrix"), ("", *result.labels), rows)
+    return ResultTable(words("results.matrix"), ("", *result.labels), rows, _nobody(words, result.simulated))
 
 
 def abx_table(result: AbxResult, words: Words) -> ResultTable:
     """Return the share of right answers as a table."""
     row = (str(result.trials), f"{100.0 * result.share_correct:.1f}")
-    return ResultTable(words("results.abx"), (words("results.trials"), words("results.correct")), (row,))
+    heads = (words("results.trials"), words("results.correct"))
+    return ResultTable(words("results.abx"), heads, (row,), _nobody(words, result.simulated))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +134,7 @@ class SubjectResult:
 
     subject: a code, or None for all of a study together. counts: (stimuli, responses) in the order of `labels`.
     seconds_per_stimulus: mean duration of the items asked for; in the middle of three, from one onset to the next.
+    simulated: True where nobody felt some of them.
     """
 
     study: str
@@ -137,16 +144,18 @@ class SubjectResult:
     counts: NDArray[np.int64]
     seconds_per_stimulus: float
     information: Information
+    simulated: bool = False
 
 
 @dataclass(frozen=True)
 class AbxResult:
-    """Share of right answers of a subject in ABX trials."""
+    """Share of right answers of a subject in ABX trials. simulated: True where nobody felt some of them."""
 
     study: str
     subject: str
     trials: int
     share_correct: float
+    simulated: bool = False
 
 
 def recognition_results(
@@ -189,10 +198,14 @@ def session_results(
         return _matrix_results(connection, row.study_id, protocol, rng, draws, only=row.subject_code), []
 
 
-def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
-    """Return (subject, correct response, response) of every answered trial of test blocks that were not given up."""
+def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
+    """Return (subject, correct response, response, whether nobody felt it) of every answered trial of test blocks that
+    were not given up.
+    """
+    run = schema.run.c
     query = (
         select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)
+        .add_columns(schema.subject.c.subject_group, run.respondent, run.rig, run.rig_simulated)
         .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
         .join(schema.run, schema.run.c.session_id == schema.session.c.id)
         .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
@@ -205,7 +218,7 @@ def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
         )
         .order_by(schema.subject.c.number, schema.session.c.visit, schema.run.c.position, schema.trial.c.number)
     )
-    return [tuple(row) for row in connection.execute(query)]
+    return [(*row[:3], was_simulated(row.subject_group, row)) for row in connection.execute(query)]
 
 
 def _matrix_results(
@@ -229,15 +242,16 @@ def _matrix_results(
         subjects.append(None)
     results = []
     for subject in subjects:
-        mine = [(correct, response) for who, correct, response in trials if subject in (None, who)]
+        mine = [about for who, *about in trials if subject in (None, who)]
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
-        for correct, response in mine:
+        for correct, response, _ in mine:
             counts[labels.index(correct), labels.index(response)] += 1
         if np.count_nonzero(counts.sum(axis=1)) < 2:
             continue
-        seconds = float(np.mean([durations[correct] for correct, _ in mine])) + gap_s
+        seconds = float(np.mean([durations[correct] for correct, *_ in mine])) + gap_s
         transfer = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
-        results.append(SubjectResult(protocol.study.name, asking.paradigm, subject, labels, counts, seconds, transfer))
+        about = (protocol.study.name, asking.paradigm, subject, labels, counts, seconds, transfer)
+        results.append(SubjectResult(*about, any(nobody for *_, nobody in mine)))
     return results
 
 
@@ -245,6 +259,7 @@ def _abx_results(connection: Connection, study: int, name: str) -> list[AbxResul
     trials = _trials(connection, study)
     results = []
     for subject in dict.fromkeys(who for who, *_ in trials):
-        right = [correct == response for who, correct, response in trials if who == subject]
-        results.append(AbxResult(name, subject, len(right), float(np.mean(right))))
+        mine = [about for who, *about in trials if who == subject]
+        share = float(np.mean([correct == response for correct, response, _ in mine]))
+        results.append(AbxResult(name, subject, len(mine), share, any(nobody for *_, nobody in mine)))
     return results

@@ -8,6 +8,7 @@ the level, and only stimuli near threshold contribute.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -142,5 +143,10 @@ def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, thre
 
 def is_simulated(run: StoredRun) -> bool:
     """Return whether nobody felt the run, because the rig's display or the subject was simulated."""
-    nobody = run.run.respondent in ("simulated", "script") or run.session.subject_group == "simulated"
-    return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED_RIGS
+    return was_simulated(run.session.subject_group, run.run)
+
+
+def was_simulated(group: str, run: Any) -> bool:
+    """Return the same of a subject's group and a row with a run's respondent, rig and rig_simulated."""
+    nobody = run.respondent in ("simulated", "script") or group == "simulated"
+    return nobody or bool(run.rig_simulated) or str(run.rig).partition(":")[0] in _SIMULATED_RIGS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
@@ -93,7 +93,10 @@ class JudgingTask:
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return what the answers of the runs that are done come to. Raises BadInput where there is none."""
-        return self.protocol.task.results(answered_runs(store, self.protocol.task.kind, session=session), self.words)
+        runs = answered_runs(store, self.protocol.task.kind, session=session)
+        told = (self.words("results.simulated"),) if any(run.simulated for run in runs) else ()
+        tables = self.protocol.task.results(runs, self.words)
+        return tuple(replace(table, notes=(*told, *table.notes)) for table in tables)
 
 
 @dataclass

@@ -190,7 +190,10 @@ class RecognitionTask:
         words, tables = self.words, list[ResultTable]()
         for matrix in matrices:
             title = words("results.information")
-            tables += [matrix_table(matrix, words), information_table(title, matrix.information, words)]
+            tables += [
+                matrix_table(matrix, words),
+                information_table(title, matrix.information, words, matrix.simulated),
+            ]
         return (*tables, *(abx_table(result, words) for result in abx))
 
 

@@ -1,0 +1,128 @@
+"""Somebody with the page alone, by keyboard: a study with ten trials, speech played on the rig, Measure while live."""
+
+import sqlite3
+
+import pytest
+
+from tactuator.console.app import build_console
+from tactuator.console.rig_process import RigProcess
+from tactuator.console.state import FILE, ConsoleState
+from tactuator.io.shipped import EXAMPLES
+from tests.console.pages import TOKEN, tab_to, watched_page
+from tests.web.server import served
+from tests.web.study import ASKED
+
+ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
+TRIALS = 10
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A console begun in a folder with a display, its rig simulated: the client, and its rig."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    (folder / "display.toml").write_text(ONE)
+    state = ConsoleState(folder / "display.toml", folder=folder)
+    host = RigProcess("simulated", state.display(FILE), 0)
+    try:
+        with served(build_console(state, TOKEN, rig=host)) as client:
+            client.host, client.folder = host, folder
+            yield client
+    finally:
+        host.close()
+
+
+@pytest.fixture
+def page(bench, browser):
+    """The start page, to which the way is the address that the command prints."""
+    with watched_page(browser, 180.0) as page:
+        page.goto(f"http://127.0.0.1:{bench.port}/#token={TOKEN}")
+        page.wait_for_selector("body[data-ready=start]")
+        yield page
+
+
+def pressed(page, found, then=None):
+    """Tab to what is there, press Enter, and wait for what comes of it."""
+    page.wait_for_selector(f"{found}:not([disabled])")
+    tab_to(page, found)
+    page.keyboard.press("Enter")
+    if then:
+        page.wait_for_selector(then)
+
+
+def loaded(page):
+    """Load a controller where the page says that it wants one."""
+    page.wait_for_selector("#loaded")
+    if page.locator("#loaded").inner_text() == "none yet":
+        assert "needs a controller, loaded above" in page.locator("#needs").inner_text()
+        pressed(page, "#use-design", "#loaded:not(:has-text('none'))")
+
+
+def answered(page, trials):
+    """Do what the subject's page says, by its keys, until so many trials are answered; return what it said."""
+    told, trial = [], None
+    while len({words for words in told if words.startswith("trial ")}) < trials:
+        page.wait_for_timeout(20)
+        status = page.locator("#status").inner_text()
+        if not told or told[-1] != status:
+            told.append(status)
+        if page.locator("#go").is_visible():
+            page.keyboard.press("Enter")
+        elif page.locator(ASKED).count():
+            now = page.locator("body").get_attribute("data-trial")
+            if now != trial:
+                trial = now
+                told.append(f"trial {now}")
+                page.keyboard.press("1")
+    return told
+
+
+@pytest.mark.slow
+def test_newcomer__study_of_the_package__ten_trials_by_keyboard(bench, page):
+    pressed(page, "#to-experiment", "body[data-ready=experiment]")
+    assert page.locator("#needs").inner_text() == "needs a controller, loaded above and a protocol"
+    loaded(page)
+    assert page.locator("#needs").inner_text() == "needs a protocol"
+    tab_to(page, "#protocol")
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector("#about-protocol:has-text('subjects S1')")
+    assert page.locator("#needs").inner_text() == ""
+    pressed(page, "#begin", "[data-start='S1']")
+    assert page.get_by_role("button", name="Stop", exact=True).count() == 1
+    pressed(page, "[data-start='S1']", "#state:has-text('running')")
+    tab_to(page, "#sessions a")
+    with page.context.expect_page() as opened:
+        page.keyboard.press("Enter")
+    subject = opened.value
+    subject.set_default_timeout(60_000.0)
+    told = answered(subject, TRIALS)
+    subject.wait_for_function("() => true")
+    page.wait_for_selector("#export")
+    page.wait_for_function("() => Number(document.querySelector('#sessions td:nth-child(7)').textContent) >= 9")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#state:has-text('nobody')")
+    pressed(page, "#end-study", "#begin:not([disabled])")
+    with sqlite3.connect(next(bench.folder.glob("*.db"))) as store:
+        (count,) = store.execute("SELECT count(*) FROM response").fetchone()
+    assert count >= TRIALS - 1  # the tenth answer may still have been on its way
+    assert told[0] != ""
+
+
+@pytest.mark.slow
+def test_newcomer__speech_and_then_measure_while_live__are_played_stopped_and_told(bench, page):
+    pressed(page, "main .cards a[href*='display=file']", "body[data-ready=loop]")
+    pressed(page, "#to-speech", "body[data-ready=speech]")
+    tab_to(page, "main input[type=file]")
+    page.set_input_files("main input[type=file]", EXAMPLES / "speech.wav")
+    pressed(page, "#play-reference", "#playing:has-text('It plays.')")
+    page.wait_for_selector("#rig-mode:has-text('at rest')")
+    pressed(page, "#to-scope", "body[data-ready=scope]")
+    loaded(page)
+    pressed(page, "#live", "#rig-mode:has-text('live')")
+    pressed(page, "#play", "#wave-now:has-text('tone at')")
+    pressed(page, "#to-response", "body[data-ready=response]")
+    assert page.locator("#needs").inner_text() == "ends what plays live"
+    tab_to(page, "#frequencies")
+    page.keyboard.type("40,100")
+    pressed(page, "#measure", "#measured:has-text('What played live was stopped. 2 points: measured')")
+    assert bench.host.status.wave is None
+    assert page.locator("#rig-mode").inner_text() == "at rest"
