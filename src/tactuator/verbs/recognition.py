@@ -33,8 +33,10 @@ class AnsweredResult(Result):
     simulated: bool = False
 
     def tables(self) -> Sequence[ResultTable | str]:
-        told = {name: str(getattr(self, name)) for name in ("subject", "trials", "store")}
-        return [ResultTable("", tuple(told), (tuple(told.values()),), (NOBODY_FELT_IT,) if self.simulated else ())]
+        columns = {name: str(getattr(self, name)) for name in ("subject", "trials", "store")}
+        return [
+            ResultTable("", tuple(columns), (tuple(columns.values()),), (NOBODY_FELT_IT,) if self.simulated else ())
+        ]
 
 
 def recognise(

@@ -49,8 +49,8 @@ class StoreContours(Result):
 
     def columns(self) -> Mapping[str, Any]:
         names = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl", "simulated")
-        told = "simulated" if self.results.simulated else ""
-        return columns_of(names, [(*row, told) for row in self._rows()])
+        last = "simulated" if self.results.simulated else ""
+        return columns_of(names, [(*row, last) for row in self._rows()])
 
     def chart(self) -> Chart:
         group = self._contours()
@@ -102,9 +102,11 @@ class StoreContours(Result):
             f"({each.offset_db.low:+.1f} to {each.offset_db.high:+.1f}), {each.people} people"
             for each in self.results.balance
         ]
-        told = (NOBODY_FELT_IT,) if self.results.simulated else ()
-        said = [replace(line, notes=(*told, *line.notes)) if isinstance(line, ResultTable) else line for line in lines]
-        return [*said, *told]
+        notes = (NOBODY_FELT_IT,) if self.results.simulated else ()
+        noted = [
+            replace(line, notes=(*notes, *line.notes)) if isinstance(line, ResultTable) else line for line in lines
+        ]
+        return [*noted, *notes]
 
 
 def contours(

@@ -94,9 +94,9 @@ class JudgingTask:
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return what the answers of the runs that are done come to. Raises BadInput where there is none."""
         runs = answered_runs(store, self.protocol.task.kind, session=session)
-        told = (self.words("results.simulated"),) if any(run.simulated for run in runs) else ()
+        notes = (self.words("results.simulated"),) if any(run.simulated for run in runs) else ()
         tables = self.protocol.task.results(runs, self.words)
-        return tuple(replace(table, notes=(*told, *table.notes)) for table in tables)
+        return tuple(replace(table, notes=(*notes, *table.notes)) for table in tables)
 
 
 @dataclass
