@@ -33,7 +33,6 @@ _SETTING = Fields("experiment.simulated.quality:Setting")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql://...", type=str)]
-StoreToFill = Annotated[Place, Option("Database of the experiment (SQLite).", type=Path)]
 StudyName = Annotated[str | None, Option("Name of the study; default: the store's only one.")]
 Code = Annotated[str, Argument("Code of the subject: letters and digits.", metavar="CODE")]
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
@@ -174,7 +173,7 @@ def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) ->
 class ObservedResult(Result):
     """Simulated subjects who went through a study: subject, frequency (Hz) and what is true of the person there."""
 
-    store: Path
+    store: Place
     truth: tuple[tuple[str, float, float], ...]
     what: str = "true threshold (dB re 1 µm)"
 
@@ -198,7 +197,7 @@ class ObservedResult(Result):
 
 def observe(
     protocol: ProtocolFile,
-    store: StoreToFill,
+    store: StoreFile,
     rig: RigOption = "simulated",
     display: DisplayOption = None,
     controller: ControllerOption = None,
@@ -230,14 +229,14 @@ def observe(
         if truth:
             raise BadInput("--truth where tones are judged", "--law and --lapse")
         apparatus = (rig, display, controller)
-        return _observed_judging(any_study, text, Path(store), apparatus, load, law or [], lapse or [], seed)
+        return _observed_judging(any_study, text, store, apparatus, load, law or [], lapse or [], seed)
     if law:
         raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
     study, text = read_protocol(Path(protocol))
     codes = [subject.code for subject in study.subject]
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
     lapses = _lapses(lapse or [])
-    with sessions_of(Path(store)), opened_apparatus(rig, display, controller, seed, None) as place:
+    with sessions_of(store), opened_apparatus(rig, display, controller, seed, None) as place:
         require_finger_ports(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
         drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
@@ -245,7 +244,7 @@ def observe(
         at = {observer.name: index for index, observer in enumerate(observers)}
         touching = load or usual_load(place.controller.display.channels)
         named = None if touching == "none" else touching
-        with working("observers", 1000 * len(observers)) as step, opened_store(Path(store)) as database:
+        with working("observers", 1000 * len(observers)) as step, opened_store(store) as database:
 
             def show(name: str, share: float) -> None:
                 step(round(1000 * (at[name] + share)))
@@ -257,13 +256,13 @@ def observe(
         for code, observer in zip(codes, observers, strict=True)
         for hertz in frequencies_hz
     ]
-    return ObservedResult(Path(store), tuple(rows))
+    return ObservedResult(store, tuple(rows))
 
 
 def _observed_judging(
     protocol: "JudgingProtocol",
     text: str,
-    store: Path,
+    store: Place,
     apparatus: tuple[RigOption, DisplayOption, ControllerOption],
     load: str | None,
     law: Sequence[str],

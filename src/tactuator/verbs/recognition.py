@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, ResultTable
 from tactuator.verbs.chosen import opened_apparatus
-from tactuator.verbs.experiment import StoreToFill
+from tactuator.verbs.experiment import StoreFile
 from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, RigOption, Seed
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result
@@ -29,7 +29,7 @@ class AnsweredResult(Result):
 
     subject: str
     trials: int
-    store: Path
+    store: Place
     simulated: bool = False
 
     def tables(self) -> Sequence[ResultTable | str]:
@@ -41,7 +41,7 @@ class AnsweredResult(Result):
 
 def recognise(
     protocol: Annotated[Place, Argument("Recognition protocol (TOML).", metavar="PROTOCOL", file=True)],
-    store: StoreToFill,
+    store: StoreFile,
     subject: Annotated[str | None, Option("Code of the subject; default: the only one.")] = None,
     display: DisplayOption = None,
     controller: ControllerOption = None,
@@ -68,9 +68,9 @@ def recognise(
     code = codes[0] if subject is None else subject
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted is None else None
-    with sessions_of(Path(store)), opened_apparatus(rig, display, controller, seed, speed) as place:
+    with sessions_of(store), opened_apparatus(rig, display, controller, seed, speed) as place:
         task = task_of(study_protocol, folder, place)
-        with opened_store(Path(store)) as database:
+        with opened_store(store) as database:
             study = open_study(database, task, text, SystemClock(), fresh_token, beside=folder)
             sitting = Sitting("person" if scripted is None else "script")
             presented = PresentedSession(open_session(study, code, sitting=sitting))
@@ -81,7 +81,7 @@ def recognise(
 
                 trials = run_session(presented, scripted or _terminal(task), show)
             simulated = scripted is not None or place.simulated
-    return AnsweredResult(code, trials, Path(store), simulated)
+    return AnsweredResult(code, trials, store, simulated)
 
 
 def _terminal(task: "SessionTask") -> "Respondent":

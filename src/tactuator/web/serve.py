@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tactuator.errors import BadInput
 from tactuator.verbs.chosen import opened_apparatus
-from tactuator.verbs.experiment import ProtocolFile, StoreToFill
+from tactuator.verbs.experiment import ProtocolFile, StoreFile
 from tactuator.verbs.parameters import (
     AllowedHosts,
     ControllerOption,
@@ -37,7 +37,7 @@ _SHORTEST_TOKEN = 16
 
 def serve(
     protocol: ProtocolFile,
-    store: StoreToFill,
+    store: StoreFile,
     rig: RigOption = "simulated",
     display: DisplayOption = None,
     controller: ControllerOption = None,
@@ -86,13 +86,13 @@ def serve(
     folder = Path(protocol).parent
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
-    with opened_apparatus(rig, display, controller, seed, speed or None) as apparatus, sessions_of(Path(store)):
+    with opened_apparatus(rig, display, controller, seed, speed or None) as apparatus, sessions_of(store):
         study_protocol, text = read_any_protocol(Path(protocol))
         tokens = None if operator_token_file is None else Path(operator_token_file)
         names = operator or [study_protocol.study.experimenter or "operator"]
         operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
         task = task_of(study_protocol, folder, apparatus)
-        with closing(address.listen()) as sock, opened_store(Path(store)) as database:
+        with closing(address.listen()) as sock, opened_store(store) as database:
             sharing = None if shared is None else _shared(database, shared)
             study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder, names[0])
             lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")

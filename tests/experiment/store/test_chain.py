@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store, opened_store
 from tactuator.verbs.store import backup, verify
-from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ def altered(path: Path, rng: random.Random) -> str:
     return table
 
 
-UNIQUE = ("name", "sha256", "code", "participant_id", "link_token", "label", "key")
+UNIQUE = ("uid", "name", "sha256", "code", "participant_id", "link_token", "label", "key")
 
 
 def _edit(plain, table, key, row, column, rng) -> None:
@@ -76,7 +77,7 @@ def _edit(plain, table, key, row, column, rng) -> None:
     if isinstance(old, float):
         new = old + rng.choice([1e-12, 0.5, -6.0]) if abs(old) < 1 else old * rng.choice([1 + 1e-12, 2.0])
     elif isinstance(old, int):
-        new = old + rng.choice([1, 7, 1000])
+        new = old + rng.choice([300, 700, 1000])  # beyond the numbers that are taken
     else:
         new = f"{old or ''}{rng.choice(['1', ' ', '0'])}" if old is None or len(old) < 2 else old[1:] + old[0] + "z"
     plain.execute("PRAGMA ignore_check_constraints = 1")
@@ -90,9 +91,34 @@ def test_verify__as_it_was_written__holds(sound) -> None:
     assert verify(sound, result.head).holds
 
 
+@pytest.fixture(scope="module")
+def stations(tmp_path_factory) -> Path:
+    """The store of a station that shares a study: it remembers how far the shared store was merged."""
+    folder, clock = tmp_path_factory.mktemp("shared"), ObedientClock()
+    for name, subject in (("one", 0), ("two", 1)):
+        with opened_store(folder / f"{name}.db") as store, closing(Shared(store, str(folder / "all.db"))) as shared:
+            presented = begin(store, clock, PROTOCOL, subject)
+            for _ in range(10):
+                answer_one(presented, clock)
+                shared.exchange()
+    return folder / "two.db"
+
+
+def test_exchange__that_has_nothing_to_bring__writes_nothing(stations, tmp_path) -> None:
+    """Where another store's chain stands leaves a link, which must not make the other store write in its turn."""
+    paths = [Path(shutil.copy(stations.with_name(name), tmp_path / name)) for name in ("two.db", "all.db")]
+    heads = []
+    with closing(Store(paths[0])) as store, closing(Shared(store, str(paths[1]))) as shared:
+        for _ in range(4):
+            assert shared.exchange().rows == 0
+            heads.append([verify(path).head for path in paths])
+    assert heads[1:] == heads[:1] * 3
+
+
+@pytest.mark.parametrize("of", ["sound", "stations"])
 @pytest.mark.parametrize("count", [15, pytest.param(1000, marks=pytest.mark.soak)])
-def test_verify__rows_altered_at_random__are_found_in_every_copy(sound, tmp_path, count) -> None:
-    tables = set()
+def test_verify__rows_altered_at_random__are_found_in_every_copy(request, tmp_path, of, count) -> None:
+    tables, sound = set(), request.getfixturevalue(of)
     for seed in range(count):
         copy = Path(shutil.copy(sound, tmp_path / "copy.db"))
         tables.add(altered(copy, random.Random(seed)))
@@ -170,17 +196,14 @@ def test_events__all_of_them__have_who(sound) -> None:
 WRITER = """
 import sys
 from tactuator.experiment.store.store import opened_store, sessions_of
-from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
 clock = ObedientClock()
 with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[1])) as store:
-    presented = begin(store, clock)
+    presented = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 10000"))
     while True:
         if presented.session.stage == "break":
             clock.wait(300.0)
             presented.session.end_break()
-        if presented.session.stage == "done":
-            print("done", flush=True)
-            sys.stdin.read()
         answer_one(presented, clock)
         print(presented.session.trials, flush=True)
 """

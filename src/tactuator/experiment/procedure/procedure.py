@@ -232,7 +232,7 @@ class Answering:
     <= guess < target < 1 - lapse for every lapse.
     """
 
-    slopes: tuple[float, ...] = (0.9, 1.4, 2.1, 3.2)
+    slopes: tuple[float, ...] = (0.8, 1.4, 2.1, 3.2)
     lapses: tuple[float, ...] = (0.02, 0.1, 0.2)
     lapse_shares: tuple[float, ...] = (0.55, 0.3, 0.15)
     guess: float = 1.0 / 3.0

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, Table, func, insert, select, update
+from sqlalchemy import Connection, Table, func, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import chain, schema
@@ -72,7 +72,7 @@ def merge(source: Store, target: Store, tables: Iterable[str] = tuple(schema.KEY
                 continue  # another process of the same source was quicker
             writing = _Writing(connection, uid, since is not None or set(tables) != set(schema.KEYS))
             count = sum(writing.write(table, rows[table.name]) for table in _ORDER if rows.get(table.name))
-            _remember(connection, uid, last, since is None)
+            _remember(connection, uid, last)
         return Merged(count, tuple(writing.conflicts))
 
 
@@ -107,10 +107,14 @@ def _since(connection: Connection, uid: str) -> Head | None:
     return None if row is None else (row.number, row.sha256)
 
 
-def _remember(connection: Connection, uid: str, last: Head, is_new: bool) -> None:
-    values = {"uid": uid, "number": last[0], "sha256": last[1]}
-    table = schema.merged
-    connection.execute((insert(table) if is_new else update(table).where(table.c.uid == uid)).values(values))
+def _remember(connection: Connection, uid: str, last: Head) -> None:
+    """Write how far a chain is merged. The link of that is nothing for other stores, which are thus spared a write."""
+    table, values = schema.merged, {"number": last[0], "sha256": last[1]}
+    row = connection.execute(select(table.c.id).where(table.c.uid == uid)).scalar()
+    if row is None:
+        chain.add(connection, table, [{"uid": uid, **values}])
+    else:
+        chain.change(connection, table, row, values)
 
 
 def _check_same_chain(connection: Connection, source: Store, since: Head | None) -> None:

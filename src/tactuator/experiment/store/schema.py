@@ -17,7 +17,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 5
+VERSION = 6
 """Version of these tables; a store with another one is refused."""
 
 tables = MetaData()
@@ -58,8 +58,8 @@ merged = _table(
 )
 """How far another store's chain has been merged into this one."""
 
-NOT_CHAINED = ("schema_version", "chain", "merged")
-"""Tables whose rows leave no link: the chain itself, what it begins with, and where other chains stand."""
+NOT_CHAINED = ("schema_version", "chain")
+"""Tables whose rows leave no link: the chain itself, and what it begins with."""
 
 study = _table("study", *_needed(String, "name", "created_utc"))
 
