@@ -12,7 +12,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
 HEAD = """# The commands
 
 Written by `make docs` from the commands themselves. An argument is required unless it is said to be optional, an
-option only where it says so. A default stands in brackets.
+option only where it says so. A default stands in brackets and shows the type of the value.
 
 - `--json`, of every command that ends by itself: one JSON object on standard output, nothing else. Numbers that JSON
   cannot say are `null`. Progress goes to standard error, if that is a terminal.
@@ -76,13 +76,14 @@ def row(parameter, context):
     """Return one line: names, meaning, default."""
     argument = parameter.param_type_name == "argument"
     names = parameter.display_name_raw if argument else ", ".join([*parameter.opts, *parameter.secondary_opts])
-    kind = "" if getattr(parameter, "is_flag", False) else " " + plain_type(parameter.display_type(context))
-    shown = f"`{names}`" if argument else f"`{names}{kind}`"
     meaning = " ".join((getattr(parameter, "help", None) or "").split())
     default = default_of(parameter)
+    kind = plain_type(parameter.display_type(context))
     if argument:
         default = "" if parameter.required else "optional"
-    return f"- {shown}: {meaning}" + (f" ({default})" if default else "")
+    elif not getattr(parameter, "is_flag", False) and not default.startswith("`"):  # a default shows its type
+        names += " " + kind
+    return f"- `{names}`: {meaning}" + (f" ({default})" if default else "")
 
 
 def plain_type(text):

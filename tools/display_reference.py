@@ -23,7 +23,7 @@ def table(name):
         usual, may_be = default(about), allowed(about)
         if unit(key):
             may_be = may_be.removeprefix("a number, ").removeprefix("a number")
-        said = (unit(key), may_be, "required" if usual is None else f"default {usual}")
+        said = (unit(key), may_be, {None: "required", "none": "optional"}.get(usual, f"default {usual}"))
         lines.append(f"- `{key}` ({'; '.join(part for part in said if part)}): {about.description}")
     return "\n".join(lines) + "\n"
 
