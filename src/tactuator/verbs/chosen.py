@@ -1,7 +1,7 @@
 """What parameters of several verbs name: a display, a controller, a rig, a load that a person puts on."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,12 +103,15 @@ def opened_apparatus(
     controller: "Controller | Place | None",
     seed: int,
     speed: float | None,
+    lsl: bool = False,
 ) -> "Iterator[Apparatus]":
     """Yield the rig with a controller loaded, open for the length of the context and left at rest.
 
     Without a display or controller: the paper's display and C. speed: of presentation on a rig that could go faster,
-    None: as fast as it can. Raises BadInput for a speed that is none, and as `chosen_controller` and `open_rig` do.
+    None: as fast as it can. lsl: with an outlet. Raises BadInput for a speed that is none, and as `chosen_controller`,
+    `open_rig` and `Outlet` do.
     """
+    from tactuator.experiment.session.outlet import Outlet
     from tactuator.experiment.session.task import Apparatus
     from tactuator.rig.paced import PacedRig
 
@@ -118,8 +121,12 @@ def opened_apparatus(
     loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
     with opened(rig, loaded.display, seed) as ready:
         ready.load(loaded)
-        played = ready if speed is None else PacedRig(ready, speed)
-        yield Apparatus(played, loaded, rig if isinstance(rig, str) else "simulated")
+        played, name = ready if speed is None else PacedRig(ready, speed), rig if isinstance(rig, str) else "simulated"
+        if not lsl:
+            yield Apparatus(played, loaded, name)
+            return
+        with closing(Outlet(played, name, loaded.display.name)) as outlet:
+            yield Apparatus(played, loaded, name, outlet)
 
 
 def require_stable(controller: "Controller", load: str = "none") -> None:

@@ -16,18 +16,22 @@ from tactuator.verbs.parameters import (
     ControllerOption,
     DisplayOption,
     Figures,
+    Lsl,
     Option,
     Place,
     RigOption,
     Seed,
 )
-from tactuator.verbs.progress import working
+from tactuator.verbs.progress import say, working
 from tactuator.verbs.result import Result, columns_of, plain
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from tactuator.experiment.protocol.judging import JudgingProtocol
     from tactuator.experiment.protocol.study import SubjectPart
     from tactuator.experiment.result.store_results import GroupCurve, StoreResults
+    from tactuator.experiment.session.task import Apparatus
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
 
@@ -211,9 +215,12 @@ def observe(
     law: Annotated[
         list[str] | None, Option("A subject's law of strength, where tones are judged.", metavar="SUBJECT=LAW")
     ] = None,
+    lsl: Lsl = False,
     seed: Seed = 0,
 ) -> ObservedResult:
-    """Let simulated subjects go through the study. They feel what the loop of the simulated display makes of it."""
+    """Let simulated subjects go through the study. They feel what the loop of the simulated display makes of it. With
+    --lsl they wait for a recorder.
+    """
     import numpy as np
 
     from tactuator.experiment.protocol.file import read_any_protocol, read_protocol
@@ -222,22 +229,22 @@ def observe(
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.io.csv_tables import read_relative_curve
-    from tactuator.rig.rig import require_finger_ports, usual_load
+    from tactuator.rig.rig import usual_load
 
     any_study, text = read_any_protocol(Path(protocol))
     if isinstance(any_study, JudgingProtocol):
         if truth:
             raise BadInput("--truth where tones are judged", "--law and --lapse")
-        apparatus = (rig, display, controller)
-        return _observed_judging(any_study, text, store, apparatus, load, law or [], lapse or [], seed)
+        opened = opened_apparatus(rig, display, controller, seed, None, lsl)
+        return _observed_judging(any_study, text, store, opened, load, law or [], lapse or [], seed)
     if law:
         raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
     study, text = read_protocol(Path(protocol))
     codes = [subject.code for subject in study.subject]
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
     lapses = _lapses(lapse or [])
-    with sessions_of(store), opened_apparatus(rig, display, controller, seed, None) as place:
-        require_finger_ports(place.rig, place.name)
+    with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
+        _make_ready(place)
         curve = place.controller.display.channels[0].threshold.curve
         drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
         observers = with_truths(drawn, codes, curve, truths, lapses)
@@ -263,7 +270,7 @@ def _observed_judging(
     protocol: "JudgingProtocol",
     text: str,
     store: Place,
-    apparatus: tuple[RigOption, DisplayOption, ControllerOption],
+    opened: "AbstractContextManager[Apparatus]",
     load: str | None,
     law: Sequence[str],
     lapse: Sequence[str],
@@ -276,12 +283,12 @@ def _observed_judging(
     from tactuator.experiment.simulated.judging_sitting import run_judging
     from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.rig.rig import require_finger_ports, usual_load
+    from tactuator.rig.rig import usual_load
 
     codes = [subject.code for subject in protocol.subject]
     laws = dict(_pairs("--law", "SUBJECT=LAW", law))
-    with sessions_of(store), opened_apparatus(*apparatus, seed, None) as place:
-        require_finger_ports(place.rig, place.name)
+    with sessions_of(store), opened as place:
+        _make_ready(place)
         channels = place.controller.display.channels
         people = people_of(codes, laws, _lapses(lapse), channels[0].threshold.curve, seed)
         touching = load or usual_load(channels)
@@ -299,6 +306,16 @@ def _observed_judging(
         for at, level in zip(hertz, person.equal_to(30.0, hertz), strict=True)
     ]
     return ObservedResult(store, tuple(rows), "as strong as 30 dB SL at 100 Hz (dB SL)")
+
+
+def _make_ready(place: "Apparatus") -> None:
+    """Wait for a recorder, where there is an outlet. Raises BadInput where no simulated person can sit."""
+    from tactuator.rig.rig import require_finger_ports
+
+    require_finger_ports(place.rig, place.name)
+    if place.outlet is not None:
+        say("waiting for a recorder of the streams tactuator-markers and tactuator-levels")
+        place.outlet.wait_for_recorder()
 
 
 def _lapses(texts: Sequence[str]) -> dict[str, float]:

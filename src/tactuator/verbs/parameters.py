@@ -55,6 +55,7 @@ DisplayOption = Annotated["Display | Place | None", Option(DISPLAY_HELP, file=Tr
 ControllerOption = Annotated["Controller | Place | None", Option(CONTROLLER_HELP, file=True, shell=None)]
 Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes=True)]
 RigOption = Annotated["Rig | str", Option(RIG_HELP, type=str, shell="simulated")]
+Lsl = Annotated[bool, Option("Tell onsets, levels and answers by Lab Streaming Layer.")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]
 Load = Annotated[str, Option("Load of the display file, or none.")]
 MainsHz = Annotated[float | None, Option("Mains frequency; 0 for none.")]

@@ -16,6 +16,7 @@ from tactuator.verbs.parameters import (
     ControllerOption,
     DisplayOption,
     Host,
+    Lsl,
     Option,
     Place,
     RigOption,
@@ -65,6 +66,7 @@ def serve(
     show: Annotated[
         bool, Option("Show stimuli on the page where the display is simulated.", ("--show/--no-show",))
     ] = True,
+    lsl: Lsl = False,
     seed: Seed = 0,
 ) -> None:
     """Serve the study to browsers. There is one page for every subject and one for the operator, until interrupted;
@@ -86,7 +88,8 @@ def serve(
     folder = Path(protocol).parent
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
-    with opened_apparatus(rig, display, controller, seed, speed or None) as apparatus, sessions_of(store):
+    opened = opened_apparatus(rig, display, controller, seed, speed or None, lsl)
+    with opened as apparatus, sessions_of(store):
         study_protocol, text = read_any_protocol(Path(protocol))
         tokens = None if operator_token_file is None else Path(operator_token_file)
         names = operator or [study_protocol.study.experimenter or "operator"]

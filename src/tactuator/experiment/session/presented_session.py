@@ -122,8 +122,9 @@ class PresentedSession:
         """
         self.pending = None
         following = self.session.next_trial()
-        course, clock = self.session.course, self.session.clock
+        course, clock, outlet = self.session.course, self.session.clock, self.session.task.apparatus.outlet
         assert course is not None
+        watch = watch if outlet is None else outlet.watching(watch)
         for attempt in range(_ATTEMPTS_MAX):
             presentations = self._count(following)
             try:
@@ -135,7 +136,10 @@ class PresentedSession:
                     raise
                 continue
             ended, ended_s = clock.utc(), clock.monotonic_s()
-            self.pending = (following, replace(played, ended=ended, ended_s=ended_s, presentations=presentations))
+            played = replace(played, ended=ended, ended_s=ended_s, presentations=presentations)
+            self.pending = (following, played)
+            if outlet is not None:
+                outlet.played(following.run, played)
             break
         return following
 
@@ -163,6 +167,10 @@ class PresentedSession:
             raise BadInput(f"answer {shown_ms - pressed_ms:g} ms before it was asked for", "after that")
         acknowledged = self.session.answer(played, answer)
         self.pending = None
+        if (outlet := self.session.task.apparatus.outlet) is not None:
+            now_s = self.session.clock.monotonic_s()
+            ago_s = 0.0 if answer.received_s is None else now_s - answer.received_s
+            outlet.answered(acknowledged.run, played, answer.response, ago_s)
         return acknowledged
 
     def give_up_run(self) -> None:

@@ -17,6 +17,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol
+from tactuator.experiment.session.outlet import Outlet
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
@@ -67,11 +68,12 @@ class JumpWatch:
 
 @dataclass(frozen=True)
 class Apparatus:
-    """A rig with a controller loaded, and its name."""
+    """A rig with a controller loaded, and its name. outlet: where others in the room hear what is played."""
 
     rig: Rig
     controller: Controller
     name: str
+    outlet: Outlet | None = None
 
     def channel(self, finger: str) -> Channel:
         """Return the channel for that finger (the first for all of them). Raises BadInput if the display has none."""
