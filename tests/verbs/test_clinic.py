@@ -45,6 +45,7 @@ def test_sheet__with_a_norm__has_z_of_its_own_level_and_every_unmet_condition(st
     assert [z is None for z in result.z].count(False) == 1
     assert "a made-up table, of no people" in page
     assert "ramp: 0.01 s (allowed: at least 0.5 s)" in page
+    assert "the ramp at 210 Hz: 0.01 s (allowed: at least 0.5 s)" in page
     assert "S1 (hearing)" in page
     assert "<dd>52</dd>" in page
 

@@ -1,5 +1,7 @@
 """A clinic's limits: for the day, for a standard's conditions, and the names of who consents."""
 
+from dataclasses import replace
+
 import pytest
 from sqlalchemy import select
 
@@ -11,7 +13,7 @@ from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, controller, opened_study
 
 GATES = (
     '\n[gates]\nskin_temperature_low_c = 27\nskin_temperature_high_c = 36\npreload_high_n = 0.5\nposture = "seated"\n'
@@ -83,6 +85,33 @@ def test_standard__every_condition_unmet_or_not_compared__is_told() -> None:
     assert "stimulus: 0.05 s (allowed: no limit given, not compared)" in told
     assert "surround: none (allowed: no limit given, not compared)" in told
     assert parse_protocol(PROTOCOL).unmet() == []
+
+
+def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_session(tmp_path) -> None:
+    limits = "contact_high_mm2 = 20\nsurround = 'rigid'\nramp_low_s = 0.012\nfrequencies_hz = [30, 400]\n"
+    store, study, row = of_study(tmp_path, PROTOCOL + "\n[standard]\n" + limits)
+    session = study.session(row, SITTING)
+    session.give_consent()
+    for _ in range(2):
+        answer_one(PresentedSession(session), study.clock)
+    with store.read() as connection:
+        assert records.details(connection, row.id, "standard") == [
+            "the display's band: 0.4 to 300 Hz (allowed: 400 Hz within it)",
+            "the display's contact area: not given (allowed: at most 20 mm²)",
+            "the display's surround: not given (allowed: rigid)",
+            "the ramp at 90 Hz: 0.01 s (allowed: at least 0.012 s)",
+            "the ramp at 210 Hz: 0.01 s (allowed: at least 0.012 s)",
+        ]
+    store.close()
+
+
+def test_standard__display_that_meets_it__is_told_nothing() -> None:
+    protocol = parse_protocol(PROTOCOL + "\n[standard]\ncontact_high_mm2 = 20\nfrequencies_hz = [30]\n")
+    channel = controller().display.channels[0]
+    small, large = (replace(channel, contact=replace(channel.contact, area_mm2=area)) for area in (12.0, 25.0))
+    assert protocol.unmet_by(small) == []
+    assert list(map(str, protocol.unmet_by(large))) == ["the display's contact area: 25 mm² (allowed: at most 20 mm²)"]
+    assert parse_protocol(PROTOCOL).unmet_by(channel) == []
 
 
 @pytest.mark.parametrize("group", ["neuropathy", "Diabetes mellitus 2", "hearing-impaired", "contrôle"])

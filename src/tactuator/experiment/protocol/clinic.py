@@ -6,7 +6,7 @@ its protocol. What it does not give is told as not compared.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -15,6 +15,7 @@ from pydantic import Field
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Seconds
 from tactuator.parameters import NotNegative, Positive, table
+from tactuator.perception.contact import Contact
 
 Celsius = Annotated[Positive, Field(lt=50.0)]
 
@@ -86,7 +87,7 @@ class Gates:
 
 @table("[standard]")
 class StandardConditions:
-    """Keys of [standard]: conditions of a standard, from the laboratory's own copy, compared with the display's."""
+    """Keys of [standard]: conditions of a standard, from your own copy: protocol and display are compared."""
 
     name: Annotated[str, Field(min_length=1, max_length=100, description="of the standard")] = "ISO 13091-1"
     source: Annotated[str, Field(max_length=200, description="copy that the limits are from")] = ""
@@ -124,3 +125,18 @@ class StandardConditions:
             unmet.append(Unmet("surround", surround, self.surround or ""))
         unmet += outside("ramp", ramp_s, self.ramp_low_s, self.ramp_high_s, "s", True)
         return unmet + outside("stimulus", stimulus_s, self.stimulus_low_s, self.stimulus_high_s, "s", True)
+
+    def unmet_by(self, contact: Contact, band_hz: tuple[float, float], ramp_s: Mapping[float, float]) -> list[Unmet]:
+        """Return each condition that a display does not meet. contact: where a finger is. ramp_s: as it plays one at
+        each frequency.
+        """
+        low, high = band_hz
+        beyond = [hertz for hertz in self.frequencies_hz if not low <= hertz <= high]
+        unmet = [Unmet("the display's band", f"{low:g} to {high:g} Hz", f"{hertz:g} Hz within it") for hertz in beyond]
+        limits = self.contact_low_mm2, self.contact_high_mm2
+        unmet += outside("the display's contact area", contact.area_mm2, *limits, "mm²")
+        if self.surround is not None and contact.surround != self.surround:
+            unmet.append(Unmet("the display's surround", contact.surround, self.surround))
+        for hertz, ramp in ramp_s.items():
+            unmet += outside(f"the ramp at {hertz:g} Hz", ramp, self.ramp_low_s, self.ramp_high_s, "s")
+        return unmet

@@ -20,6 +20,7 @@ from tactuator.experiment.procedure.procedure import (
 from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
+from tactuator.model.description import Channel
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
 
 
@@ -108,6 +109,13 @@ class Protocol(StudyProtocol):
         return self.standard.unmet(
             self.conditions.frequencies_hz, about.contact_area_mm2, about.surround, timing.ramp_s, timing.stimulus_s
         )
+
+    def unmet_by(self, channel: Channel) -> list[Unmet]:
+        """Return the conditions of [standard] that a channel of the display does not meet, none without that table."""
+        if self.standard is None:
+            return []
+        ramps = {hertz: self.timing.ramp_at_s(hertz) for hertz in self.conditions.frequencies_hz}
+        return self.standard.unmet_by(channel.contact, channel.threshold.band_hz, ramps)
 
     def practice(self, frequency_hz: float) -> Practice:
         """Return a fresh practice run at that frequency."""

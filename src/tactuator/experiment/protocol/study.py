@@ -10,7 +10,8 @@ from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Seconds
-from tactuator.experiment.protocol.clinic import Celsius, Gates
+from tactuator.experiment.protocol.clinic import Celsius, Gates, Unmet
+from tactuator.model.description import Channel
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
 
 Group = Annotated[
@@ -142,6 +143,10 @@ class StudyProtocol:
         each_once("demographic names", [item.name for item in self.demographic])
         for subject in self.subject:
             self.facts(subject.demographics)
+
+    def unmet_by(self, channel: Channel) -> list[Unmet]:
+        """Return the conditions of a standard that a channel of the display does not meet: none without a standard."""
+        return []
 
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.

@@ -307,6 +307,8 @@ class Session:
         with self.store.begin() as connection:
             for condition in unmet:
                 records.note(connection, self.id, "gate", str(condition), now, records.PROGRAM)
+            for condition in self.task.protocol.unmet_by(self.task.apparatus.channel(planned.finger)):
+                records.note(connection, self.id, "standard", str(condition), now, records.PROGRAM)
             if replaced is not None:
                 records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
