@@ -73,8 +73,8 @@ def sheet(
             if row is None:
                 raise BadInput(f"visit {visit} of subject {code!r}", f"one of {len(visits)} that are enrolled")
             facts = records.facts(connection, books.study).get(row.subject_id, {})
-            told = [each for kind in ("gate", "standard") for each in records.details(connection, row.id, kind)]
-            gated = [] if row.protocol_version_id is None else told
+            noted = [each for kind in ("gate", "standard") for each in records.details(connection, row.id, kind)]
+            gated = [] if row.protocol_version_id is None else noted
             posture = records.latest(connection, row.id, "posture")
         measured = thresholds(detection_runs(database, session=row.id))
     years = float(facts["age"]) if age is None and "age" in facts else age
