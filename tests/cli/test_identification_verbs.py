@@ -220,3 +220,12 @@ def test_verbs__bad_input__status_two_and_one_line(folder: Path, capsys, asked: 
     both = capsys.readouterr()
     assert both.out == ""
     assert len(both.err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("asked", ["identify r.h5 --out r.h5", "design display.toml --out display.toml"])
+def test_verbs__out_is_what_is_read__refused_and_left(folder: Path, capsys, monkeypatch, asked: str) -> None:
+    monkeypatch.chdir(folder)
+    before = Path(asked.split()[-1]).read_bytes()
+    assert main(asked.split()) == 2
+    assert "that is read; allowed: another name" in capsys.readouterr().err
+    assert Path(asked.split()[-1]).read_bytes() == before

@@ -59,7 +59,7 @@ def test_init__where_a_file_is_already__refused_and_left(
     there: str, empty: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (empty / there).write_text("mine")
-    refused(["init", "--protocol", "abx"], f"{there} is there already", capsys, empty)
+    refused(["init", "--like", "lra", "--protocol", "abx"], f"{there} is there already", capsys, empty)
     assert (empty / there).read_text() == "mine"
 
 
@@ -69,3 +69,10 @@ def test_init__every_kind__can_be_designed_and_meets_or_leaves_open_every_object
     assert main(["init", "--like", kind]) == 0
     assert main(["design", "display.toml", "--out", "controller.json"]) == 0
     assert main(["check", "controller.json"]) == 0
+
+
+def test_init__protocol_beside_a_display_that_is_there__is_written_alone(empty: Path) -> None:
+    Path("display.toml").write_text("mine")
+    assert main(["init", "--protocol", "up-down"]) == 0
+    assert Path("display.toml").read_text() == "mine"
+    assert "up-down" in Path("protocol.toml").read_text()

@@ -1,8 +1,9 @@
 """Nothing half-written under the final name."""
 
 import os
+import sqlite3
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,16 @@ def test_atomic_path__error_in_the_middle__leaves_the_old_file(tmp_path: Path) -
         interrupted(atomic_path(target), lambda beside: beside)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_path__store_of_an_experiment__is_never_written_over(tmp_path: Path) -> None:
+    target = tmp_path / "study.db"
+    with closing(sqlite3.connect(target)) as store:
+        store.execute("CREATE TABLE answer (id INTEGER)")
+    before = target.read_bytes()
+    with pytest.raises(BadInput, match="store of an experiment"):
+        write_text(target, "frequency_hz,level_db_sl")
+    assert target.read_bytes() == before
 
 
 OWN = frozenset({"a.txt"})

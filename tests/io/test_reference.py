@@ -105,6 +105,14 @@ def test_write_reference__more_than_a_wav_holds__refused(tmp_path):
         writer.write(np.zeros((5, 2)))
 
 
+def test_write_reference__another_file_where_its_head_goes__refused_and_left(tmp_path):
+    (tmp_path / "r.json").write_text('{"format": "tactuator-controller/8"}')
+    with pytest.raises(BadInput, match="not the head of a reference"), write_reference(tmp_path / "r.wav", HEAD):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["r.json"]
+    assert "controller" in (tmp_path / "r.json").read_text()
+
+
 def test_write_reference__fractional_rate_as_wav__refused(tmp_path):
     with pytest.raises(BadInput, match="whole number"), write_reference(tmp_path / "r.wav", ReferenceHead(1.5, ("a",))):
         pass

@@ -129,6 +129,7 @@ def command_of(verb: Verb) -> Callable[..., None]:
         for name, option in known.items():
             if option.file:
                 _look_for(name, given[name])
+        _keep_what_is_read(known, given)
         # The matrices here are small: a second thread would spin for nothing, and change last digits.
         for variable in SOLE_PROCESSOR:
             os.environ.setdefault(variable, "1")
@@ -182,9 +183,24 @@ def _path_type(certain: bool) -> Any:
     return Path if certain else Path | None
 
 
+def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
+    """Raise BadInput where what is written would replace what is read."""
+    inputs = [(name, path) for name, option in known.items() if option.file for path in _paths(given[name])]
+    for name, option in known.items():
+        for place in _paths(given[name]) if option.writes and not option.file else ():
+            for read, path in inputs:
+                if place.exists() and place.samefile(path):
+                    raise BadInput(f"{name} {place} is the {read} that is read", "another name")
+
+
+def _paths(value: Any) -> tuple[Path, ...]:
+    """Return the paths that an option was given."""
+    return () if value is None else (value,) if isinstance(value, Path) else tuple(Path(each) for each in value)
+
+
 def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
     """Raise BadInput, in one line, where a file is not there."""
-    for path in [paths] if isinstance(paths, Path) else paths or ():
+    for path in _paths(paths):
         try:
             path.stat()
         except OSError as error:

@@ -14,18 +14,23 @@ from uuid import uuid4
 from tactuator.errors import BadInput
 
 _HALF_WRITTEN = "tactuator"
+STORE_MARK = b"SQLite format 3"
+"""How the file of a store begins."""
 
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterator[Path]:
     """Yield a path beside `path` to write to; renamed to `path` at the end, removed on any error.
 
-    Raises BadInput where the folder is missing or cannot be written.
+    is_store: what is written is a store. Raises BadInput where the folder is missing or cannot be written, and where a
+    store of subjects' answers would be replaced by anything else.
     """
     target = Path(path)
     _check_parent(target)
     if target.exists() and not target.is_file():
         raise BadInput(f"{path} is a folder or a device", "the name of a file")
+    if not is_store and _begins_as_a_store(target):
+        raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
     # the name is known before the file is there: a Ctrl-C between the two leaves nothing
     beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
     try:
@@ -38,6 +43,12 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         beside.replace(target)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def _begins_as_a_store(path: Path) -> bool:
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(STORE_MARK)) == STORE_MARK
+    return False
 
 
 def sweep_half_written(paths: Iterable[Path]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput
+from tactuator.io.atomic import STORE_MARK
 from tactuator.io.hdf5 import opened_hdf5
 from tactuator.io.text import encoding_of, parse_toml
 
@@ -87,7 +88,7 @@ def kind_of(path: Path) -> str | None:
 def _kind(path: Path, head: bytes) -> str | None:
     if head.startswith(b"TACI"):
         return "image"
-    if head.startswith(b"SQLite format 3"):
+    if head.startswith(STORE_MARK):
         return "store"
     if head.startswith(b"\x89HDF"):
         return _kind_of_hdf5(path)

@@ -28,7 +28,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path, write_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
-from tactuator.io.kinds import require_kind
+from tactuator.io.kinds import kind_of, require_kind
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Channel
@@ -145,6 +145,9 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
     check_suffix(path)
     if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
         raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
+    head_path = path.with_suffix(".json")
+    if path.suffix == ".wav" and head_path.exists() and kind_of(head_path) != "reference":
+        raise BadInput(f"{head_path} is there, and not the head of a reference", "a name beside which that is free")
     with atomic_path(path) as beside:
         with _writing(path):
             _require_room(beside, frames, len(head.channels))
@@ -160,7 +163,7 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
             with _writing(path), written_hdf5(beside) as written:
                 yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
         if path.suffix == ".wav":
-            write_text(path.with_suffix(".json"), json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
+            write_text(head_path, json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
 
 
 def check_suffix(path: Path) -> None:

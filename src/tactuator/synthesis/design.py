@@ -337,7 +337,10 @@ def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
     at_low = plant.gain * float(np.real(np.prod(-plant.zeros[plant.zeros != 0.0])))
     at_low /= float(np.real(np.prod(-plant.poles[plant.poles != 0.0])))
     if looped and plant.is_stable and at_low < 0.0:
-        raise BadInput(f"{where} has a negative gain at rest ({at_low:.4g})", "a positive one, with polarity = -1")
+        raise BadInput(
+            f"{where} has a negative gain at rest ({at_low:.4g})",
+            "a positive one: negate one of the record's two columns, and identify again",
+        )
 
 
 def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) -> None:

@@ -377,7 +377,7 @@ def _judged(
         named, few, many = quantity, few and passing == 0, passing > 0
     else:
         value = float(np.quantile(np.where(np.isfinite(values), values, np.inf), 1.0 - MAY_PASS, method="higher"))
-    share = f"{passing} of {plants.count} plants drawn from the {plants.source} pass it"
+    share = f"{passing} of {plants.count} plants drawn from the {plants.source} exceed it"
     outcome, remark = Outcome.NOT_JUDGED, f"{share}: too few to tell whether 5 % do; more plants (--monte-carlo)"
     if few:
         outcome, remark = Outcome.MET, share

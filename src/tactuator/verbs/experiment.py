@@ -563,9 +563,14 @@ def simulate(
     seed: Seed = 0,
 ) -> QualityResult:
     """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
+    from tactuator.entry_points import plugins
+    from tactuator.experiment.procedure.procedure import GROUP
     from tactuator.experiment.simulated.judging_quality import TASKS
     from tactuator.experiment.simulated.quality import Setting, simulate_kind
     from tactuator.io.csv_tables import read_relative_curve
+
+    if procedure not in (*plugins(GROUP), *TASKS):
+        raise BadInput(repr(procedure), ", ".join((*plugins(GROUP), *TASKS)), key="--procedure")
 
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
     if procedure in TASKS:

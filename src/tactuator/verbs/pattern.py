@@ -73,7 +73,7 @@ class PatternResult(Result):
 def clip_notices(clip: "Clip") -> tuple[str, ...]:
     """Return what is to be known of a clip as it was read."""
     clamped = f"{clip.clamped} values were outside their range: the format takes them back to it"
-    ignored = f"the format passes over {_first(clip.ignored)}"
+    ignored = f"not known to the format, and left out: {_first(clip.ignored)}"
     unrendered = f"not rendered: {_first(clip.unrendered)}"
     unsure = f"not every device plays it: {'; '.join(clip.unsure)}"
     lines = {clamped: clip.clamped, ignored: clip.ignored, unrendered: clip.unrendered, unsure: clip.unsure}

@@ -45,7 +45,8 @@ def init(
         Place | None, Option("Copy the examples into this folder, and write nothing else.", type=Path | None)
     ] = None,
 ) -> WrittenFiles:
-    """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside it.
+    """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside
+    it, or beside one that is there.
 
     Raises BadInput where a file is there already.
 
@@ -61,7 +62,9 @@ def init(
         note = f"{len(copied)} files written into {examples}; {Path(examples) / 'README.md'} says what each is"
         return WrittenFiles(copied, note)
     target = Path(out)
-    contents = {target: _display_text(like or DISPLAY_KINDS[0], model, target).encode()}
+    contents: dict[Path, bytes] = {}
+    if protocol is None or like is not None or model is not None or not target.exists():
+        contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()
     if protocol is not None:
         contents[target.parent / _PROTOCOL] = protocol_template(protocol).encode()
     for path in contents:

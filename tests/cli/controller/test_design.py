@@ -122,7 +122,7 @@ def test_check__monte_carlo__judged_and_in_the_verdict(tmp_path: Path, capsys: p
     assert outcomes == [{"not judged"}, {"met"}]
     path.write_text(path.read_text().replace("3100.0", "9000.0"))
     assert main(["check", str(out), "--display", str(path), "--monte-carlo", "200"]) == 1
-    assert "of 200 plants drawn from the family pass it" in " ".join(capsys.readouterr().out.split())
+    assert "of 200 plants drawn from the family exceed it" in " ".join(capsys.readouterr().out.split())
 
 
 def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

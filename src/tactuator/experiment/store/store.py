@@ -228,7 +228,7 @@ class Store:
             raise BadInput(f"{out} is the store itself", "another place")
         try:
             with (
-                atomic_path(out) as beside,
+                atomic_path(out, is_store=True) as beside,
                 closing(sqlite3.connect(self.path)) as source,
                 closing(sqlite3.connect(beside)) as copy,
             ):
