@@ -46,3 +46,12 @@ int tact_states_run(size_t n, const double *d, const double *b0, const double *b
     }
     return 0;
 }
+
+void tact_low_passes_run(size_t decays, const double *decay, size_t count, const double *u, double *out)
+{
+    for (size_t i = 0; i < decays; i++) {
+        double y = 0.0;
+        for (size_t k = 0; k < count; k++)
+            out[i * count + k] = y = decay[i] * y + (1.0 - decay[i]) * u[k];
+    }
+}

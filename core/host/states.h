@@ -17,4 +17,8 @@ enum { TACT_STATES_MAX = 24 };
 int tact_states_run(size_t n, const double *d, const double *b0, const double *b1, size_t count, const double *u,
                     double *x, double *out);
 
+/* Low-passes of first order of one input, from rest: y[k] = decay y[k-1] + (1 - decay) u[k] for each decay. out: decays
+ * rows of count. */
+void tact_low_passes_run(size_t decays, const double *decay, size_t count, const double *u, double *out);
+
 #endif

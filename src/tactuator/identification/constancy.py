@@ -154,9 +154,13 @@ def told_of_clocks(ppm: float) -> str:
     return f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
 
 
-def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
-    """Return what was lost of command or position (n,), in order."""
-    half, later, alike = pieces_delays(command, position)
+Delays = tuple[int, FloatArray, FloatArray]
+"""What `pieces_delays` returns."""
+
+
+def losses(command: FloatArray, position: FloatArray, delays: Delays | None = None) -> tuple[LostBlock, ...]:
+    """Return what was lost of command or position (n,), in order; delays: of its pieces, if they are at hand."""
+    half, later, alike = pieces_delays(command, position) if delays is None else delays
     kept = later[alike > _ALIKE]
     if kept.size < max(6, 0.5 * later.size):
         return ()
@@ -240,12 +244,13 @@ def running_together(record: Record) -> tuple[tuple[Record, ...], float, tuple[s
     """
     ppm, as_read = 0.0, record
     for _ in range(3):
-        more = clocks_apart_ppm(*pieces_delays(record.command, record.position))
+        delays = pieces_delays(record.command, record.position)
+        more = clocks_apart_ppm(*delays)
         if not more:
             break
         ppm += more
         record = of_one_clock(as_read, ppm)
-    blocks = losses(record.command, record.position)
+    blocks = losses(record.command, record.position, None if more else delays)
     if not blocks:
         return (record,), ppm, ()
     said = "; ".join(loss.told(record.rate_hz) for loss in blocks)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -119,12 +120,13 @@ def fit_friction(
     level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
     if level is None and not friction_shows(bare.residuals):
         return None
-    level = _stepped(signals, bare, _Level(0.0, 0.0, ())) if level is None else level
+    measured = _measured_paths(signals, bare.spectra[0].rate_hz)
+    level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
     for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
         now, before = estimate_of(level.off(signals)), level
-        level = _settled(signals, now, level)
+        level = _settled(signals, now, level, measured)
         if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
             break
     rubbed = _with_level(signals, now, before)
@@ -133,7 +135,7 @@ def fit_friction(
     simpler = simplified(now, known, rubbed.shifts)
     if simpler is now:
         return rubbed
-    level = _settled(signals, simpler, before)
+    level = _settled(signals, simpler, before, measured)
     return _with_level(signals, _again(simpler, level.off(signals)), level) or rubbed
 
 
@@ -160,10 +162,10 @@ def _share_left(residuals: Sequence[Residual]) -> float:
     return rest / max(whole, 1e-300)
 
 
-def _settled(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
-    """Return the level at which the estimate's form and the friction along its own path agree."""
+def _settled(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
+    """Return the level at which the estimate's form and the friction along its own path, or the measured one, agree."""
     for _ in range(_ROUNDS):
-        ahead = _stepped(signals, now, level)
+        ahead = _stepped(signals, now, level, measured)
         change = abs(ahead.coulomb - level.coulomb)
         level = ahead
         if level.coulomb <= 0.0 or change < _STILL * level.deviation:
@@ -192,21 +194,21 @@ def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
     return tuple(paths)
 
 
-def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
+def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level that explains most of what the estimate leaves; level: what is off its commands already.
 
     Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample.
     """
     lines = _FrictionLines(now, level)
-    both = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
+    both = (_paths(signals, now), measured)
     tried: dict[tuple[int, bool, float], tuple[float, float, float]] = {}
 
+    def explain(k: int, presliding: float, holds: Sequence[bool]) -> None:
+        states = [dahl_state(path, presliding) for path in both[k]]
+        for held in holds:
+            tried[k, held, presliding] = lines.explained(_acting(states, held))[:3]
+
     def gain(way: tuple[int, bool, float]) -> float:
-        k, _, presliding = way
-        if way not in tried:
-            states = [dahl_state(path, presliding) for path in both[k]]
-            for held in (False, True):
-                tried[k, held, presliding] = lines.explained(_acting(states, held))[:3]
         return tried[way][0]
 
     if level.presliding > 0.0:
@@ -214,11 +216,17 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
     else:
         motion = max(float(np.std(path)) for path in both[0])
         places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
-    best = max(((k, held, float(place)) for k in (0, 1) for held in (False, True) for place in places), key=gain)
+    for k, place in product((0, 1), places.tolist()):
+        explain(k, place, (False, True))
+    best = max(product((0, 1), (False, True), places.tolist()), key=gain)
     for _ in range(refinements):
         ratio = float(np.sqrt(ratio))
         k, held, presliding = best
-        best = max(((k, held, presliding * factor) for factor in (1.0 / ratio, 1.0, ratio)), key=gain)
+        near = [(k, held, presliding * factor) for factor in (1.0 / ratio, 1.0, ratio)]
+        for _, _, place in near:
+            if (k, held, place) not in tried:
+                explain(k, place, (held,))
+        best = max(near, key=gain)
     k, held, presliding = best
     _, coulomb, power = tried[best]
     return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
@@ -248,10 +256,11 @@ class _FrictionLines:
         self._free = freedom(fit.theta, fit.form, fit.rungs)
         for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
             weighted = residual.response * taken.ahead * residual.weight[1:]
-            self._weighted.append(weighted)
+            self._weighted.append(-weighted)
             slopes = log_slopes(fit, taken.frequency_hz[1:]) @ self._free
             columns_of.append(slopes * (weighted * taken.command[1:])[:, None])
-            taken_off = weighted * _lines(level.coulomb * states[k], taken) if states else 0.0
+            # of a copy: NumPy multiplies in place what is nobody else's, its factors the other way round
+            taken_off = weighted * _lines(level.coulomb * states[k], taken).copy() if states else 0.0
             rest.append(residual.lines[1:] * residual.weight[1:] - taken_off)
         self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)
         self._rest = np.concatenate(rest).view(np.float64)
@@ -275,7 +284,8 @@ class _FrictionLines:
         """Return by how much the sum of squares falls with states (n,) of k columns, the level of each, their powers,
         what of the fit's parameters makes up for one unit of each, (parameters, k), and how these then move.
         """
-        rows = np.stack([self._pull(states) for states in columns])
+        pulls = [self._pull(states) for states in columns]
+        rows = pulls[0].reshape(1, -1) if len(pulls) == 1 else np.stack(pulls)
         beside = np.column_stack([self._rows @ rows.T, self._along])
         across = rows @ self._rest
         last = np.block([[rows @ rows.T, across[:, None]], [across[None, :], np.array([[self.power]])]])
@@ -289,7 +299,8 @@ class _FrictionLines:
     def _pull(self, states: Sequence[FloatArray]) -> FloatArray:
         """Return what one unit of friction of those states (n,) makes of the position's lines, weighted."""
         parts = zip(self._weighted, states, self._spectra, strict=True)
-        return np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts]).view(np.float64)
+        pulled = [np.multiply(weighted, _lines(state, taken)) for weighted, state, taken in parts]
+        return (pulled[0] if len(pulled) == 1 else np.concatenate(pulled)).view(np.float64)
 
     def other_laws(self, level: _Level) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
@@ -322,7 +333,11 @@ class _FrictionLines:
 def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:
     """Return the lines but zero of values (n,) at the record's command."""
     early = values[: taken.samples]
-    return np.asarray(np.fft.rfft(early - early.mean())[1:] / np.sqrt(taken.samples))
+    lines = np.fft.rfft(early - early.mean())[1:]
+    # the quotient of complex numbers that NumPy would form, to the last bit
+    real = lines.view(np.float64)
+    real *= 1.0 / np.sqrt(taken.samples)
+    return np.asarray(lines)
 
 
 def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | None:

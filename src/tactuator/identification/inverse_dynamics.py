@@ -12,7 +12,7 @@ intervals hold what other laws, parts of the record and low-pass filters that it
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -66,22 +66,28 @@ FREE = Bound()
 
 
 @dataclass(frozen=True, eq=False)
-class Motor:
-    """A motor without a spring. theta: acceleration for a unit command; viscous damping over mass, 1/s; Coulomb level
-    and offset in units of command; (4,), with their covariance. unexplained: share of the low-passed command's power
-    that is left; spring: share of its deviation that a spring would explain, with its t value. predicted, commanded:
-    low-passed command, (k,). corner_hz: of the low-pass filter. plain_t: t values of mass, viscous damping, Coulomb
-    level and offset, by the model's own friction law alone, (4,).
+class PlainMotor:
+    """What the model's own friction law alone says of a record. plain_t: t values of mass, viscous damping, Coulomb
+    level and offset, (4,). unexplained: share of the low-passed command's power that is left; spring: share of its
+    deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
     """
 
-    theta: FloatArray
-    covariance: FloatArray
     plain_t: FloatArray
     unexplained: float
     spring: float
     spring_t: float
     predicted: FloatArray
     commanded: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Motor(PlainMotor):
+    """A motor without a spring. theta: acceleration for a unit command; viscous damping over mass, 1/s; Coulomb level
+    and offset in units of command; (4,), with their covariance. corner_hz: of the low-pass filter.
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
     corner_hz: float
 
 
@@ -92,15 +98,18 @@ def motor_estimate(
     *,
     holds: tuple[bool, ...] = (True,),
     bound: Bound = FREE,
+    may_be: Callable[[PlainMotor], bool] = lambda _: True,
 ) -> Motor | None:
-    """Return the motor of a record (n,), or None where too little of it moves.
+    """Return the motor of a record (n,), or None where too little of it moves, or the plain law's word is not enough.
 
     holds: whether a converter held the command, both where that is not known, the likelier first. bound: known values.
+    may_be: whether other laws, parts and filters are worth the work, by what the plain law says.
     """
     corner = _LOWER * motion_corner(position, rate_hz)
     equation = _Equation(command, position, rate_hz, corner, holds[0])
-    main = _Reading.of(equation, _SLOW, bound)
-    if main is None:
+    plain = _plain_motor(equation, bound)
+    main = _Reading.of(equation, _SLOW, bound) if plain is not None and may_be(plain) else None
+    if main is None or plain is None:
         return None
     weights, covariance = main.mean
     away = np.zeros(4)
@@ -108,7 +117,7 @@ def motor_estimate(
         if other.left <= _AS_GOOD * main.left:
             away = np.maximum(away, np.abs(other.departures(weights)).max(axis=0))
     away = np.maximum(away, np.abs(main.departures(weights)).max(axis=0))
-    foot, basis = bound.freedom
+    _, basis = bound.freedom
     within = basis @ np.linalg.pinv(basis)
     covariance = covariance + within @ np.diag((away / 1.959964) ** 2 + (FLOOR * weights) ** 2) @ within.T
     # weights = (1/gain, damping/gain, coulomb, offset)
@@ -119,23 +128,32 @@ def motor_estimate(
     # without what rounding leaves of values that are known
     known = np.flatnonzero([bound.mass is not None, bound.damping is not None])
     covariance[known, :] = covariance[:, known] = 0.0
-    columns, goal = equation.columns[main.chosen], equation.goal[main.chosen]
-    predicted = columns @ main.plain
-    total = float(np.var(goal))
-    if total == 0.0 or not np.all(np.isfinite(slopes)):
+    if not np.all(np.isfinite(slopes)):
         return None
-    place = low_passed(position, rate_hz, corner)[main.chosen]
-    with_spring, _, spread = _regress(np.column_stack([columns @ basis, place]), goal - columns @ foot)
-    return Motor(
-        theta=np.array([gain, weights[1] * gain, weights[2], weights[3]]),
-        covariance=covariance,
-        plain_t=main.plain / np.sqrt(np.maximum(main.laws[0].covariance.diagonal(), 1e-300)),
+    theta = np.array([gain, weights[1] * gain, weights[2], weights[3]])
+    return Motor(**vars(plain), theta=theta, covariance=covariance, corner_hz=corner)
+
+
+def _plain_motor(equation: _Equation, bound: Bound) -> PlainMotor | None:
+    """Return what the plain law says of the samples that move, None where they are too few or nothing is commanded."""
+    chosen = _moving(equation.velocity, equation.rate_hz, equation.corner)
+    columns, goal, (foot, basis) = equation.columns[chosen], equation.goal[chosen], bound.freedom
+    total = float(np.var(goal)) if chosen.size >= _FEWEST else 0.0
+    if total == 0.0:
+        return None
+    free, aim = columns @ basis, goal - columns @ foot
+    solution, _, spread = _regress(free, aim)
+    weights, covariance = foot + basis @ solution, basis @ spread @ basis.T
+    predicted = columns @ weights
+    place = low_passed(equation.position, equation.rate_hz, equation.corner)[chosen]
+    with_spring, _, spread = _regress(np.column_stack([free, place]), aim)
+    return PlainMotor(
+        plain_t=weights / np.sqrt(np.maximum(covariance.diagonal(), 1e-300)),
         unexplained=float(np.var(goal - predicted)) / total,
         spring=abs(float(with_spring[-1])) * float(np.std(place)) / np.sqrt(total),
         spring_t=abs(float(with_spring[-1])) / float(np.sqrt(max(spread[-1, -1], 1e-300))),
         predicted=predicted,
         commanded=goal,
-        corner_hz=corner,
     )
 
 

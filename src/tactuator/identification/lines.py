@@ -13,10 +13,10 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -233,25 +233,18 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
     shift is put back into the response.
     """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
+    bands = [band for band in band_edges(taken, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
     rows = []
-    for begin, end in band_edges(taken, 2, last, 0.02, 13):
-        if end - begin < 2 * NODES + 2:
-            continue
-        middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
-        place = (np.arange(begin, end) - middle) / half
-        shape = np.stack([np.ones_like(place), place, place * place], axis=1)
-        u, y = taken.command[begin:end], taken.position[begin:end]
-        # what lies beyond the triangle of the columns is the position's share of them, and what they leave of it
-        triangle: ComplexArray = np.asarray(np.linalg.qr(np.hstack([u[:, None] * shape, shape, y[:, None]]), mode="r"))
+    for (begin, end), triangle in zip(bands, _triangles(taken, bands), strict=True):
         r, share_of = triangle[: 2 * NODES, : 2 * NODES], triangle[: 2 * NODES, 2 * NODES]
         size = np.abs(np.diag(r))
         if size[:NODES].min() <= 1e-9 * size.max() or size.min() <= 1e-13 * size.max():
             continue
         inverse = np.linalg.inv(r)
-        solution = inverse[0] @ share_of
+        solution, power = inverse[0] @ share_of, float(np.mean(np.abs(taken.command[begin:end]) ** 2))
         noise = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2) / (end - begin - 2 * NODES)
         variance = noise * float(np.sum(np.abs(inverse[0]) ** 2))
-        rows.append((middle * taken.spacing_hz, solution, variance, noise, float(np.mean(np.abs(u) ** 2)), end - begin))
+        rows.append((0.5 * (begin + end - 1) * taken.spacing_hz, solution, variance, noise, power, end - begin))
     columns = list(zip(*rows, strict=True)) if rows else [()] * 6
     frequency, value, variance_, noise_, excitation, lines = columns
     late = np.exp(-2j * np.pi * np.array(frequency, dtype=np.float64) * taken.shift / taken.rate_hz)
@@ -259,6 +252,27 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
         np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128) * late, np.array(variance_),
         np.array(noise_), np.array(excitation), np.array(lines, dtype=np.float64),
     )  # fmt: skip
+
+
+_AT_ONCE = 1 << 14
+"""Lines of bands of one width that are worked on together."""
+
+
+def _triangles(taken: Spectrum, bands: Sequence[tuple[int, int]]) -> Iterator[ComplexArray]:
+    """Yield the triangle of each band's columns: command and a transient, each with a polynomial of second degree, and
+    the position. What lies beyond the columns' triangle is the position's share of them, and what they leave of it.
+    """
+    for width, alike in groupby(bands, lambda band: band[1] - band[0]):
+        place = (np.arange(width) - 0.5 * (width - 1)) / (0.5 * (width - 1))
+        shape = np.stack([np.ones_like(place), place, place * place], axis=1)
+        begins = np.array([begin for begin, _ in alike])
+        for some in np.array_split(begins, -(-begins.size * width // _AT_ONCE)):
+            lines = some[:, None] + np.arange(width)
+            columns = np.empty((some.size, width, 2 * NODES + 1), dtype=np.complex128)
+            np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
+            columns[:, :, NODES : 2 * NODES] = shape
+            columns[:, :, 2 * NODES] = taken.position[lines]
+            yield from np.linalg.qr(columns, mode="r")
 
 
 @dataclass(frozen=True, eq=False)

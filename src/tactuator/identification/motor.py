@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.identification.asked import Fixed
-from tactuator.identification.inverse_dynamics import FREE, Bound, Motor, motor_estimate
+from tactuator.identification.inverse_dynamics import FREE, Bound, Motor, PlainMotor, motor_estimate
 from tactuator.identification.prepared import Prepared
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Friction, Identification
@@ -33,13 +33,11 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
     record, is_held = common.records[0], between.hold != "band-limited"
     holds = (is_held,) if between.certain else (is_held, not is_held)
 
-    def estimated(bound: Bound) -> Motor | None:
-        return motor_estimate(record.command, record.position, record.rate_hz, holds=holds, bound=bound)
-
-    free = estimated(FREE)
-    if free is None or not _is_motor(free):
+    signals = record.command, record.position, record.rate_hz
+    free = motor_estimate(*signals, holds=holds, may_be=_may_be_motor)
+    if free is None or not free.theta[2] > _RULES * float(np.std(free.commanded)):
         return None
-    motor = free if bound == FREE else estimated(bound)
+    motor = free if bound == FREE else motor_estimate(*signals, holds=holds, bound=bound)
     if motor is None:
         return None
     result = _identification(common, between, motor)
@@ -59,12 +57,11 @@ def bound_by(fixed: Sequence[Fixed]) -> Bound | None:
     return Bound(mass, damping)
 
 
-def _is_motor(motor: Motor) -> bool:
-    """Return true where friction rules the record, no spring shows and little is left over."""
-    rules = motor.theta[2] > _RULES * float(np.std(motor.commanded)) and motor.plain_t[2] > _CERTAIN
-    known = abs(motor.plain_t[0]) > _CERTAIN and motor.plain_t[1] * np.sign(motor.plain_t[0]) > -3.0
-    free = motor.spring < _SPRING or motor.spring_t < 5.0
-    return bool(rules and known and free and motor.unexplained < _UNEXPLAINED)
+def _may_be_motor(plain: PlainMotor) -> bool:
+    """Return true where friction is certain, no spring shows and little is left over."""
+    known = abs(plain.plain_t[0]) > _CERTAIN and plain.plain_t[1] * np.sign(plain.plain_t[0]) > -3.0
+    free = plain.spring < _SPRING or plain.spring_t < 5.0
+    return bool(plain.plain_t[2] > _CERTAIN and known and free and plain.unexplained < _UNEXPLAINED)
 
 
 def _friction(common: Prepared, motor: Motor) -> Friction:

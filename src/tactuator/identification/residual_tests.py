@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
+from tactuator.runtime._core import ffi, lib
 
 _LAGS = 40
 _BURST = 50
@@ -86,7 +88,7 @@ def _ljung_box(values: FloatArray) -> float:
         return 1.0
     r = covariance[1:] / covariance[0]
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return float(scipy.stats.chi2.sf(statistic, lags))
+    return float(scipy.special.chdtrc(lags, statistic))
 
 
 def _input_test(
@@ -111,7 +113,7 @@ def _input_test(
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
     gained = max(total - known, 0.0)
-    return float(scipy.stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
+    return float(scipy.special.chdtrc(rank - own_rank, gained / variance)), gained / (n * variance)
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
@@ -120,11 +122,11 @@ def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     """
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
-    passed = []
-    for corner in corners:
-        decay = np.exp(-2.0 * np.pi * corner / rate_hz)
-        passed.append(scipy.signal.lfilter([1.0 - decay], [1.0, -decay], late))
-    return np.stack(passed)
+    decays = np.array([np.exp(-2.0 * np.pi * corner / rate_hz) for corner in corners])
+    passed = np.empty((decays.size, late.size))
+    places = [ffi.cast("double *", ffi.from_buffer(values)) for values in (decays, late, passed)]
+    lib.tact_low_passes_run(decays.size, places[0], late.size, *places[1:])
+    return passed
 
 
 def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:
@@ -168,7 +170,27 @@ def whitening_filter(residual: FloatArray, highest_order: int = 40) -> FloatArra
 
 
 def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
-    """Return `values` (n,) through the filter from rest."""
-    if coefficients.size == 1:
+    """Return `values` (n,) through the filter, no longer than they are, from rest: by overlapping blocks, to the bit as
+    scipy.signal.oaconvolve, which is slow to import.
+    """
+    count, overlap = values.size, coefficients.size - 1
+    if overlap == 0:
         return np.asarray(values * coefficients[0])
-    return np.asarray(scipy.signal.oaconvolve(values, coefficients)[: values.size])
+    size = int(scipy.fft.next_fast_len(_block_length(overlap)))
+    if size >= count or overlap + 1 == count:
+        size = int(scipy.fft.next_fast_len(count + overlap, real=True))
+        lines = scipy.fft.rfft(values, size) * scipy.fft.rfft(coefficients, size)
+        return np.asarray(scipy.fft.irfft(lines, size)[:count])
+    step = size - overlap
+    blocks = -(-(count + 1) // step)
+    padded = np.zeros((blocks, step))
+    padded.reshape(-1)[:count] = values
+    passed = scipy.fft.irfft(scipy.fft.rfft(padded, size) * scipy.fft.rfft(coefficients, size), size)
+    passed[1:, :overlap] += passed[:-1, step:]
+    return np.asarray(passed[:, :step].reshape(-1)[:count])
+
+
+def _block_length(overlap: int) -> int:
+    """Return the length n of a block at which n (log2(n) + 1)/(n - overlap), the work for a sample, is least."""
+    least = -overlap * scipy.special.lambertw(-1.0 / (2.0 * math.e * overlap), k=-1).real
+    return math.ceil(float(least))

@@ -91,7 +91,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     if lost - float(np.log(problem.given.total)) * values > _BEHIND:
         return True
     alike = replace(fit.form, known=(), pins=()) == replace(beside.fit.form, known=(), pins=())
-    return bool(alike and scipy.stats.chi2.sf(max(lost, 0.0), max(values, 1)) < _CHANCE)
+    return bool(alike and scipy.special.chdtrc(max(values, 1), max(lost, 0.0)) < _CHANCE)
 
 
 def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:

@@ -22,10 +22,10 @@ from itertools import product
 from math import exp, expm1, sin, sinh, sqrt
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis.even_points import even_points
 
 # Where each factor's parameters stand: (kind, first index, +1 numerator or -1 denominator)
 _PAIRS = ((1, 1), (4, 1), (6, -1), (8, 1), (10, -1))
@@ -275,10 +275,8 @@ def _notches(
 
 def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:
     """Return Sobol points over all eleven parameters of a shape; the block's share of one sequence."""
-    sequence = scipy.stats.qmc.Sobol(COUNT - 1, scramble=False)
     skipped = 1 + sum(2**power for power in _SOBOL_LOG2[:block])
-    sequence.fast_forward(skipped)
-    share = sequence.random(2 ** _SOBOL_LOG2[block])
+    share = even_points(COUNT - 1, skipped, 2 ** _SOBOL_LOG2[block])
     natural = slow_pair(plant)[0] / rate_hz
     step = 2.0 * np.pi / rate_hz
     soft = min([0.7, *(damping for _, damping in modes(plant))])

@@ -41,10 +41,12 @@ from tactuator.synthesis.candidates import (
     modes,
     slow_pair,
 )
+from tactuator.synthesis.even_points import even_points
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
 from tactuator.synthesis.screening import Task, around_modes_hz
 
 _SHARPNESS = 300.0
+_KEPT = 8
 _MOST_TURN = np.pi - 0.02
 """Greatest angle of S, radians, on a grid that may overlook a little."""
 
@@ -73,6 +75,7 @@ class LoopProblem:
         self.loop_limits = task.limits_at(share)
         self.limits = tuple(limit.under(member.name) for member in task.family for limit in self.loop_limits)
         self.tighten = np.zeros(len(self.limits))
+        self._kept: dict[bytes, Point] = {}
         self._hard = np.array([not limit.gives_way for limit in self.limits])
         low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
@@ -100,7 +103,17 @@ class LoopProblem:
         return table[:, 0], table[:, 1]
 
     def at(self, parameters: FloatArray) -> Point:
-        """Return the values and derivatives of everything at one parameter vector."""
+        """Return the values and derivatives of everything at one parameter vector. A few of the last are kept: programs
+        begin where others ended.
+        """
+        key = parameters.tobytes() + self.tighten.tobytes()
+        if key not in self._kept:
+            if len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = self._point(parameters)
+        return self._kept[key]
+
+    def _point(self, parameters: FloatArray) -> Point:
         controller, slope = self.structure.response_and_slope(parameters, self._difference)
         loops = _Loops(controller, controller * self._plants)
         rows = _Rows(slope)
@@ -252,14 +265,9 @@ def _solve_near(
 ) -> Solution | None:
     first = problem.at(start)
     free = np.array([limit.under(None) in relaxed for limit in problem.limits])
-    cache: dict[bytes, Point] = {}
 
     def at(unknowns: FloatArray) -> Point:
-        key = unknowns[:COUNT].tobytes()
-        if key not in cache:
-            cache.clear()
-            cache[key] = problem.at(unknowns[:COUNT])
-        return cache[key]
+        return problem.at(unknowns[:COUNT])
 
     def aims(point: Point) -> tuple[FloatArray, FloatArray]:
         return (point.excess[free], point.excess_slope[free]) if relaxed else (point.mean_db, point.mean_slope)
@@ -402,9 +410,7 @@ def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Sol
 def _steps_away(beginnings: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
     """Yield steps away from members of `pool` as it then is; from `beginnings` while it is empty. Sobol's points choose
     the member, and the step."""
-    sequence = scipy.stats.qmc.Sobol(COUNT + 1, scramble=False)
-    sequence.fast_forward(1)  # the first point is zero
-    for index, point in enumerate(sequence.random(_HOPS)):
+    for index, point in enumerate(even_points(COUNT + 1, 1, _HOPS)):  # the first point is zero
         origins = [known.parameters for known in pool] or list(beginnings)
         origin = origins[min(int(-np.log2(point[0])), len(origins) - 1)]
         yield origin + _SIZES[index % len(_SIZES)] * np.asarray(scipy.special.ndtri(point[1:]))
