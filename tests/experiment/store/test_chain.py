@@ -199,7 +199,7 @@ from tactuator.experiment.store.store import opened_store, sessions_of
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
 clock = ObedientClock()
 with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[1])) as store:
-    presented = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 10000"))
+    presented = begin(store, clock, PROTOCOL.replace("[conditions]", "[conditions]\\nrepeats = 500"))
     while True:
         if presented.session.stage == "break":
             clock.wait(300.0)
