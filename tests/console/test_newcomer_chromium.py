@@ -34,7 +34,7 @@ def bench(tmp_path_factory):
 @pytest.fixture
 def page(bench, browser):
     """The start page, to which the way is the address that the command prints."""
-    with watched_page(browser, 180.0) as page:
+    with watched_page(browser, 180.0, also_logged=False) as page:
         page.goto(f"http://127.0.0.1:{bench.port}/#token={TOKEN}")
         page.wait_for_selector("body[data-ready=start]")
         yield page

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.signals import excitation
@@ -82,3 +83,26 @@ def test_paper_mix__paper_plant__stays_within_range_and_travel() -> None:
 def test_excitation__impossible__is_refused(call) -> None:
     with pytest.raises(BadInput, match="allowed"):
         call()
+
+
+def test_known_part__accelerometer__keeps_to_band_travel_and_range() -> None:
+    """The travel by SciPy: the mechanism's own displacement, at rest before, in steps of a sample."""
+    w, q, drive = 2.0 * np.pi * 80.0, 4.0, 2e4
+    plant = ContinuousSystem(np.zeros(2), np.roots([1.0, w / q, w * w]), drive)
+    shape = rng().standard_normal(8000)
+    for travel, read, range_v in ((0.05, 1e6, 10.0), (50.0, 1e6, 2.0), (50.0, 3e3, 10.0)):
+        command = excitation.known_part(shape, RATE_HZ, plant, 2, (10.0, 400.0), (travel, read, range_v))
+        lines, place = np.abs(np.fft.rfft(command)), np.fft.rfftfreq(command.size, 1.0 / RATE_HZ)
+        assert np.max(lines[(place < 10.0) | (place > 400.0)]) < 1e-9 * np.max(lines)
+        t = np.arange(2 * command.size) / RATE_HZ
+        _, moved, _ = signal.lsim(([drive], [1.0, w / q, w * w]), np.tile(command, 2), t)
+        settled = np.max(np.abs(moved[command.size :]))
+        _, sensed, _ = signal.lsim(([drive, 0.0, 0.0], [1.0, w / q, w * w]), np.tile(command, 2), t)
+        reached = settled / travel, np.max(np.abs(sensed[command.size :])) / read, np.max(np.abs(command)) / range_v
+        assert max(reached) == pytest.approx(1.0, abs=0.02)
+
+
+def test_known_part__no_line_in_the_band__is_refused() -> None:
+    plant = ContinuousSystem(np.zeros(2), np.roots([1.0, 100.0, 1e5]), 1.0)
+    with pytest.raises(BadInput, match="lines in the band"):
+        excitation.known_part(np.zeros(100), RATE_HZ, plant, 2, (10.0, 400.0), (1.0, 1.0, 1.0))

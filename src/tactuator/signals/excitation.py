@@ -170,6 +170,36 @@ def plan_amplitude(
     return min(by_range, travel_v / reached) if reached > 0.0 else by_range
 
 
+def known_part(
+    shape: ArrayLike,
+    rate_hz: float,
+    plant: ContinuousSystem,
+    order: int,
+    band_hz: tuple[float, float],
+    limits_v: tuple[float, float, float],
+) -> FloatArray:
+    """Return the part of a command, (n,), in the band that `plant` is known in, as large as its limits allow: of what
+    travels, of what the sensor reads, and of the command.
+
+    order: how often what the plant gives is the derivative of what travels, once or twice: beneath the band nothing is
+    known of the travel, which may be any there. The command is as if repeated for ever.
+    """
+    spectrum = np.fft.rfft(np.asarray(shape, dtype=np.float64))
+    frequency = np.fft.rfftfreq(np.size(shape), 1.0 / rate_hz)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    if min(limits_v) <= 0.0 or not np.any(spectrum[inside]):
+        limits = ", ".join(f"{limit:g}" for limit in limits_v)
+        raise BadInput(f"limits of travel, reading and command of {limits} V", "all positive, and lines in the band")
+    moved, read, kept = np.zeros((3, spectrum.size), dtype=np.complex128)
+    place = frequency[inside]
+    kept[inside] = spectrum[inside]
+    read[inside] = spectrum[inside] * plant.response(place)
+    moved[inside] = read[inside] / (2j * np.pi * place) ** order
+    waves = [np.fft.irfft(lines, np.size(shape)) for lines in (moved, read, kept)]
+    shares = [limit / max(float(np.max(np.abs(wave))), 1e-300) for limit, wave in zip(limits_v, waves, strict=True)]
+    return np.asarray(min(shares) * waves[-1])
+
+
 def periodic_response(command: FloatArray, rate_hz: float, plant: ContinuousSystem) -> FloatArray:
     """Return the steady answer of `plant` to a command (n,) repeated for ever, computed by its spectrum; an
     integrator's mean is dropped.

@@ -116,7 +116,7 @@ def record(
         raise BadInput("--together beside --channel or another excitation", "all channels, by multisines")
     driven = described.channels if together else (described.channel(channel or described.channels[0].name),)
     how = (duration_s, "multisine" if together else excitation, travel_share, seed, periods, realisations)
-    command, plan = _planned(driven, described.rate_hz, *how)
+    command, plan = _planned(described, driven, *how)
     names = tuple(each.name for each in driven)
     with opened(rig, described, seed) as ready:
         require_sensors(ready, names)
@@ -157,9 +157,13 @@ def _put(load: str, channel: str, rig: "Rig") -> None:
         touch(channel).touch(load)
 
 
+_READ = 0.5
+"""Share of the input's full scale that a sensor of velocity or acceleration is planned to reach."""
+
+
 def _planned(
+    display: "Display",
     driven: "Sequence[Channel]",
-    rate_hz: float,
     duration_s: float,
     excitation: str,
     travel_share: float,
@@ -172,8 +176,10 @@ def _planned(
     """
     import numpy as np
 
+    from tactuator.model.plant import DERIVATIVES
     from tactuator.signals import excitation as signals
 
+    rate_hz = display.rate_hz
     if excitation not in EXCITATIONS:
         raise BadInput(f"excitation {excitation!r}", ", ".join(EXCITATIONS))
     if not 0.0 < travel_share <= 1.0:
@@ -186,10 +192,13 @@ def _planned(
     if excitation == "mix":
         band = (low, min(high, 0.4 * rate_hz))
         ((travel_v, channel),) = limits
-        at_most, plant = channel.converter.range_v, channel.plant
+        at_most = channel.converter.range_v
+        plant = channel.plant if channel.quantity == "displacement" else None
         mix = signals.paper_mix(duration_s, rate_hz, at_most, rng, plant=plant, travel_v=travel_v, band_hz=band)
-        return mix[:, None], plan
-    if excitation == "multisine":
+        shapes = mix[:, None]
+        if plant is not None:
+            return shapes, plan
+    elif excitation == "multisine":
         shapes, plan = _multisines(driven, (low, high), rate_hz, duration_s, rng, periods, realisations)
     elif excitation == "steps":
         shapes = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)[:, None]
@@ -200,8 +209,15 @@ def _planned(
     else:
         shapes = signals.log_chirp(duration_s, rate_hz, low, high)[:, None]
     for column, (travel_v, channel) in zip(shapes.T, limits, strict=True):
-        range_v = 0.9 * channel.converter.range_v
-        column *= signals.plan_amplitude(column.copy(), rate_hz, channel.plant, travel_v, range_v)
+        range_v, order = 0.9 * channel.converter.range_v, DERIVATIVES[channel.quantity]
+        if order == 0:
+            column *= signals.plan_amplitude(column.copy(), rate_hz, channel.plant, travel_v, range_v)
+        else:
+            known_hz, full_v = channel.valid_hz or (low, 1.2 * high), channel.converter.range_v
+            if display.sound is not None:
+                full_v = display.sound.wires[display.channels.index(channel)].input_full_scale_v
+            limits_v = (travel_v, _READ * full_v, range_v)
+            column[:] = signals.known_part(column, rate_hz, channel.plant, order, known_hz, limits_v)
     return shapes, plan
 
 
