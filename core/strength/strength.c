@@ -5,6 +5,8 @@
 #define GAIN_MAX 1e4f
 #define QUIET 1e-12f  /* power below which there is time for rest */
 #define SILENT 1e-20f /* what a pair holds then is nothing */
+#define FELT 0.5f     /* power of a tone at threshold, where the rows begin */
+#define RISE 6.0f     /* the level rises by no more than this times `follow` of itself in a sample */
 
 enum { EXPONENT_BIAS = 127, MANTISSA_BITS = 23, MANTISSA_MASK = 0x7fffff, OF_ONE = 0x3f800000 };
 
@@ -57,7 +59,9 @@ float tact_strength_step(const tact_strength *table, tact_strength_state *state,
 {
     const float r = tact_finite(reference, TACT_REFERENCE_MAX);
     state->power += table->follow * (r * r - state->power);
-    state->level += table->follow * (state->power - state->level);
+    const float felt = state->level > FELT ? state->level : FELT;
+    const float most = felt + RISE * table->follow * felt, next = state->level + table->follow * (state->power - state->level);
+    state->level = next < most ? next : most;
     const blend at = blend_at(table, state->level);
     float sum = gain_at(&at, 0) * r;
     for (int i = 0; i < TACT_STRENGTH_PAIRS; i++) {

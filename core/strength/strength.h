@@ -12,6 +12,8 @@
  * two rows the gains are blended in proportion to the power, below the first and above the last row they are held. One
  * filter is run, whatever the number of levels; the row is the power's exponent, so that no logarithm is taken.
  *
+ * What begins does not step: the level rises from threshold by 0.13 dB in a sample at the most (4 kHz, 50 ms).
+ *
  * A pair: band += turn (r - low - damping band), then low += turn band: a band-pass and a low-pass of one corner.
  *
  * It stands where references come in, before they are limited to comfort and travel, and outside of the interrupt.

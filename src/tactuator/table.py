@@ -77,6 +77,7 @@ class Chart:
     targets: levels that were asked for. tolerance, jnd: half-widths about each target, of what is allowed and of what
     is not felt. limits: other levels, by name; upright: the same on the axis of x. log_x: x is a frequency in hertz.
     simulated: nobody felt what it shows.
+    log_y: y is a magnitude, above 0.
     """
 
     x_label: str
@@ -90,3 +91,4 @@ class Chart:
     upright: Mapping[str, float] = field(default_factory=dict)
     right_label: str = ""
     simulated: bool = False
+    log_y: bool = False

@@ -1,12 +1,11 @@
 """The whole loop closed: a person with a law of its own matches tones, contours are made, a display follows them.
 
-Tones of equal reference, 20, 30 and 40 dB SL, are then as strong as the display's own tone of 100 Hz within 1.5 dB,
-for that person, free and under the designed finger, at frequencies that were matched and between them. The person
-(person.py) judges the displacement at the finger port by a law that the design never sees; all it hands over are noisy
-matches. Seen to fail with --equal-sl: without contours the same person is up to 8 dB off.
-
-The contours are the matches, smoothed over levels and frequencies; with --estimated, which takes half the trials, those
-that the experiment's estimate finds over all laws by their evidence.
+The person (person.py) sits at the display, finger on, and answers the program's own session: the task `matching` with
+the keys it has by default, from the protocol's text to the store. It judges the displacement at the finger port by a
+law that the design never sees; all it hands over are noisy answers. `experiment contours` makes the contours of the
+store, and `design` the display. Tones of equal reference, 20, 30 and 40 dB SL, are then as strong as the display's own
+tone of 100 Hz within 1.5 dB, for that person, free and under the designed finger, at frequencies that no match was put
+at. Seen to fail with --equal-sl: without contours the same person is up to 8 dB off.
 """
 
 from __future__ import annotations
@@ -20,8 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.strength.estimate import estimate
-from tactuator.experiment.strength.matches import ContourSetting, Matches
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
+from tactuator.experiment.result.strength_results import contour_results
+from tactuator.experiment.session.judging_task import JudgingTask
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import Trial
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display, Strength
@@ -29,58 +36,90 @@ from tactuator.paper.run import default_display
 from tactuator.perception.contours import Contours
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.synthesis.design import design_controller
-from witnesses.strength.person import Answer, Person, answered, matched
+from witnesses.strength.person import Person
 from witnesses.touch import felt
 
-MATCHED_HZ = np.array([3.0, 6.0, 11.0, 18.0, 30.0, 45.0, 65.0, 100.0, 150.0, 205.0, 250.0, 300.0])
-MATCHED_DB_SL = np.array([10.0, 17.0, 24.0, 31.0, 38.0, 45.0])
 TONES_HZ = (4.0, 8.0, 14.0, 22.0, 30.0, 38.0, 55.0, 80.0, 125.0, 175.0, 225.0, 250.0, 290.0)
 LEVELS_DB_SL, MOST_DB = (20.0, 30.0, 40.0), 1.5
+FINGER = "finger"
 _STANDARD_HZ = 100.0
-CONTOURS_DB_SL = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0)
-CONTOURS_HZ = np.geomspace(3.0, 300.0, 17)
-_NEAR_DECADES, _NEAR_DB = 0.1, 8.0
+PROTOCOL = """
+[study]
+name = "closed"
+seed = {seed}
+[task]
+kind = "matching"
+finger = "{finger}"
+trials = {trials}
+band_hz = [{low_hz}, 300]
+[[subject]]
+code = "S1"
+"""
 _SETTLING_S, _LISTENED_S = 4.0, 1.0
 
 
-def contours_of(person: Person, trials: int) -> Contours:
-    """Return contours from the person's matches, smoothed by a Gaussian over log frequency and level."""
-    moved = np.zeros((MATCHED_DB_SL.size, MATCHED_HZ.size))
-    for row, level in enumerate(MATCHED_DB_SL.tolist()):
-        for column, hertz in enumerate(MATCHED_HZ.tolist()):
-            if hertz != _STANDARD_HZ:
-                moved[row, column] = matched(person, hertz, level, trials) - level
-    along = np.log10(MATCHED_HZ)
-    near_hz = np.exp(-0.5 * ((along[:, None] - along) / _NEAR_DECADES) ** 2)
-    near_db = np.exp(-0.5 * ((MATCHED_DB_SL[:, None] - MATCHED_DB_SL) / _NEAR_DB) ** 2)
-    near_hz, near_db = near_hz / near_hz.sum(axis=1)[:, None], near_db / near_db.sum(axis=1)[:, None]
-    smooth = near_db @ moved @ near_hz.T
-    smooth -= smooth[:, MATCHED_HZ == _STANDARD_HZ]
-    level = np.maximum.accumulate(MATCHED_DB_SL[:, None] + smooth + 1e-3 * np.arange(MATCHED_DB_SL.size)[:, None])
-    return Contours("the person's", MATCHED_HZ, MATCHED_DB_SL, level, provenance="simulated", source="noisy matches")
+class Sitter(Respondent):
+    """The person with a finger on the display's first channel: which of two tones moved it more strongly."""
+
+    def __init__(self, person: Person, rig: SimulatedRig, display: Display) -> None:
+        self.person, self.rate_hz, self.answers = person, display.rate_hz, 0
+        self.moved: list[FloatArray] = []
+        port = rig.finger(display.channels[0].name)
+        port.touch(FINGER)
+        port.attach(self.moved.append)
+
+    def presented(self, played: PlayedTrial) -> None:
+        """Feel the middle of either interval, which lies between its ramps."""
+        felt = np.concatenate(self.moved).ravel()[-round(played.lasted_s * self.rate_hz) :]
+        self.moved.clear()
+        self.tones = []
+        for interval in played.intervals:
+            hertz = float(interval.stimulus.rpartition(":")[2])
+            begins, lasts = interval.onset_s or 0.0, interval.duration_s or 0.0
+            part = slice(*(round((begins + share * lasts) * self.rate_hz) for share in (0.25, 0.75)))
+            turned = 2.0 * np.pi * hertz * np.arange(part.stop - part.start) / self.rate_hz
+            basis = np.column_stack([np.cos(turned), np.sin(turned), np.ones(turned.size)])
+            cosine, sine, _ = np.linalg.lstsq(basis, felt[part], rcond=None)[0]
+            self.tones.append((hertz, 20.0 * float(np.log10(1e3 * np.hypot(cosine, sine)))))
+
+    def respond(self, trial: Trial) -> str:
+        """Tell the stronger interval."""
+        self.answers += 1
+        return trial.responses[int(self.person.second_is_stronger(*self.tones))]
 
 
-def estimated_contours(person: Person, trials: int) -> Contours:
-    """Return contours from the person's matches, as `experiment contours` finds them: over all laws by evidence."""
-    rows: list[Answer] = []
-    for level in MATCHED_DB_SL.tolist():
-        for hertz in MATCHED_HZ[MATCHED_HZ != _STANDARD_HZ].tolist():
-            rows += answered(person, hertz, level, trials)
-    estimated = estimate(Matches.of(rows), ContourSetting(_STANDARD_HZ, (3.0, 300.0)))
-    order = f"order bias {estimated.order_db.value:.2f} dB (put in: {person.order_db:g})"
-    print(f"{len(rows)} matches; law: {estimated.law}; {order}")
-    level = np.array(CONTOURS_DB_SL)
-    centre, low, high = estimated.contours(CONTOURS_HZ, level)
-    return Contours("the person's", CONTOURS_HZ, level, centre, low, high, provenance="simulated", source="matches")
+def contours_of(person: Person, display: Display, trials: int, low_hz: float, seed: int, folder: Path) -> Contours:
+    """Return the contours that `experiment contours` makes of the person's session at the display."""
+    rig, controller = SimulatedRig(display, seed=11), design_controller(display)
+    rig.load(controller)
+    text = PROTOCOL.format(finger=display.channels[0].name, trials=trials, low_hz=low_hz, seed=seed)
+    protocol, store = parse_any_protocol(text), Store(folder / "lab.db")
+    assert isinstance(protocol, JudgingProtocol)
+    task = JudgingTask(protocol, Apparatus(rig, controller, "simulated"))
+    study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
+    sitter = Sitter(person, rig, display)
+    run_session(PresentedSession(open_session(study, "S1")), sitter)
+    store.close()
+    results = contour_results(folder / "lab.db")
+    found = results.people[0].estimate
+    order = f"order bias {found.order_db.value:.2f} dB (put in: {person.order_db:g})"
+    print(f"{sitter.answers} answers; law: {found.law}; {order}")
+    write_contours(folder / "contours.csv", results.people[0].contours)
+    return read_contours(folder / "contours.csv")
 
 
 def strengths(
-    display: Display, controller: Controller, person: Person, level_db_sl: float, load: str | None
+    display: Display,
+    controller: Controller,
+    person: Person,
+    tones_hz: tuple[float, ...],
+    level_db_sl: float,
+    load: str | None,
 ) -> FloatArray:
     """Return how much stronger than the display's 100 Hz each tone of one reference is, (tones, channels)."""
     time_s = np.arange(round((_SETTLING_S + _LISTENED_S) * display.rate_hz)) / display.rate_hz
     rows = []
-    for hertz in (_STANDARD_HZ, *TONES_HZ):
+    for hertz in (_STANDARD_HZ, *tones_hz):
         rig = SimulatedRig(display, seed=7)
         rig.load(controller)
         moved: list[list[FloatArray]] = [[] for _ in display.channels]
@@ -102,32 +141,36 @@ def main() -> int:
     """Print the worst strength of each level, free and touched; return 0 where all are kept."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--trials", type=int, default=40, help="of each match")
-    parser.add_argument("--estimated", action="store_true", help="contours over all laws by their evidence")
+    parser.add_argument("--trials", type=int, default=200, help="matches of the session")
+    parser.add_argument("--low-hz", type=float, default=10.0, help="lower end of what is matched, and judged")
     parser.add_argument("--equal-sl", action="store_true", help="without contours: seen to fail")
     parser.add_argument("--one-level", type=float, help="the prefilter of one strength level in place of all")
     given = parser.parse_args()
     person, display = Person(np.random.default_rng(given.seed)), default_display(felt.example())
-    contours_by = estimated_contours if given.estimated else contours_of
+    tones_hz = tuple(hertz for hertz in TONES_HZ if hertz >= given.low_hz)
     if not given.equal_sl:
         with tempfile.TemporaryDirectory() as folder:
-            write_contours(Path(folder) / "contours.csv", contours_by(person, given.trials))
-            contours = read_contours(Path(folder) / "contours.csv")
+            contours = contours_of(person, display, given.trials, given.low_hz, given.seed, Path(folder))
         strength = Strength(contours, blended=True)
         if given.one_level is not None:
             strength = Strength(contours, given.one_level)
         display = replace(display, channels=tuple(replace(one, strength=strength) for one in display.channels))
-        true = [person.strength(hertz, person.threshold_db(hertz) + float(contours.level_db_sl_at(30.0, hertz))) - 30.0
-                for hertz in TONES_HZ]  # fmt: skip
-        print(f"the contour of 30 dB SL is off the person's law by {np.max(np.abs(true)):.2f} dB at most")
+        for level in LEVELS_DB_SL:
+            off = [
+                person.strength(hertz, person.threshold_db(hertz) + float(contours.level_db_sl_at(level, hertz)))
+                - level
+                for hertz in tones_hz
+            ]
+            rms, most = float(np.sqrt(np.mean(np.square(off)))), float(np.max(np.abs(off)))
+            print(f"the contour of {level:g} dB SL is off the person's law by {rms:.2f} dB rms, {most:.2f} at most")
     controller = design_controller(display)
     kept = []
     for level in LEVELS_DB_SL:
-        for load in (None, "finger"):
-            off = strengths(display, controller, person, level, load)
-            worst = np.unravel_index(np.argmax(np.abs(off)), off.shape)
-            where = f"{level:g} dB SL, {load or 'free'}, worst at {TONES_HZ[int(worst[0])]:g} Hz"
-            kept.append(felt.verdict(f"stronger than 100 Hz at {where}", float(np.abs(off[worst])), MOST_DB))
+        for load in (None, FINGER):
+            off_db = strengths(display, controller, person, tones_hz, level, load)
+            worst = np.unravel_index(np.argmax(np.abs(off_db)), off_db.shape)
+            where = f"{level:g} dB SL, {load or 'free'}, worst at {tones_hz[int(worst[0])]:g} Hz"
+            kept.append(felt.verdict(f"stronger than 100 Hz at {where}", float(np.abs(off_db[worst])), MOST_DB))
     return 0 if all(kept) else 1
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,10 @@ from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, Place
 from tactuator.experiment.trial.trial import Timing
+from tactuator.perception.curve import ThresholdCurve
 
 LAWS = ("sensation-level", "exponents", "sum-of-channels", "velocity", "waves")
-EXPECTED = {"velocity": "free", "waves": "free"}
+EXPECTED = {"velocity": "equal-velocity", "waves": "free"}
 CURVE_HZ = np.array([3.0, 8.0, 15.0, 30.0, 60.0, 100.0, 160.0, 250.0, 400.0])
 CURVE_DB = np.array([25.0, 20.5, 17.0, 14.0, 5.0, -4.0, -11.0, -17.0, -19.0])
 """A threshold curve of displacement for equal velocity, dB re 1 um, drawn by eye through the usual ones."""
@@ -150,7 +151,8 @@ def matched(law: str, number: int, trials: int, deaf: bool) -> list[float]:
         run.record(trial, response)
         told = tuple(AnsweredTone(t.role, t.finger, t.frequency_hz, t.level_db_sl) for t in tones)
         answers.append(Answered(told, None, response, trial.judge(response)))
-    result = estimate(keys.matches(answers), keys.setting)
+    curve = ThresholdCurve("of these people", CURVE_HZ, CURVE_DB, "synthetic", "drawn by eye")
+    result = estimate(keys.matches(answers), replace(keys.setting, curve=curve))
     places = [(f, s) for f in np.geomspace(10.0, 300.0, 16) for s in (10.0, 20.0, 30.0, 40.0, 50.0)]
     truth = np.array([equal(person, f, s) for f, s in places])
     mean, sd = result.levels(*(np.array(column) for column in zip(*places, strict=True)))

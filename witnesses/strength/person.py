@@ -17,7 +17,6 @@ from tactuator.arrays import FloatArray
 _GROWS_DB = 8.0
 """How soon above threshold velocity takes over."""
 _STANDARD_HZ = 100.0
-Answer = tuple[float, float, float, bool, bool, bool]
 
 
 def _threshold() -> tuple[FloatArray, FloatArray]:
@@ -63,50 +62,3 @@ class Person:
         """Tell which of two tones (hertz, displacement in dB) is stronger, with noise and a bias of their order."""
         apart = self.strength(*second) - self.strength(*first) + self.order_db
         return bool(apart + self.sigma_db * np.sqrt(2.0) * self.rng.standard_normal() > 0.0)
-
-
-def matched(person: Person, hertz: float, level_db_sl: float, trials: int) -> float:
-    """Return the sensation level at `hertz` that the person finds as strong as the standard at level_db_sl: two
-    up-down tracks that are interleaved, one from above and one from below, orders drawn; the mean of their later
-    reversals.
-    """
-    standard = _STANDARD_HZ, person.threshold_db(_STANDARD_HZ) + level_db_sl
-    at, steps = [level_db_sl + 10.0, max(level_db_sl - 10.0, 1.0)], [4.0, 4.0]
-    came_down: list[bool | None] = [None, None]
-    turned: list[list[float]] = [[], []]
-    for trial in range(trials):
-        track = trial % 2
-        comparison = hertz, person.threshold_db(hertz) + at[track]
-        if person.rng.random() < 0.5:
-            stronger = person.second_is_stronger(standard, comparison)
-        else:
-            stronger = not person.second_is_stronger(comparison, standard)
-        if came_down[track] is not None and came_down[track] != stronger:
-            turned[track].append(at[track])
-            steps[track] = {1: 2.0, 2: 2.0}.get(len(turned[track]), 1.0)
-        came_down[track] = stronger
-        at[track] = at[track] + (-steps[track] if stronger else steps[track])
-    return float(np.mean([np.mean(reversals[2:] or [at[k]]) for k, reversals in enumerate(turned)]))
-
-
-def answered(person: Person, hertz: float, level_db_sl: float, trials: int) -> list[Answer]:
-    """Return the answers to matches of a tone at `hertz` with the standard at level_db_sl: two up-down tracks that are
-    interleaved, one from above and one from below, orders drawn. Each: frequency, comparison and standard in dB SL,
-    whether the comparison came second, False (it never is the standard), whether it was called stronger.
-    """
-    standard = _STANDARD_HZ, person.threshold_db(_STANDARD_HZ) + level_db_sl
-    at, steps = [level_db_sl + 10.0, max(level_db_sl - 10.0, 1.0)], [4.0, 4.0]
-    before: list[bool | None] = [None, None]
-    answers: list[Answer] = []
-    for trial in range(trials):
-        track = trial % 2
-        comparison = hertz, person.threshold_db(hertz) + at[track]
-        second = bool(person.rng.random() < 0.5)
-        called_second = person.second_is_stronger(*((standard, comparison) if second else (comparison, standard)))
-        stronger = called_second == second
-        answers.append((hertz, at[track], level_db_sl, second, False, stronger))
-        if before[track] is not None and before[track] != stronger:
-            steps[track] = max(0.5 * steps[track], 1.0)
-        before[track] = stronger
-        at[track] += -steps[track] if stronger else steps[track]
-    return answers

@@ -34,6 +34,8 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
         right.set_ylabel(chart.right_label)
         axes.set_zorder(right.get_zorder() + 1.0)
         axes.patch.set_visible(False)
+    if chart.log_y:
+        axes.set_yscale("log")
     if chart.log_x:
         low, high = span([curve.x for curve in chart.curves])
         frequency_axis(axes, low, high, label=False)

@@ -284,7 +284,8 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
     for member in family:
         loop = loops[member.name]
         answer = fed_response(designed.feed_forward, channel, free, loop, member.load, grid, display.rate_hz)
-        rooms[member.name] = headroom(channel, loop, grid, display.objectives.comfort_db_sl, answer)
+        room = headroom(channel, loop, grid, display.objectives.comfort_db_sl, answer)
+        rooms[member.name] = room.before(designed.strength, display.rate_hz)
     plates.append(headroom_plate(_lowest(rooms)))
     fine = np.geomspace(low, high, 400)
     plates.append(equality_plate(channel, fine, free.position_response(fine)))

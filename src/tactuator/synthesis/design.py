@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
-from tactuator.model.controller import AntiWindup, ChannelController, Controller, FeedForward, Limits
+from tactuator.model.controller import (
+    AntiWindup,
+    ChannelController,
+    Controller,
+    FeedForward,
+    Limits,
+    StrengthShaping,
+)
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import channel_reasons
@@ -170,6 +177,7 @@ def assemble(
         fed = design_feed_forward(display, channel, nominal)
     at_rest = np.abs(nominal.position_response(channel.threshold.band_hz[0] * 1e-6))  # far below the band, never zero
     travel_v = channel.travel_mm * channel.sensor_gain_v_per_mm
+    shaping = fit_strength(channel, display.rate_hz, display.objectives.flatness_db)
     return ChannelController(
         name=channel.name,
         threshold_voltage_dc=max(float(at_rest), np.finfo(float).tiny),
@@ -178,9 +186,9 @@ def assemble(
         anti_windup=gains,
         limits=Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl),
         designed_for=tuple(member.name for member in members),
-        report=_report(display, channel, nominal, fit, assessments, members, fed),
+        report=_report(display, channel, nominal, fit, assessments, members, fed, shaping),
         feed_forward=fed,
-        strength=fit_strength(channel, display.rate_hz, display.objectives.flatness_db),
+        strength=shaping,
     )
 
 
@@ -212,6 +220,8 @@ def _still_taken_db(
 
 
 BINDING = ("travel", "command", "comfort")
+_RESHAPED_MOST_DB, _LEVEL_STEP_DB = 20.0, 0.05
+"""How far below its own level a reference may be reshaped, and the step of the levels that are tried."""
 
 
 @dataclass(frozen=True)
@@ -229,6 +239,17 @@ class Headroom:
             "level": self.level_db_sl.tolist(),
             "binding": list(self.binding),
         }
+
+    def before(self, shaping: StrengthShaping | None, rate_hz: float) -> Headroom:
+        """Return the headroom of the reference that comes in: no level up to it is reshaped to more than this one."""
+        if shaping is None:
+            return self
+        asked = np.arange(0.0, self.level_db_sl.max() + _RESHAPED_MOST_DB, _LEVEL_STEP_DB)
+        raised = np.array([db(np.abs(shaping.response(level, self.frequency_hz, rate_hz))) for level in asked])
+        over = asked[:, None] + raised > self.level_db_sl
+        first = np.where(over.any(axis=0), np.argmax(over, axis=0), asked.size - 1)
+        low = self.level_db_sl - raised[0]
+        return replace(self, level_db_sl=np.where(first > 0, asked[first] - _LEVEL_STEP_DB, low))
 
 
 def headroom(
@@ -272,8 +293,9 @@ def _report(
     assessments: tuple[MemberAssessment, ...],
     members: tuple[Member, ...],
     fed: FeedForward | None,
+    shaping: StrengthShaping | None,
 ) -> dict[str, Any]:
-    grid = headroom_grid_hz(channel)
+    grid, rate_hz = headroom_grid_hz(channel), display.rate_hz
     comfort = display.objectives.comfort_db_sl
     report: dict[str, Any] = loop_report(assessments, channel) if assessments else {}
     report["prefilter"] = {
@@ -282,9 +304,9 @@ def _report(
         "rms_error_db": fit.rms_error_db,
         "worst_hz": fit.worst_hz,
     }
-    report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).document()
+    report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).before(shaping, rate_hz).document()
     report["headroom_db_sl_loaded"] = {
-        load: headroom(channel, loop, grid, comfort, answer).document()
+        load: headroom(channel, loop, grid, comfort, answer).before(shaping, rate_hz).document()
         for load, loop, answer in _loaded(channel, fed, nominal, members, grid)
     }
     return report

@@ -170,6 +170,7 @@ class _Judge:
         grid = grid[self.channel.is_known(grid)]
         if grid.size:
             room = headroom(self.channel, self.loop, grid, self.display.objectives.comfort_db_sl, self._fed(grid))
+            room = room.before(self.strength, self.display.rate_hz)
             worst = int(np.argmin(room.level_db_sl))
             at, level, stops = float(grid[worst]), float(room.level_db_sl[worst]), room.binding[worst]
             remedy = f"{stops} stops at {level:.1f} dB SL: {_WIDENS[stops]}, or a band_hz without {at:.4g} Hz"

@@ -46,7 +46,9 @@ class CurvesResult(Result):
             )
             for curve in self.curves
         )
-        return [ResultTable("", columns, rows, tuple(f"{curve.name}: {curve.source}" for curve in self.curves))]
+        table = ResultTable("", columns, rows, tuple(f"{curve.name}: {curve.source}" for curve in self.curves))
+        at_finger = any("finger" in curve.contact.site for curve in self.curves)
+        return [table, *([] if at_finger else ["none of these was felt at a fingertip: measure your own"])]
 
     def chart(self) -> Chart:
         lines = [

@@ -1,4 +1,4 @@
-"""The part of the verb `experiment` on strength: contours of a store's matches."""
+"""The parts of the verb `experiment` on what is judged: contours of a store's matches, and what any task comes to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +59,7 @@ class StoreContours(Result):
         assert high is not None
         curves = [
             ChartLine(
-                f"as strong as {level:g} dB SL at {group.reference_hz:g} Hz, ± 95 %",
+                f"{level:g} dB SL",
                 group.frequency_hz,
                 group.db_sl[row],
                 half=0.5 * (high[row] - low[row]),
@@ -67,7 +67,7 @@ class StoreContours(Result):
             )
             for row, level in enumerate(group.level_db_sl.tolist())
         ]
-        axes = ("frequency (Hz)", "equally strong (dB SL)")
+        axes = ("frequency (Hz)", f"as strong as {group.reference_hz:g} Hz (dB SL)")
         return Chart(*axes, curves, log_x=True, simulated=self.results.simulated)
 
     def to_dict(self) -> dict[str, Any]:
@@ -113,18 +113,23 @@ def contours(
     store: Annotated[Place, Argument("Database of the experiment (SQLite).", metavar="STORE", file=True)],
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
     subject: Annotated[str | None, Option("Write the contours of this subject, not the group's.")] = None,
+    curve: Annotated[
+        str | None, Option("Curve (name or CSV) of the dB SL that contours are told in; default: the display's.")
+    ] = None,
     out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
     figures: Figures = None,
 ) -> StoreContours:
     """Estimate equal-strength contours from matches. They come with the law of strength, biases and JND of everybody.
 
-    Raises BadInput where there are no finished matching runs, or no such subject.
+    With the threshold curve of the person who matched, they go with a display that is designed for that curve. Raises
+    BadInput where there are no finished matching runs, or no such subject.
     """
     from tactuator.experiment.result.strength_results import contour_results
-    from tactuator.io.csv_tables import write_contours
+    from tactuator.io.csv_tables import resolve_curve, write_contours
 
+    basis = None if curve is None else resolve_curve(curve)
     with working("fitting the matches"):
-        results = contour_results(Path(store), group)
+        results = contour_results(Path(store), group, basis)
     result = StoreContours(results)
     if out is not None:
         people = {person.subject: person.contours for person in results.people}
@@ -137,4 +142,69 @@ def contours(
         folder = Path(figures)
         folder.mkdir(parents=True, exist_ok=True)
         chart_plate(result.chart(), "contours", results.group.source).save(folder)
+    return result
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoreJudged(Result):
+    """What the answers to a task come to.
+
+    runs: their number. results: the task's own tables. simulated: nobody felt anything.
+    """
+
+    task: str
+    runs: int
+    results: Sequence[ResultTable]
+    drawn: Chart | None
+    simulated: bool
+
+    def headline(self) -> Mapping[str, str]:
+        figures = {"task": self.task, "runs": str(self.runs)}
+        return figures | ({"simulated": "nobody felt this"} if self.simulated else {})
+
+    def chart(self) -> Chart:
+        return super().chart() if self.drawn is None else replace(self.drawn, simulated=self.simulated)
+
+    def to_dict(self) -> dict[str, Any]:
+        tables = [{"caption": each.caption, "columns": each.columns, "rows": each.rows} for each in self.results]
+        document = plain({"task": self.task, "runs": self.runs, "tables": tables, "simulated": self.simulated})
+        assert isinstance(document, dict)
+        return document
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        notes = (NOBODY_FELT_IT,) if self.simulated else ()
+        return [*(replace(table, notes=(*notes, *table.notes)) for table in self.results), *notes]
+
+
+def judged(
+    store: Annotated[Place, Argument("Database of the experiment (SQLite).", metavar="STORE", file=True)],
+    task: Annotated[str | None, Option("Kind of the task; default: the store's only one.")] = None,
+    group: Annotated[str | None, Option("Only subjects of this group.")] = None,
+    figures: Figures = None,
+) -> StoreJudged:
+    """Tell what the answers to a task come to. Magnitudes with their exponents, just-noticeable differences, matches.
+
+    Raises BadInput where the store has no finished run of such a task, or several tasks and none is named.
+    """
+    from tactuator.experiment.language.words import shipped_words
+    from tactuator.experiment.store.store import Store
+    from tactuator.experiment.store.stored_answers import answered_runs, task_keys
+
+    opened, words = Store(Path(store), must_exist=True), shipped_words("en")
+    try:
+        kinds = {keys.kind: keys for keys in task_keys(opened)}
+        if task is None and len(kinds) != 1:
+            raise BadInput(f"the store has {len(kinds)} tasks", f"--task with one of: {', '.join(kinds) or 'none'}")
+        kind = next(iter(kinds)) if task is None else task
+        runs = answered_runs(opened, kind, group=group)
+    finally:
+        opened.close()
+    keys, simulated = kinds[kind], any(run.simulated for run in runs)
+    result = StoreJudged(kind, len(runs), keys.results(runs, words), keys.chart(runs, words), simulated)
+    if figures is not None:
+        from tactuator.report.chart import chart_plate
+
+        folder = Path(figures)
+        folder.mkdir(parents=True, exist_ok=True)
+        chart_plate(result.chart(), kind, f"{len(runs)} runs").save(folder)
     return result

@@ -52,6 +52,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment sheet": "verbs.clinic:sheet",
         "experiment thresholds": "verbs.experiment:thresholds",
         "experiment contours": "verbs.strength:contours",
+        "experiment judged": "verbs.strength:judged",
         "experiment export": "verbs.experiment:export",
         "experiment recognise": "verbs.recognition:recognise",
         "experiment information": "verbs.recognition:information",

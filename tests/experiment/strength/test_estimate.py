@@ -1,5 +1,7 @@
 """What matches tell, against people whose law is written here, with none of the estimation's code."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from tactuator.errors import BadInput
 from tactuator.experiment.strength.estimate import CANNOT_TELL, equality, estimate
 from tactuator.experiment.strength.laws import FREE, LAWS
 from tactuator.experiment.strength.matches import Candidates, ContourSetting, Matches, fit, most_telling
+from tactuator.perception.curve import curve
+from tests.griffin import distance_db
 
 SETTING = ContourSetting()
 AMONG = Candidates(np.geomspace(10.0, 300.0, 10), np.array([10.0, 20.0, 30.0, 40.0, 50.0]))
@@ -112,3 +116,19 @@ def test_equality__one_pair__finds_its_point_with_an_interval() -> None:
     found = equality(Matches(np.full(200, 250.0), level, np.full(200, 20.0), half, ~half, stronger), SETTING)
     assert found.above_db.low < 6.0 < found.above_db.high
     assert found.above_db.value == pytest.approx(6.0, abs=1.0)
+
+
+def test_estimate__tones_of_equal_velocity__are_named_where_the_threshold_curve_is_known() -> None:
+    known = replace(SETTING, curve=curve("bolanowski-1988"))
+
+    def level(hertz, level_db_sl):
+        return np.asarray(level_db_sl) + distance_db(hertz, level_db_sl)
+
+    matches = matched(level, 200, 11)
+    result = estimate(matches, known)
+    assert result.law == "equal-velocity"
+    hertz = np.array([15.0, 30.0, 60.0, 250.0])
+    mean, _ = result.levels(hertz, np.full(4, 30.0))
+    assert mean - 30.0 == pytest.approx(distance_db(hertz, 30.0), abs=1.2)
+    assert "equal-velocity" not in estimate(matches, SETTING).laws
+    assert estimate(matched(shifted(0.0, 0.0), 200, 11), known).law in ("sensation-level", CANNOT_TELL)

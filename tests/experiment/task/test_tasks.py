@@ -6,6 +6,8 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.simulated.judging_quality import answered
+from tactuator.experiment.simulated.strength_people import StrengthPerson
 from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
@@ -157,20 +159,49 @@ def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) ->
         parse_task(document)
 
 
-def test_difference__of_a_psychometric_function_written_here__is_found() -> None:
-    keys, rng = (
-        DiscriminationKeys(of="frequency", fingers=("index",), frequencies_hz=(100.0,)),
-        np.random.default_rng(3),
-    )
-    found = []
+@pytest.mark.parametrize(("of", "jnd", "within"), [("frequency", 25.0, 3.0), ("gap", 20.0, 2.5), ("order", 60.0, 8.0)])
+def test_difference__of_a_psychometric_function_written_here__is_found(of: str, jnd: float, within: float) -> None:
+    fingers = ("index", "thumb") if of == "order" else ("index",)
+    keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
+    # d' at which the largest of three normals, or of two, is the shifted one in 79.37 %
+    others, d_prime = {"order": (1, 1.1588)}.get(of, (2, 1.6314))
+    rng, found = np.random.default_rng(3), []
     for seed in range(20):
         run, trials = keys.begin(0, PLACE, (seed,)), []
         while (trial := run.trial(len(trials))) is not None:
-            # three intervals: chance that the largest of three normals is the shifted one, d' 1.63 at 25 %
-            shift = 1.6314 * 10.0 ** (trial.placement.level_db_sl / 20.0) / 25.0
-            right = shift + rng.normal() > max(rng.normal(), rng.normal())
+            shift = d_prime * 10.0 ** (trial.placement.level_db_sl / 20.0) / jnd
+            right = shift + rng.normal() > rng.normal(size=others).max()
             response = trial.correct if right else next(r for r in trial.responses if r != trial.correct)
             run.record(trial, response)
             trials.append(Answered((), trial.placement.level_db_sl, response, bool(right)))
         found.append(keys.difference(AnsweredRun("S", "index", 100.0, tuple(trials))).jnd.value)
-    assert np.mean(found) == pytest.approx(25.0, abs=3.0)
+    assert np.mean(found) == pytest.approx(jnd, abs=within)
+
+
+@pytest.mark.parametrize(("of", "jnd"), [("gap", 12.0), ("gap", 35.0), ("order", 25.0), ("order", 75.0)])
+def test_difference__put_into_a_simulated_person__comes_out(of: str, jnd: float) -> None:
+    fingers = ("index", "thumb") if of == "order" else ("index",)
+    keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
+    person = StrengthPerson("sensation-level", lambda hertz, level: level, gap_jnd_ms=jnd, order_jnd_ms=jnd)
+    found = [keys.difference(answered(keys, 0, person, (seed, 3))).jnd for seed in range(40)]
+    assert np.mean([each.value for each in found]) == pytest.approx(jnd, rel=0.12)
+    assert np.mean([each.low <= jnd <= each.high for each in found]) >= 0.85
+
+
+def test_magnitudes__drawn__are_on_a_logarithmic_axis_with_the_line_of_the_exponent() -> None:
+    keys = EstimationKeys(finger="index", frequencies_hz=(40.0, 250.0))
+    person = StrengthPerson("sensation-level", lambda hertz, level: level, exponent=0.8)
+    runs = (answered(keys, 0, person, (1,)),)
+    chart = keys.chart(runs, shipped_words("en"))
+    assert chart.log_y
+    marks, line = chart.curves[:2]
+    assert marks.label.startswith("40 Hz: exponent 0.")
+    slope = np.polyfit(line.x * np.log(10.0) / 20.0, np.log(line.y), 1)[0]
+    assert slope == pytest.approx(magnitudes(runs)[0].exponent.value)
+    logs = np.log([estimate(t.response) for t in runs[0].trials])
+    at_10 = [
+        v for t, v in zip(runs[0].trials, logs, strict=True) if (t.tones[0].frequency_hz, t.level_db_sl) == (40.0, 10.0)
+    ]
+    assert marks.y[0] == pytest.approx(np.exp(np.mean(at_10) - logs.mean()))
+    below, above = marks.half
+    assert np.all((below > 0.0) & (above > below))

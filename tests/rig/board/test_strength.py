@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.model.controller import Controller
-from tactuator.rig.open import in_process_rig, simulated_board_rig
+from tactuator.rig.open import emulated_rig, in_process_rig, simulated_board_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
@@ -17,6 +17,7 @@ from tests.strength import reshaped
 
 PLAIN = controller(display())
 SHAPED = reshaped(PLAIN)
+EMULATED = ("mps2-an386", "mps2-an500", "stm32f405")
 
 
 def wave(samples: int = 3000) -> np.ndarray:
@@ -50,6 +51,15 @@ def test_board__that_reshapes__plays_what_the_reshaped_reference_would_play(numb
     there = played(in_process_rig(SHAPED.display, 5, number_format), SHAPED, wave())
     assert there == played(in_process_rig(PLAIN.display, 5, number_format), PLAIN, by_hand(wave()))
     assert there != played(in_process_rig(PLAIN.display, 5, number_format), PLAIN, wave())
+
+
+@pytest.mark.parametrize(
+    ("board", "number_format"),
+    [("mps2-an500", "float32"), *(pytest.param(board, "q31", marks=pytest.mark.slow) for board in EMULATED)],
+)
+def test_emulated_board__that_reshapes__plays_the_hosts_bits(board: str, number_format: str) -> None:
+    there = played(emulated_rig(board, SHAPED.display, 5, number_format), SHAPED, wave(1200))
+    assert there == played(in_process_rig(SHAPED.display, 5, number_format), SHAPED, wave(1200))
 
 
 def test_simulated_rig__that_reshapes__plays_what_the_reshaped_reference_would_play() -> None:

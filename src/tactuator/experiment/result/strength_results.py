@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,12 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_answers import answered_runs, task_keys
 from tactuator.experiment.strength.estimate import Equality, Measured, StrengthEstimate, equality, estimate
-from tactuator.experiment.strength.matches import ContourSetting
+from tactuator.experiment.strength.matches import ContourSetting, Matches
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun
 from tactuator.perception.contact import Contact
 from tactuator.perception.contours import Contours
-from tactuator.perception.curve import Provenance
+from tactuator.perception.curve import Provenance, ThresholdCurve
 
 KIND = "matching"
 _POINTS = 24
@@ -63,11 +63,11 @@ class ContourResults:
     simulated: bool
 
 
-def contour_results(path: Path, group: str | None = None) -> ContourResults:
-    """Return what the matches of a store tell.
+def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve | None = None) -> ContourResults:
+    """Return what the matches of a store tell. curve: whose dB SL the contours are in, None: that of the display.
 
     Contours are of the standard's own finger. Raises BadInput where there are no finished matching runs, or runs with
-    several references.
+    several references; with a curve, where the matches do not tell that of the display.
     """
     store = Store(path, must_exist=True)
     try:
@@ -77,7 +77,8 @@ def contour_results(path: Path, group: str | None = None) -> ContourResults:
         store.close()
     mine = [run for run in runs if run.finger == keys.finger]
     people = tuple(
-        _person(subject, _of(mine, subject), keys, contact) for subject in dict.fromkeys(run.subject for run in mine)
+        _person(subject, _of(mine, subject), keys, contact, curve)
+        for subject in dict.fromkeys(run.subject for run in mine)
     )
     levels = np.array(keys.levels_db_sl)
     pairs = tuple((run, keys.equality(run)) for run in runs if run.frequency_hz is not None)
@@ -119,16 +120,38 @@ def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
     return grid
 
 
-def _person(subject: str, trials: Sequence[Answered], keys: MatchingKeys, contact: Contact) -> PersonContours:
-    hertz = keys.matches(trials).frequency_hz
+def _person(
+    subject: str, trials: Sequence[Answered], keys: MatchingKeys, contact: Contact, curve: ThresholdCurve | None
+) -> PersonContours:
+    matches, setting = keys.matches(trials), keys.setting_of(trials)
+    if curve is not None:
+        matches = _above(curve, matches, setting)
+    hertz = matches.frequency_hz
     band = (min(keys.band_hz[0], float(hertz.min())), max(keys.band_hz[1], float(hertz.max())))
-    result = estimate(keys.matches(trials), ContourSetting(keys.frequency_hz, band))
+    result = estimate(matches, replace(setting, band_hz=band, curve=curve or setting.curve))
     grid, levels = _grid(keys, trials), np.array(sorted(keys.levels_db_sl))
     levels = levels[levels > 0.0]
     curves = result.contours(grid, levels)
-    source = f"{len(trials)} matches; law: {result.law}"
+    source = f"{len(trials)} matches; law: {result.law}" + ("" if curve is None else f"; dB SL of {curve.name}")
     return PersonContours(
         subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, "measured", source, contact)
+    )
+
+
+def _above(curve: ThresholdCurve, matches: Matches, setting: ContourSetting) -> Matches:
+    """Return matches in dB SL of another curve than the display's, at the same displacements."""
+    display = setting.curve
+    if display is None:
+        got = "matches that do not tell the display's curve"
+        raise BadInput(got, f"three frequencies, on both sides of {setting.reference_hz:g} Hz")
+
+    def moved(hertz: FloatArray | float) -> FloatArray:
+        return display.level_db_re_1um_at(hertz) - curve.level_db_re_1um_at(hertz)
+
+    return replace(
+        matches,
+        comparison_db_sl=matches.comparison_db_sl + moved(matches.frequency_hz),
+        reference_db_sl=matches.reference_db_sl + moved(setting.reference_hz),
     )
 
 

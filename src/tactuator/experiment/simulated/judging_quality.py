@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,15 +11,15 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.simulated.strength_people import (
-    EQUAL_VELOCITY,
     LAW_NAMES,
+    WAVES,
     StrengthPerson,
     drawn_person,
     equal_level,
 )
 from tactuator.experiment.strength.estimate import CANNOT_TELL, StrengthEstimate, estimate
 from tactuator.experiment.strength.laws import FREE
-from tactuator.experiment.task.discrimination import DiscriminationKeys
+from tactuator.experiment.task.discrimination import UNITS, DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, JudgedTone, Place, TaskKeys
@@ -27,7 +27,8 @@ from tactuator.experiment.trial.trial import Timing
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve, curve
 
 TASKS = ("matching", "magnitude-estimation", "discrimination")
-_FINGER = "index"
+_FINGERS = ("index", "thumb")
+_FINGER = _FINGERS[0]
 _LIBRARY = "bolanowski-1988"
 _NORMAL_95 = 1.959964
 _LEAST_DB_SL = 3.0
@@ -105,10 +106,11 @@ def simulate_matching(
     """Let people match over the whole contour, and judge what is result."""
     keys = MatchingKeys(finger=_FINGER, **({} if setting.trials is None else {"trials": setting.trials}))  # type: ignore[arg-type]
     library, rows = curve(_LIBRARY), []
+    at = replace(keys.setting, curve=library)
     for number in range(setting.runs):
         person = setting.person(number, library)
         run = answered(keys, 0, person, (setting.seed, 19, number))
-        rows.append(_judged(person, estimate(keys.matches(run.trials), keys.setting), keys))
+        rows.append(_judged(person, estimate(keys.matches(run.trials), at), keys))
         progress((number + 1) / setting.runs)
     columns = np.array(rows).T
     rms, inside, right, wrong, order, standard, noise = columns
@@ -134,7 +136,7 @@ def _judged(person: StrengthPerson, result: StrengthEstimate, keys: MatchingKeys
     mean, sd = result.levels(hertz, level)
     error = (mean - truth)[seen]
     within = np.abs(error) <= _NORMAL_95 * sd[seen] + 1e-9
-    right = FREE.name if person.law == EQUAL_VELOCITY else person.law
+    right = FREE.name if person.law == WAVES else person.law
     named = result.law
     return (
         float(np.sqrt(np.mean(error**2))),
@@ -148,50 +150,50 @@ def _judged(person: StrengthPerson, result: StrengthEstimate, keys: MatchingKeys
 
 
 @dataclass(frozen=True)
-class DiscriminationQuality:
-    """Quality of just-noticeable differences of amplitude (at 20 dB SL, dB) and frequency (at 100 Hz, as a share).
+class DifferenceQuality:
+    """Quality of one just-noticeable difference in the task's unit.
 
-    *_bias, *_rms: error of the refit. *_coverage95: share of 95 % intervals that hold the truth.
+    bias, rms: error of the refit. coverage95: share of 95 % intervals that hold the truth. trials: mean of a run.
     """
 
-    amplitude_bias_db: float
-    amplitude_rms_db: float
-    amplitude_coverage95: float
-    frequency_bias: float
-    frequency_rms: float
-    frequency_coverage95: float
+    bias: float
+    rms: float
+    coverage95: float
     trials: float
+
+
+@dataclass(frozen=True)
+class DiscriminationQuality:
+    """Quality of just-noticeable differences at 100 Hz and 20 dB SL: of amplitude (dB), frequency (%), a gap and the
+    order of two fingers (ms).
+    """
+
+    amplitude: DifferenceQuality
+    frequency: DifferenceQuality
+    gap: DifferenceQuality
+    order: DifferenceQuality
 
 
 def simulate_discrimination(
     setting: JudgingSetting, progress: Callable[[float], None] = lambda share: None
 ) -> DiscriminationQuality:
-    """Let people tell amplitudes and frequencies apart by the default procedure, and judge what is result."""
-    library, rows = curve(_LIBRARY), []
-    tasks = [
-        DiscriminationKeys(of=of, fingers=(_FINGER,), frequencies_hz=(100.0,)) for of in ("amplitude", "frequency")
-    ]
+    """Let people tell tones apart by the default procedure, and judge what is result."""
+    library, rows = curve(_LIBRARY), list[list[list[float]]]()
     for number in range(setting.runs):
-        person, row = setting.person(number, library), list[float]()
-        for place, (keys, truth) in enumerate(
-            zip(tasks, (person.amplitude_jnd_db, 100.0 * person.frequency_jnd), strict=True)
-        ):
+        person = setting.person(number, library)
+        truths = (person.amplitude_jnd_db, 100.0 * person.frequency_jnd, person.gap_jnd_ms, person.order_jnd_ms)
+        rows.append([])
+        for place, (of, truth) in enumerate(zip(UNITS, truths, strict=True)):
+            keys = DiscriminationKeys(of=of, fingers=_FINGERS[: 1 + (of == "order")], frequencies_hz=(100.0,))
             run = answered(keys, 0, person, (setting.seed, 23, number, place))
             jnd = keys.difference(run).jnd
-            row += [jnd.value - truth, float(jnd.low <= truth <= jnd.high), float(len(run.trials))]
-        rows.append(row)
+            rows[-1].append([jnd.value - truth, float(jnd.low <= truth <= jnd.high), float(len(run.trials))])
         progress((number + 1) / setting.runs)
-    amplitude, amplitude_in, count, frequency, frequency_in, more = np.array(rows).T
-    frequency = 0.01 * frequency
+    columns = np.array(rows).transpose(1, 2, 0)
     return DiscriminationQuality(
-        float(amplitude.mean()),
-        _rms(amplitude),
-        float(amplitude_in.mean()),
-        float(frequency.mean()),
-        _rms(frequency),
-        float(frequency_in.mean()),
-        float(np.mean([count, more])),
-    )
+        *(DifferenceQuality(float(off.mean()), _rms(off), float(held.mean()), float(count.mean()))
+          for off, held, count in columns)
+    )  # fmt: skip
 
 
 def _rms(values: FloatArray) -> float:

@@ -17,9 +17,9 @@ from tactuator.perception.contours import REFERENCE_HZ
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, MaxOfM
 
-EQUAL_VELOCITY = "equal-velocity"
-LAW_NAMES = ("sensation-level", "exponents", "sum-of-channels", EQUAL_VELOCITY)
-"""Laws that people may have: each of the estimation's, and Griffin's equal velocity (2012), which is none of them."""
+WAVES = "waves"
+LAW_NAMES = ("sensation-level", "exponents", "sum-of-channels", "equal-velocity", WAVES)
+"""Laws that people may have: each of the estimation's, and one of their own, which is none of them."""
 
 Strength = Callable[[FloatArray, FloatArray], FloatArray]
 """Function of frequency (Hz) and sensation level (dB SL), (n,) each: strength in dB, which rises with the level."""
@@ -147,13 +147,21 @@ def strength_law(name: str, library: ThresholdCurve, rng: np.random.Generator) -
         below = np.minimum(level, 0.0)
         return np.asarray(20.0 * np.log10(np.maximum(total, 1.0)) + below)
 
+    size_db, phase, steeper = rng.uniform(1.0, 3.0, 3), rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(-0.15, 0.25)
+
+    def by_waves(hertz: FloatArray, level: FloatArray) -> FloatArray:
+        decades = np.log10(hertz / REFERENCE_HZ)[..., None]
+        waves = np.sum(size_db * np.sin(2.0 * decades * np.arange(1, 4) + phase), axis=-1)
+        return np.asarray(level * (1.0 + steeper * decades[..., 0]) + waves)
+
     laws: dict[str, Strength] = {
         "sensation-level": lambda hertz, level: np.asarray(exponent * level),
         "exponents": by_exponents,
         "sum-of-channels": by_sum,
-        EQUAL_VELOCITY: lambda hertz, level: np.asarray(
+        "equal-velocity": lambda hertz, level: np.asarray(
             level + library.level_db_re_1um_at(hertz) + 20.0 * np.log10(hertz)
         ),
+        WAVES: by_waves,
     }
     if name not in laws:
         raise BadInput(f"law {name!r}", ", ".join(laws))
@@ -177,7 +185,7 @@ def drawn_person(law: str, library: ThresholdCurve, lapse: float, rng: np.random
     """Return a person of that law.
 
     Biases of 0.5 to 3 dB either way, each in half of the people; JNDs over the ranges of Israr, Tan & Reed (2006): 1.65
-    to 2.98 dB, and 0.13 to 0.38 of the frequency.
+    to 2.98 dB, and 0.13 to 0.38 of the frequency; of gaps 10 to 40 ms and of order 20 to 80 ms, which nobody measured.
     """
     strength = strength_law(law, library, rng)
     order_db, standard_db = (
@@ -194,6 +202,8 @@ def drawn_person(law: str, library: ThresholdCurve, lapse: float, rng: np.random
         frequency_jnd=float(rng.uniform(0.13, 0.38)),
         modulus=float(np.exp(rng.normal(1.0, 1.0))),
         exponent=1.0,
+        gap_jnd_ms=float(rng.uniform(10.0, 40.0)),
+        order_jnd_ms=float(rng.uniform(20.0, 80.0)),
     )
 
 

@@ -40,13 +40,13 @@ def answered_runs(
     return tuple(_run(sessions[row.session_id], row, trials.get(row.id, ())) for row in rows)
 
 
-def task_keys(store: Store, kind: str) -> tuple[TaskKeys, ...]:
-    """Return the tables [task] of that kind that the store's protocols have, the newest last."""
+def task_keys(store: Store, kind: str | None = None) -> tuple[TaskKeys, ...]:
+    """Return the tables [task] that the store's protocols have, the newest last. kind: only of that kind."""
     with store.read() as connection:
         texts = connection.execute(select(schema.protocol_version.c.toml).order_by(schema.protocol_version.c.id))
         protocols = [parse_any_protocol(text) for text in texts.scalars()]
     tasks = [protocol.task for protocol in protocols if isinstance(protocol, JudgingProtocol)]
-    return tuple(task for task in tasks if task.kind == kind)
+    return tuple(task for task in tasks if kind in (None, task.kind))
 
 
 def _run(session: Found, run: Found, trials: Sequence[Answered]) -> AnsweredRun:
@@ -58,7 +58,10 @@ def _trials(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answ
     """Return the answered trials of runs, by run."""
     trial, response, interval = schema.trial.c, schema.response.c, schema.interval.c
     tables = schema.trial.join(schema.response).join(schema.interval, interval.trial_id == trial.id)
-    columns = (trial.run_id, trial.id, trial.level_db_sl, response.response, response.correct)
+    columns = (
+        *(trial.run_id, trial.id, trial.level_db_sl, trial.curve_level_db_re_1um),
+        *(response.response, response.correct),
+    )
     query = (
         select(*columns, interval.stimulus, interval.commanded_db_sl)
         .select_from(tables)
@@ -70,7 +73,8 @@ def _trials(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answ
         intervals = list(rows)
         tones = tuple(_tone(row.stimulus, row.commanded_db_sl) for row in intervals)
         first = intervals[0]
-        answers.setdefault(run, []).append(Answered(tones, first.level_db_sl, first.response, bool(first.correct)))
+        about = first.level_db_sl, first.response, bool(first.correct), first.curve_level_db_re_1um
+        answers.setdefault(run, []).append(Answered(tones, *about))
     return {run: tuple(trials) for run, trials in answers.items()}
 
 

@@ -16,7 +16,7 @@ import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.strength.laws import LAWS, POINT, Law
+from tactuator.experiment.strength.laws import LAWS, POINT, Law, equal_velocity
 from tactuator.experiment.strength.matches import NUISANCE_MEAN, NUISANCE_SD, ContourSetting, Fit, Matches, fit
 
 SURE = 0.98
@@ -108,9 +108,11 @@ class StrengthEstimate:
         return Measured(mean, mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd)
 
 
-def estimate(matches: Matches, setting: ContourSetting, laws: Sequence[Law] = LAWS) -> StrengthEstimate:
-    """Return what matches tell under the laws. Raises BadInput for fewer than 20 matches."""
+def estimate(matches: Matches, setting: ContourSetting, laws: Sequence[Law] | None = None) -> StrengthEstimate:
+    """Return what matches tell under the laws, by default all. Raises BadInput for fewer than 20 matches."""
     count = matches.frequency_hz.size
+    if laws is None:
+        laws = LAWS if setting.curve is None else (*LAWS, equal_velocity(setting.curve, setting.reference_hz))
     if count < _LEAST_MATCHES:
         raise BadInput(f"{count} matches", f"{_LEAST_MATCHES} or more")
     fits, evidence = list[Fit](), list[float]()

@@ -6,7 +6,7 @@ where nothing is claimed (`free`). The evidence of a person's matches then says 
 
 The laws: equal sensation level (Verrillo 1970, one exponent up to 350 Hz); an exponent for each channel (Stevens 1968:
 near 30 Hz about twice that near 250 Hz); the sum of channels, the stronger and half the weaker (Hollins & Roy 1996);
-and none of them.
+equal velocity from some level on (Griffin 2012), which needs the threshold curve; and none of them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
+from tactuator.perception.curve import ThresholdCurve
 
 _MIDDLE_DB_SL, _SPAN_DB = 30.0, 20.0
 """Level at which a deviation stands, and the level difference by which its growth is told."""
@@ -141,12 +142,29 @@ LAWS: tuple[Law, ...] = (
     Law("sum-of-channels", (np.log(0.7), -0.3, 35.0), (0.35, 0.2, 10.0), _sum, _SMALL),
     Law("free", (), (), _same, Deviation(tilt_db=8.0, wave_db=4.5, wave_decades=0.28, growth=0.6, bend=0.25)),
 )
-"""The laws that matches are held against; `free` is none of the others, and the one that trials are placed by."""
+"""The laws that matches are held against, with `equal_velocity` where the threshold curve is known; `free` is none of
+the others, and the one that trials are placed by."""
 FREE = LAWS[-1]
 
 
 def _above(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatArray:
     return np.asarray(level + parameters[0])
+
+
+@lru_cache(maxsize=32)
+def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> Law:
+    """Return the law by which tones of equal velocity are equally strong, the more so the further above threshold.
+
+    Its parameters: the share of the way there that is ever gone, and the log of the level, dB SL, where most of it is.
+    """
+    at_reference = curve.level_db_re_1um_at(reference_hz)
+
+    def level_of(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatArray:
+        share, log_onset = parameters
+        faster_db = 20.0 * over + curve.level_db_re_1um_at(reference_hz * 10.0**over) - at_reference
+        return np.asarray(level - share * faster_db * -np.expm1(-np.maximum(level, 0.0) / np.exp(log_onset)))
+
+    return Law("equal-velocity", (1.0, np.log(5.0)), (0.25, 1.0), level_of, _SMALL)
 
 
 POINT = Law("point", (0.0,), (15.0,), _above, Deviation(0.0, 1e-6, 1.0, 0.0, 0.0))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.strength.laws import Law, features
+from tactuator.perception.curve import ThresholdCurve
 
 NUISANCE_MEAN = (0.0, 0.0, float(np.log(2.5)), float(np.log(0.02 / 0.98)))
 NUISANCE_SD = (2.0, 2.0, 0.5, 0.7)
@@ -59,10 +60,14 @@ class Matches:
 
 @dataclass(frozen=True)
 class ContourSetting:
-    """Reference frequency of the contours and the band that they go over, Hz."""
+    """Reference frequency of the contours and the band that they go over, Hz.
+
+    curve: that 0 dB SL stands for; None where nobody knows it.
+    """
 
     reference_hz: float = 100.0
     band_hz: tuple[float, float] = (10.0, 300.0)
+    curve: ThresholdCurve | None = None
 
 
 @dataclass(frozen=True)

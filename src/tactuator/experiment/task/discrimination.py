@@ -45,7 +45,7 @@ from tactuator.signals.decibels import from_db
 from tactuator.table import ResultTable
 
 Quantity = Literal["amplitude", "frequency", "gap", "order"]
-UNITS: Mapping[str, str] = {"amplitude": "dB", "frequency": "%", "gap": "ms", "order": "ms"}
+UNITS: Mapping[Quantity, str] = {"amplitude": "dB", "frequency": "%", "gap": "ms", "order": "ms"}
 """Unit of each difference."""
 _START_DB = {"amplitude": 20.0, "frequency": 36.0, "gap": 40.0, "order": 44.0}
 """Difference of the first trial where none is said: 10 dB, 63 %, 100 ms, 158 ms."""

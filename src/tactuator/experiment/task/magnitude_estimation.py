@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
@@ -35,7 +36,7 @@ from tactuator.experiment.task.task_keys import (
 )
 from tactuator.experiment.trial.trial import trial_rng
 from tactuator.parameters import Positive, Whole, table
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable
 
 _ROLE = "tone"
 
@@ -77,14 +78,7 @@ class EstimationKeys(TaskKeys):
         """Return geometric means and exponents."""
         heads = tuple(words(f"results.{key}") for key in ("hertz", "exponent", "trials"))
         magnitude = magnitudes(runs)
-        rows = tuple(
-            (
-                f"{each.frequency_hz:.4g}",
-                f"{each.exponent.value:.2f} ({each.exponent.low:.2f} – {each.exponent.high:.2f})",
-                str(each.estimates),
-            )
-            for each in magnitude
-        )
+        rows = tuple((f"{each.frequency_hz:.4g}", each.slope, str(each.estimates)) for each in magnitude)
         means = tuple(
             (f"{each.frequency_hz:.4g}", f"{level:g}", f"{mean:.3g}")
             for each in magnitude
@@ -94,6 +88,17 @@ class EstimationKeys(TaskKeys):
         return ResultTable(words("results.magnitudes"), heads, rows), ResultTable(
             words("results.geometric_mean"), columns, means
         )
+
+    def chart(self, runs: Sequence[AnsweredRun], words: Words) -> Chart:
+        """Return magnitude against level on a logarithmic axis, with the line of each frequency's exponent."""
+        curves = []
+        for number, each in enumerate(magnitudes(runs)):
+            label = f"{each.frequency_hz:.4g} Hz: {words('results.exponent')} {each.exponent.value:.2f}"
+            bars = None if each.factor is None else np.array([each.mean - each.mean / each.factor,
+                                                              each.mean * each.factor - each.mean])  # fmt: skip
+            curves.append(ChartLine(label, each.level_db_sl, each.mean, "o", bars, colour=number))
+            curves.append(ChartLine("", each.level_db_sl, each.line, colour=number))
+        return Chart("dB SL", words("results.geometric_mean"), curves, log_y=True)
 
 
 @dataclass
@@ -127,14 +132,22 @@ class EstimationRun:
 @dataclass(frozen=True, eq=False)
 class Magnitudes:
     """Estimates at one frequency over all people: level_db_sl, mean (geometric, of estimates over each person's own
-    geometric mean), (levels,) each; the exponent of amplitude with its 95 % interval; the number of estimates.
+    geometric mean), line (of the exponent), (levels,) each; the exponent of amplitude with its 95 % interval; the
+    number of estimates. factor: by which a mean's 95 % interval goes either way, None where nothing was repeated.
     """
 
     frequency_hz: float
     level_db_sl: FloatArray
     mean: FloatArray
+    line: FloatArray
+    factor: FloatArray | None
     exponent: Measured
     estimates: int
+
+    @property
+    def slope(self) -> str:
+        """Return the exponent with its interval in words."""
+        return f"{self.exponent.value:.2f} ({self.exponent.low:.2f} – {self.exponent.high:.2f})"
 
 
 def magnitudes(runs: Sequence[AnsweredRun]) -> tuple[Magnitudes, ...]:
@@ -167,5 +180,17 @@ def _at(hertz: float, rows: FloatArray) -> Magnitudes:
     line = scipy.stats.linregress(amplitude, log)
     half = float(scipy.stats.t.ppf(0.975, max(log.size - 2, 1)) * line.stderr) if log.size > 2 else np.inf
     slope = float(line.slope)
-    means = np.array([np.exp(log[rows[:, 1] == level].mean()) for level in levels])
-    return Magnitudes(float(hertz), levels, means, Measured(slope, slope - half, slope + half), int(log.size))
+    each = [log[rows[:, 1] == level] for level in levels]
+    means, counts = np.array([of.mean() for of in each]), np.array([of.size for of in each])
+    drawn = np.exp(line.intercept + slope * levels * np.log(10.0) / 20.0)
+    exponent = Measured(slope, slope - half, slope + half)
+    return Magnitudes(float(hertz), levels, np.exp(means), drawn, _factor(each, counts), exponent, int(log.size))
+
+
+def _factor(each: Sequence[FloatArray], counts: NDArray[np.intp]) -> FloatArray | None:
+    """Return the factor of the means' intervals, from the scatter about the means of all levels together."""
+    free = int(counts.sum()) - counts.size
+    if free < 1:
+        return None
+    scatter = np.sqrt(sum(float(np.sum((of - of.mean()) ** 2)) for of in each) / free)
+    return np.asarray(np.exp(scipy.stats.t.ppf(0.975, free) * scatter / np.sqrt(counts)))

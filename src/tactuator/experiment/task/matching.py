@@ -9,7 +9,7 @@ of a pair serves as standard equally often, and so does either order: both biase
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -46,7 +46,7 @@ from tactuator.experiment.task.task_keys import (
 from tactuator.experiment.trial.trial import trial_rng
 from tactuator.parameters import Band, Positive, Whole, table
 from tactuator.perception.contours import REFERENCE_HZ
-from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.table import ResultTable
 
 STANDARD, COMPARISON = "standard", "comparison"
@@ -58,6 +58,8 @@ _STEPS = 2
 _TRIALS_A_TRACK = 4.0
 """Trials for a reversal of a track, about."""
 _TRACK_TRIALS_MAX = 60
+_CURVE_POINTS = 3
+"""Frequencies from which the display's curve is taken between them."""
 
 
 @table("[task]")
@@ -186,14 +188,22 @@ class MatchingKeys(TaskKeys):
         """Return the matches of stored trials."""
         return Matches.of([self.row(trial.tones, trial.correct) for trial in trials])
 
+    def setting_of(self, trials: Sequence[Answered]) -> ContourSetting:
+        """Return the setting of matches on the standard's finger, with the display's curve if they tell it."""
+        levels = {self.row(trial.tones, True)[0]: trial.curve_level_db_re_1um for trial in trials}
+        known = sorted((hertz, level) for hertz, level in levels.items() if level is not None)
+        if len(known) < _CURVE_POINTS or not known[0][0] < self.frequency_hz < known[-1][0]:
+            return self.setting
+        hertz, level = np.array(known).T
+        curve = ThresholdCurve("display's", hertz, level, "measured", "as matches were played")
+        return replace(self.setting, curve=curve)
+
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return the points of subjective equality of pairs, and of contours the law with biases and JND."""
         mine = [run for run in runs if run.finger == self.finger]
-        result = (
-            [estimate(self.matches([t for run in mine for t in run.trials]), self.setting)]
-            if self.method == "contour" and mine
-            else []
-        )
+        trials = [trial for run in mine for trial in run.trials]
+        contours = self.method == "contour" and mine
+        result = [estimate(self.matches(trials), self.setting_of(trials))] if contours else []
         pairs = [] if self.method == "contour" else [(run, self.equality(run)) for run in runs]
         return tuple([law_table(each, words) for each in result] + ([pairs_table(pairs, words)] if pairs else []))
 

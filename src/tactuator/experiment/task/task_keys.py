@@ -19,7 +19,7 @@ from tactuator.experiment.procedure.procedure import Placement, Playable
 from tactuator.experiment.trial.trial import Timing, Trial
 from tactuator.parameters import from_table, table
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.table import ResultTable
+from tactuator.table import Chart, ResultTable
 
 GROUP = "tactuator.tasks"
 
@@ -150,12 +150,14 @@ class Answered:
     """A trial with its answer as the store has it. tones: of each interval, None where it had not just one.
 
     level_db_sl: of its placement, None without one. correct: the answer was the one that counts as yes.
+    curve_level_db_re_1um: of the display's threshold curve at the placement's frequency, None where nobody knows it.
     """
 
     tones: tuple[AnsweredTone | None, ...]
     level_db_sl: float | None
     response: str
     correct: bool
+    curve_level_db_re_1um: float | None = None
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,10 @@ class TaskKeys:
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return what the answers come to."""
         raise NotImplementedError
+
+    def chart(self, runs: Sequence[AnsweredRun], words: Words) -> Chart | None:
+        """Return the figure of the answers, None where a task has none."""
+        return None
 
 
 def parse_task(document: Any) -> TaskKeys:
