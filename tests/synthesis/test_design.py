@@ -192,7 +192,7 @@ def test_design__no_loop__prefilter_to_volts_of_command() -> None:
         (ContinuousSystem.from_polynomials([1.0, 1.0, 1.0, 3.0], [1.0, 94.0, 290.0]), "is improper"),
         (ContinuousSystem.from_polynomials([1.0, -3.0], [1.0, 94.0, 290.0]), "negative gain at rest"),
         (ContinuousSystem([], [-1.0, -2.0], 0.0), "has zero gain"),
-        (ContinuousSystem.from_polynomials([-1.0], [1.0, 94.0, 290.0]), "polarity = -1"),
+        (ContinuousSystem.from_polynomials([-1.0], [1.0, 94.0, 290.0]), "negate one of the record"),
         (ContinuousSystem([], [-500.0 + 15_000.0j, -500.0 - 15_000.0j], 1e9), "above half the rate"),
         (ContinuousSystem.from_polynomials([5.0, 0.0], [1.0, 94.0, 290.0]), "gives nothing at rest"),
     ],
