@@ -183,8 +183,7 @@ ALWAYS int run_designed(tact_board *board, const int32_t *codes, const float *wa
 }
 
 /* The same for what `design` gives where a finger is fed forward. */
-ALWAYS int run_adaptive(tact_board *board, const int32_t *codes, const float *wants, uint32_t tick, float fade,
-                        float command_fade)
+SELDOM int run_adaptive(tact_board *board, const int32_t *codes, const float *wants)
 {
     int32_t *trace = trace_row(board), left = board->channels;
     tact_board_channel *channel = board->channel;
@@ -194,14 +193,14 @@ ALWAYS int run_adaptive(tact_board *board, const int32_t *codes, const float *wa
         *trace++ = channel->delayed[0];
         *trace++ = code;
         const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code,
-                                                  channel->delayed_v[0], tick, &found);
-        const float reference = fade * *wants++;
+                                                  channel->delayed_v[0], board->ticks, &found);
+        const float reference = board->fade * *wants++;
         tact_touch_state *touch_state = &channel->touch_state;
         float wanted_v;
         float command_v = cascade_designed(&channel->controller.single, channel->filters, reference, position_v, &wanted_v);
         command_v += tact_touch_designed_step(channel->touch, touch_state, wanted_v, position_v);
         if (__builtin_fabsf(command_v) <= channel->command_max_v)
-            put(channel, 0, command_fade * command_v);
+            put(channel, 0, board->command_fade * command_v);
         else
             found |= put_limited(board, channel, reference, command_v);
         touch_state->command_v[0] = channel->delayed_v[0];
@@ -213,11 +212,6 @@ ALWAYS int run_adaptive(tact_board *board, const int32_t *codes, const float *wa
 SELDOM int run_fading(tact_board *board, const int32_t *codes, const float *wants)
 {
     return run_designed(board, codes, wants, board->ticks, board->delay_at, board->fade, board->command_fade);
-}
-
-SELDOM int run_adaptive_fading(tact_board *board, const int32_t *codes, const float *wants)
-{
-    return run_adaptive(board, codes, wants, board->ticks, board->fade, board->command_fade);
 }
 
 static inline void step_running(tact_board *board, const int32_t *codes)
@@ -233,7 +227,7 @@ static inline void step_running(tact_board *board, const int32_t *codes)
     if (board->runs_designed)
         found = run_fading(board, codes, wants);
     else if (board->runs_adaptive)
-        found = run_adaptive_fading(board, codes, wants);
+        found = run_adaptive(board, codes, wants);
     else
         found = run_channels(board, codes, wants,
                              board->drives                     ? run_direct
@@ -333,25 +327,6 @@ SELDOM void see_to_steady(tact_board *board)
         tact_board_fade(board);
 }
 
-/* The usual tick where a finger is fed forward. */
-SELDOM void step_adaptive(tact_board *board, const int32_t *codes, uint32_t lateness)
-{
-    const uint32_t tick = board->tick, ticks = board->ticks + 1, silence = board->silence + 1;
-    const uint32_t latest = (uint32_t)board->safety.lateness_max, longest = (uint32_t)board->safety.silence_ticks;
-    const uint32_t row = (tick & (board->stream_capacity - 1)) * (uint32_t)board->channels;
-    if (tick - board->stream_at >= board->stream_end - board->stream_at || lateness > latest || silence > longest) {
-        step_any(board, codes, lateness);
-        return;
-    }
-    board->ticks = ticks;
-    board->silence = silence;
-    const int found = run_adaptive(board, codes, board->stream + row, ticks, 1.0f, 1.0f);
-    board->tick++;
-    if (found)
-        see_to_steady(board);
-    compare_in_turn(board);
-}
-
 /* The usual tick goes a way of its own, without what it knows of: steady, in time, and there is a row for it. */
 void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)
 {
@@ -360,10 +335,7 @@ void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness
     const uint32_t row = (tick & (board->stream_capacity - 1)) * (uint32_t)board->channels;
     if (!board->steady || tick - board->stream_at >= board->stream_end - board->stream_at || lateness > latest ||
         silence > longest) {
-        if (board->steady_adaptive)
-            step_adaptive(board, codes, lateness);
-        else
-            step_any(board, codes, lateness);
+        step_any(board, codes, lateness);
         return;
     }
     board->ticks = ticks;

@@ -21,44 +21,25 @@ static inline float summed(const float *by, const float *poles)
     return by[0] * second + (by[1] * change + by[2] * poles[2]);
 }
 
-/* One line of the hum a turn on, added to the lines before it. */
-static inline float turned(const float *turn, float *line, float sum)
-{
-    const float c = turn[0], s = turn[1], now = line[0], before = line[1];
-    const float next = now * c - before * s;
-    line[0] = next;
-    line[1] = before * c + now * s;
-    return sum + next;
-}
-
-/* The hum at this turn. Its lines stand one by one: to count them would cost as much as a line. */
+/* The hum at this turn. */
 static inline float hum_next(const tact_touch *table, tact_touch_state *state)
 {
-    const int32_t lines = table->hum_count;
     float sum = 0.0f;
-    if (lines > 0)
-        sum = turned(table->hum[0], state->hum[0], sum);
-    if (lines > 1)
-        sum = turned(table->hum[1], state->hum[1], sum);
-    if (lines > 2)
-        sum = turned(table->hum[2], state->hum[2], sum);
-    if (lines > 3)
-        sum = turned(table->hum[3], state->hum[3], sum);
+    for (int32_t i = 0; i < table->hum_count; i++) {
+        const float c = table->hum[i][0], s = table->hum[i][1], now = state->hum[i][0], before = state->hum[i][1];
+        const float next = now * c - before * s;
+        state->hum[i][0] = next;
+        state->hum[i][1] = before * c + now * s;
+        sum += next;
+    }
     return sum;
 }
 
 static inline void hum_learn(const tact_touch *table, tact_touch_state *state, float left)
 {
-    const int32_t lines = table->hum_count;
     const float share = table->hum_gain * left;
-    if (lines > 0)
-        state->hum[0][0] += share;
-    if (lines > 1)
-        state->hum[1][0] += share;
-    if (lines > 2)
-        state->hum[2][0] += share;
-    if (lines > 3)
-        state->hum[3][0] += share;
+    for (int32_t i = 0; i < table->hum_count; i++)
+        state->hum[i][0] += share;
 }
 
 /* One weight on the way to where it shall be. */

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.runtime._core import ffi, lib
-from tests.rig.guard.guarded import Guarded, adaptive, designed, spoilt
+from tests.rig.guard.guarded import Guarded, designed, spoilt
 
 SOFT = 410
 CLIPPED_V = 0.02
@@ -85,18 +85,18 @@ def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are(
 
 
 def whole(board):
-    """Everything that a board holds but the marks themselves, and the row of its trace that was written last."""
-    marked, board.steady, board.steady_adaptive = (board.steady, board.steady_adaptive), 0, 0
+    """Everything that a board holds but the mark itself, and the row of its trace that was written last."""
+    marked, board.steady = board.steady, 0
     row = ((board.tick - 1) & (board.trace_capacity - 1)) * 6
     held = bytes(ffi.buffer(board)), [board.trace[row + i] for i in range(6)]
-    board.steady, board.steady_adaptive = marked
+    board.steady = marked
     return held
 
 
 def step_both_ways(board, codes, lateness):
     """A step of the period, taken as it comes and then again without the short way: 1 if it was short."""
-    before, was_steady = bytes(ffi.buffer(board)), board.steady + board.steady_adaptive
-    board.steady = board.steady_adaptive = 0
+    before, was_steady = bytes(ffi.buffer(board)), board.steady
+    board.steady = 0
     lib.tact_period_step(board, codes, lateness)
     wanted = whole(board)
     ffi.buffer(board)[:] = before
@@ -114,12 +114,10 @@ HAPPENS = {
 }
 
 
-@pytest.mark.parametrize("made", [designed, adaptive])
 @pytest.mark.parametrize("happens", [*HAPPENS, "late", "silent", "dry", "clipped"])
-def test_period__short_way_of_a_steady_run__is_the_long_way_to_the_bit(happens, made):
+def test_period__short_way_of_a_steady_run__is_the_long_way_to_the_bit(happens):
     """The long way is held to the controllers above, and to the boards; the short way to the long one."""
-    guarded = Guarded(made())
-    assert guarded.board.is_adaptive == (made is adaptive)
+    guarded = Guarded(designed())
     board, simulated, codes = guarded.board, guarded.simulated, ffi.new("int32_t[4]")
     if happens == "clipped":
         for channel in (board.channel[c] for c in range(3)):
