@@ -87,7 +87,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 _BROWSER = ("chromium",)
-_DEVICE = ("rig/", "firmware/", "measure/test_free_board", "cli/controller/test_firmware", "fuzz/")
+_DEVICE = ("rig/", "firmware/", "cli/controller/test_firmware", "fuzz/")
 _INTEGRATION = (
     "cli/",
     "corpus/",

@@ -1,26 +1,35 @@
 """Controllers that reshape their reference by its strength."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from tactuator.model.controller import Controller, StrengthShaping
-from tactuator.model.description import Strength
+from tactuator.model.description import Display, Strength
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.tables import strength_table
 from tactuator.synthesis.strength import fit_strength
 from tests.griffin import griffin
+from tests.runtime.paper_display import controller, display
 
 
-def blended(display):
+def core(shaping: StrengthShaping, rate_hz: float) -> tuple[Callable[[float], float], Any]:
+    """The core's step of one sample with that shaping, from rest, and its state."""
+    channel = replace(controller(display()).channels[0], strength=shaping)
+    table, state = strength_table(channel, rate_hz), ffi.new("tact_strength_state *")
+    lib.tact_strength_reset(state)
+    return lambda r: lib.tact_strength_step(table, state, float(r)), state
+
+
+def blended(of: Display) -> Display:
     """The display, every channel following Griffin's contours at every level."""
-    channels = (replace(channel, strength=Strength(griffin(), blended=True)) for channel in display.channels)
-    return replace(display, channels=tuple(channels))
+    channels = (replace(channel, strength=Strength(griffin(), blended=True)) for channel in of.channels)
+    return replace(of, channels=tuple(channels))
 
 
-def reshaped(controller: Controller, shaping: StrengthShaping | None = None) -> Controller:
+def reshaped(of: Controller, shaping: StrengthShaping | None = None) -> Controller:
     """The controller, every channel reshaping its reference; its display asks for it."""
-    display = blended(controller.display)
-    pairs = zip(controller.channels, display.channels, strict=True)
-    return Controller(
-        display,
-        tuple(
-            replace(made, strength=shaping or fit_strength(channel, display.rate_hz, 1.0)) for made, channel in pairs
-        ),
-    )
+    asked = blended(of.display)
+    pairs = zip(of.channels, asked.channels, strict=True)
+    channels = (replace(made, strength=shaping or fit_strength(channel, asked.rate_hz, 1.0)) for made, channel in pairs)
+    return Controller(asked, tuple(channels))

@@ -98,7 +98,8 @@ typedef struct {
     tact_stimulus stimulus[TACT_CHANNELS_MAX];
     tact_safety safety;
     tact_image image;
-    int32_t is_adaptive, runs_adaptive; /* is_designed, runs_designed where every channel also feeds forward, in the form of `design` */
+    /* is_designed, runs_designed and steady where every channel also feeds forward, in the form of `design` */
+    int32_t is_adaptive, runs_adaptive, steady_adaptive;
 } tact_board;
 
 /* value within +/- most; NaN gives 0. */

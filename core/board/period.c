@@ -182,28 +182,33 @@ ALWAYS int run_designed(tact_board *board, const int32_t *codes, const float *wa
     return found;
 }
 
-/* The same for what `design` gives where a finger is fed forward. */
-SELDOM int run_adaptive(tact_board *board, const int32_t *codes, const float *wants)
+/* Those that run all channels, for a tick whose fades are given. */
+typedef int (*runner_of_all)(tact_board *board, const int32_t *codes, const float *wants, uint32_t tick, int32_t slot,
+                             float fade, float command_fade);
+
+/* The same for what `design` gives where a finger is fed forward: one sample of delay, so that `at` is 0. */
+ALWAYS int run_adaptive(tact_board *board, const int32_t *codes, const float *wants, uint32_t tick, int32_t at,
+                        float fade, float command_fade)
 {
     int32_t *trace = trace_row(board), left = board->channels;
     tact_board_channel *channel = board->channel;
     int found = 0;
     do {
         const int32_t code = *codes++;
-        *trace++ = channel->delayed[0];
+        *trace++ = channel->delayed[at];
         *trace++ = code;
-        const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code,
-                                                  channel->delayed_v[0], board->ticks, &found);
-        const float reference = board->fade * *wants++;
+        const float put_v = channel->delayed_v[at];
+        const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code, put_v, tick, &found);
+        const float reference = fade * *wants++;
         tact_touch_state *touch_state = &channel->touch_state;
         float wanted_v;
         float command_v = cascade_designed(&channel->controller.single, channel->filters, reference, position_v, &wanted_v);
-        command_v += tact_touch_designed_step(channel->touch, touch_state, wanted_v, position_v);
+        command_v += tact_touch_designed_step(channel->touch, touch_state, wanted_v, position_v, put_v);
         if (__builtin_fabsf(command_v) <= channel->command_max_v)
-            put(channel, 0, board->command_fade * command_v);
+            put(channel, at, command_fade * command_v);
         else
             found |= put_limited(board, channel, reference, command_v);
-        touch_state->command_v[0] = channel->delayed_v[0];
+        touch_state->command_v[0] = channel->delayed_v[at];
         channel++;
     } while (--left != 0);
     return found;
@@ -212,6 +217,11 @@ SELDOM int run_adaptive(tact_board *board, const int32_t *codes, const float *wa
 SELDOM int run_fading(tact_board *board, const int32_t *codes, const float *wants)
 {
     return run_designed(board, codes, wants, board->ticks, board->delay_at, board->fade, board->command_fade);
+}
+
+SELDOM int run_adaptive_fading(tact_board *board, const int32_t *codes, const float *wants)
+{
+    return run_adaptive(board, codes, wants, board->ticks, 0, board->fade, board->command_fade);
 }
 
 static inline void step_running(tact_board *board, const int32_t *codes)
@@ -227,7 +237,7 @@ static inline void step_running(tact_board *board, const int32_t *codes)
     if (board->runs_designed)
         found = run_fading(board, codes, wants);
     else if (board->runs_adaptive)
-        found = run_adaptive(board, codes, wants);
+        found = run_adaptive_fading(board, codes, wants);
     else
         found = run_channels(board, codes, wants,
                              board->drives                     ? run_direct
@@ -327,22 +337,38 @@ SELDOM void see_to_steady(tact_board *board)
         tact_board_fade(board);
 }
 
-/* The usual tick goes a way of its own, without what it knows of: steady, in time, and there is a row for it. */
-void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)
+/* The usual tick goes a way of its own, without what it knows of: steady, in time, and there is a row for it. Gives 0 if
+ * this is no such tick. */
+ALWAYS int step_steady(tact_board *board, int32_t steady, const int32_t *codes, uint32_t lateness, runner_of_all run)
 {
     const uint32_t tick = board->tick, ticks = board->ticks + 1, silence = board->silence + 1;
     const uint32_t latest = (uint32_t)board->safety.lateness_max, longest = (uint32_t)board->safety.silence_ticks;
     const uint32_t row = (tick & (board->stream_capacity - 1)) * (uint32_t)board->channels;
-    if (!board->steady || tick - board->stream_at >= board->stream_end - board->stream_at || lateness > latest ||
-        silence > longest) {
-        step_any(board, codes, lateness);
-        return;
-    }
+    if (!steady || tick - board->stream_at >= board->stream_end - board->stream_at || lateness > latest ||
+        silence > longest)
+        return 0;
     board->ticks = ticks;
     board->silence = silence;
-    const int found = run_designed(board, codes, board->stream + row, ticks, 0, 1.0f, 1.0f);
+    const int found = run(board, codes, board->stream + row, ticks, 0, 1.0f, 1.0f);
     board->tick++;
     if (found)
         see_to_steady(board);
     compare_in_turn(board);
+    return 1;
+}
+
+SELDOM void step_adaptive(tact_board *board, const int32_t *codes, uint32_t lateness)
+{
+    if (!step_steady(board, 1, codes, lateness, run_adaptive))
+        step_any(board, codes, lateness);
+}
+
+void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)
+{
+    if (step_steady(board, board->steady, codes, lateness, run_designed))
+        return;
+    if (board->steady_adaptive)
+        step_adaptive(board, codes, lateness);
+    else
+        step_any(board, codes, lateness);
 }

@@ -5,7 +5,7 @@
  *
  * The reference is limited to full comfort: through the designed H the felt reference is the reference itself, so no
  * reference passes comfort (docs/safety.md). Three channels in float32 take 666 instructions on a Cortex-M4F,
- * and 1424 where a finger is fed forward.
+ * and 1270 where a finger is fed forward.
  *
  * Example use:
  *   int32_t code[TACT_CHANNELS_MAX];

@@ -94,15 +94,15 @@ inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state
 /* One sample: F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
 float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
 
-/* The same for a table whose is_designed is 1. */
+/* The same for a table whose is_designed is 1. put_v: the command that was put out last. */
 inline float tact_touch_designed_step(const tact_touch *table, tact_touch_state *state, float wanted_v,
-                                      float position_v)
+                                      float position_v, float put_v)
 {
-    if (++state->count >= table->turns)
+    if (--state->left <= 0)
         tact_touch_learn(table, state);
-    const float model_v = state->model_v[0];
-    tact_touch_pass(table, state, state->command_v[0], model_v, position_v);
-    state->model_v[0] = state->plant.s1;
+    const float model_v = state->model_v[0], next_v = state->plant.s1;
+    tact_touch_pass(table, state, put_v, model_v, position_v);
+    state->model_v[0] = next_v;
     const float command_v = tact_touch_designed_sections(table, state, wanted_v - model_v);
     return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
 }

@@ -6,40 +6,50 @@ static inline float within(float value, float lowest, float highest)
     return cut < lowest ? lowest : cut;
 }
 
-/* What is left when a slow part is taken off. */
-static inline float quick(float slow, float *part, float x)
-{
-    const float moved = *part + slow * (x - *part);
-    *part = moved;
-    return x - moved;
-}
-
-/* The model's three poles, summed. */
-static inline float summed(const float *by, const float *poles)
-{
-    const float change = poles[1] - poles[2], second = (poles[0] - poles[1]) - change;
-    return by[0] * second + (by[1] * change + by[2] * poles[2]);
-}
-
-/* The hum at this turn. */
-static inline float hum_next(const tact_touch *table, tact_touch_state *state)
+/* The hum at the next turn, from what it is now. */
+static void hum_turn(const tact_touch *table, tact_touch_state *state)
 {
     float sum = 0.0f;
     for (int32_t i = 0; i < table->hum_count; i++) {
         const float c = table->hum[i][0], s = table->hum[i][1], now = state->hum[i][0], before = state->hum[i][1];
         const float next = now * c - before * s;
-        state->hum[i][0] = next;
-        state->hum[i][1] = before * c + now * s;
+        state->turned[i][0] = next;
+        state->turned[i][1] = before * c + now * s;
         sum += next;
     }
-    return sum;
+    state->hummed = sum;
 }
 
-static inline void hum_learn(const tact_touch *table, tact_touch_state *state, float left)
+/* One line of it, with what the last turn learnt, and then turned. */
+static inline float turned(const float *turn, float *line, float *on, float share)
 {
-    const float share = table->hum_gain * left;
-    for (int32_t i = 0; i < table->hum_count; i++)
-        state->hum[i][0] += share;
+    const tact_float_pair k = tact_float_pair_get(turn), last = tact_float_pair_get(on);
+    const float now = last.first + share, before = last.second;
+    const float next = now * k.first - before * k.second;
+    line[0] = now;
+    line[1] = before;
+    on[0] = next;
+    on[1] = before * k.first + now * k.second;
+    return next;
+}
+
+/* What learning leaves for a tick in which no channel learns. Lines stand one by one: to count them would cost more. */
+static inline void hum_learn(const tact_touch *table, tact_touch_state *state)
+{
+    const int32_t lines = table->hum_count;
+    const float share = state->hum_learnt;
+    float sum = 0.0f;
+    if (lines > 0)
+        sum = turned(table->hum[0], state->hum[0], state->turned[0], share);
+    if (lines > 1)
+        sum += turned(table->hum[1], state->hum[1], state->turned[1], share);
+    if (lines > 2)
+        sum += turned(table->hum[2], state->hum[2], state->turned[2], share);
+    if (lines > 3)
+        sum += turned(table->hum[3], state->hum[3], state->turned[3], share);
+    state->hummed = sum;
+    state->is_due = 0;
+    state->left = table->until_learning;
 }
 
 /* One weight on the way to where it shall be. */
@@ -49,48 +59,57 @@ static inline float moved(float from, float to, float most, float slew)
 }
 
 /* What the weights make of the figures that every sample needs. */
-static inline void weigh(const tact_touch *table, tact_touch_state *state, float first, float second)
+static inline void weigh(const tact_touch *table, tact_touch_state *state, float first, float second, float mass)
 {
+    const tact_float_pair m = tact_float_pair_get(&table->mass[1]), r = tact_float_pair_get(table->rest);
     state->weight[0] = first;
     state->weight[1] = second;
-    state->by_command = first * table->mass[0];
-    state->by_change = second * table->rest[0] - first * table->mass[1];
-    state->by_place = second * table->rest[1] - first * table->mass[2];
+    state->by_command = first * mass;
+    state->by_change = second * r.first - first * m.first;
+    state->by_place = second * r.second - first * m.second;
 }
 
-/* Least squares on two pushes, whose squares hold the ridge; a weight that is no number ends all that was learnt. */
-static inline void solve(const tact_touch *table, tact_touch_state *state)
+/* One turn from the finger's force and both pushes on. Each turn counts by its level now, so that what was loud a moment
+ * ago does not outweigh what is heard after it. Then least squares on two pushes, whose squares hold the ridge; a weight
+ * that is no number ends all that was learnt. */
+static inline __attribute__((always_inline)) void learn_from(const tact_touch *table, tact_touch_state *state,
+                                                             float force, float first, float second,
+                                                             float hum_gain)
 {
-    const float lean = table->shape * (state->square[0] + state->square[2]);
-    const float a = state->square[0] + lean, c = state->square[2] + lean, b = state->square[1] - lean;
-    const float one = 1.0f / (a * c - b * b), most = table->weight_max, slew = table->slew;
-    const float to_first = (c * state->product[0] - b * state->product[1]) * one;
-    const float to_second = (a * state->product[1] - b * state->product[0]) * one;
-    const float first = moved(state->weight[0], to_first, most, slew);
-    const float second = moved(state->weight[1], to_second, most, slew);
-    if (first + second <= most + most)
-        weigh(table, state, first, second);
-    else
-        tact_touch_reset(table, state);
-}
-
-/* Each turn counts by its level now, so that what was loud a moment ago does not outweigh what is heard after it. */
-static inline void accumulate(const tact_touch *table, tact_touch_state *state, float force, float first, float second)
-{
-    const float forgetting = table->forgetting, gate = table->gate;
+    const tact_float_pair weight = tact_float_pair_get(state->weight), loud = tact_float_pair_get(&state->power);
+    const tact_float_pair s0 = tact_float_pair_get(state->square), s1 = tact_float_pair_get(&state->square[2]);
+    const tact_float_pair forgetting = tact_float_pair_get(&table->forgetting), least = tact_float_pair_get(&table->gate);
+    const tact_float_pair shape = tact_float_pair_get(&table->shape);
+    const float heard = force - state->hummed, gate = least.first;
     const float now = first * first + second * second;
-    const float power = state->power + forgetting * (now - state->power);
-    const float level = state->level + (float)TACT_TOUCH_LEVEL_RATE * forgetting * (now - state->level);
+    const float power = loud.first + forgetting.first * (now - loud.first);
+    const float level = loud.second + forgetting.second * (now - loud.second);
     const float share = power / (power + gate), one = 1.0f / (level + gate);
-    const float rate = forgetting * share, kept = 1.0f - table->fading * (1.0f - share);
-    const float ridge = one * table->ridge, x = one * first, y = one * second;
+    const float rate = forgetting.first * share, kept = 1.0f - shape.second * (1.0f - share);
+    const float ridge = one * least.second, x = one * first, y = one * second;
+    const float xx = s0.first + rate * ((first * x + ridge) - s0.first), xy = s0.second + rate * (first * y - s0.second);
+    const float yy = s1.first + rate * ((second * y + ridge) - s1.first);
+    const float px = kept * (s1.second + rate * (x * heard - s1.second));
+    const float py = kept * (state->product[1] + rate * (y * heard - state->product[1]));
+    const float lean = shape.first * (xx + yy), a = xx + lean, c = yy + lean, b = xy - lean;
+    const tact_float_pair slew_mass = tact_float_pair_get(&table->slew);
+    const float by = 1.0f / (a * c - b * b), most = table->weight_max, slew = slew_mass.first;
+    const float to_first = (c * px - b * py) * by, to_second = (a * py - b * px) * by;
+    state->hum_learnt = hum_gain * (heard - (weight.first * first + weight.second * second));
     state->power = power;
     state->level = level;
-    state->square[0] += rate * ((first * x + ridge) - state->square[0]);
-    state->square[1] += rate * (first * y - state->square[1]);
-    state->square[2] += rate * ((second * y + ridge) - state->square[2]);
-    state->product[0] = kept * (state->product[0] + rate * (x * force - state->product[0]));
-    state->product[1] = kept * (state->product[1] + rate * (y * force - state->product[1]));
+    state->square[0] = xx;
+    state->square[1] = xy;
+    state->square[2] = yy;
+    state->product[0] = px;
+    state->product[1] = py;
+    state->is_due = 1;
+    state->left = table->until_hum;
+    const float w0 = moved(weight.first, to_first, most, slew), w1 = moved(weight.second, to_second, most, slew);
+    if (w0 + w1 <= most + most)
+        weigh(table, state, w0, w1, slew_mass.second);
+    else
+        tact_touch_reset(table, state);
 }
 
 static inline void end_if_tiny(float *parts, int count)
@@ -100,7 +119,7 @@ static inline void end_if_tiny(float *parts, int count)
 }
 
 /* Numbers that silence would let decay until they are subnormal. */
-static __attribute__((noinline)) void see_to_silence(tact_touch_state *state)
+static void see_to_silence(tact_touch_state *state)
 {
     end_if_tiny(&state->power, 1);
     end_if_tiny(&state->level, 1);
@@ -114,18 +133,42 @@ static __attribute__((noinline)) void see_to_silence(tact_touch_state *state)
         tact_touch_rest_model(state);
 }
 
+static __attribute__((noinline)) void learn_in_silence(const tact_touch *table, tact_touch_state *state, float force)
+{
+    see_to_silence(state);
+    hum_turn(table, state);
+    learn_from(table, state, force, 0.0f, 0.0f, table->hum_gain);
+}
+
+static __attribute__((noinline)) void learn(const tact_touch *table, tact_touch_state *state)
+{
+    const tact_float_pair p0 = tact_float_pair_get(&state->balance[2]), p1 = tact_float_pair_get(&state->model[1]);
+    const tact_float_pair k0 = tact_float_pair_get(&table->slow), k1 = tact_float_pair_get(&table->first[1]);
+    const tact_float_pair k2 = tact_float_pair_get(table->second), k3 = tact_float_pair_get(&table->second[2]);
+    const tact_float_pair slow = tact_float_pair_get(state->slow);
+    /* the model's three poles, summed */
+    const float change = p1.first - p1.second, bend = (p0.second - p1.first) - change;
+    const float pushed = k0.second * bend + (k1.first * change + k1.second * p1.second);
+    const float held = k2.first * bend + (k2.second * change + k3.first * p1.second);
+    const float by = k0.first, third = state->slow[2];
+    const float force_slow = slow.first + by * (p0.first - slow.first);
+    const float first_slow = slow.second + by * (pushed - slow.second), second_slow = third + by * (held - third);
+    const float force = p0.first - force_slow, first = pushed - first_slow, second = held - second_slow;
+    state->slow[0] = force_slow;
+    state->slow[1] = first_slow;
+    state->slow[2] = second_slow;
+    if (__builtin_fabsf(first) < TACT_TOUCH_SILENT && __builtin_fabsf(second) < TACT_TOUCH_SILENT)
+        learn_in_silence(table, state, force);
+    else
+        learn_from(table, state, force, first, second, k3.second);
+}
+
 void tact_touch_learn(const tact_touch *table, tact_touch_state *state)
 {
-    const float force = quick(table->slow, &state->slow[0], state->balance[2]);
-    float first = quick(table->slow, &state->slow[1], summed(table->first, state->model));
-    float second = quick(table->slow, &state->slow[2], summed(table->second, state->model));
-    state->count = 0;
-    if (__builtin_fabsf(first) < TACT_TOUCH_SILENT && __builtin_fabsf(second) < TACT_TOUCH_SILENT) {
-        see_to_silence(state);
-        first = second = 0.0f;
+    if (state->is_due) {
+        hum_learn(table, state);
+        if (state->left > 0)
+            return;
     }
-    const float heard = force - hum_next(table, state);
-    hum_learn(table, state, heard - (state->weight[0] * first + state->weight[1] * second));
-    accumulate(table, state, heard, first, second);
-    solve(table, state);
+    learn(table, state);
 }

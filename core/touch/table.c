@@ -27,9 +27,11 @@ static void forget(const tact_touch *table, tact_touch_state *state)
     state->square[1] = 0.0f;
     for (int i = 0; i < 3; i++)
         state->slow[i] = 0.0f;
+    state->hummed = state->hum_learnt = 0.0f;
     for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++)
-        state->hum[i][0] = state->hum[i][1] = 0.0f;
-    state->count = table->turn;
+        state->hum[i][0] = state->hum[i][1] = state->turned[i][0] = state->turned[i][1] = 0.0f;
+    state->is_due = 0;
+    state->left = table->turns - table->turn;
 }
 
 void tact_touch_reset(const tact_touch *table, tact_touch_state *state)
@@ -56,6 +58,9 @@ int tact_touch_settle(tact_touch *table)
     const tact_section *last = &table->feedback[2];
     if (!is_valid(table))
         return 0;
+    table->until_hum = table->turn + 1;
+    table->until_learning = table->turns - table->until_hum;
+    table->soon = (float)TACT_TOUCH_LEVEL_RATE * table->forgetting;
     table->is_designed = table->feedback_count == 3 && table->delay == 1 && last->b0 == 1.0f && last->a2 == 0.0f;
     return 1;
 }

@@ -24,17 +24,19 @@ typedef struct {
     tact_section feedback[TACT_TOUCH_FEEDBACK_MAX];
     float push_max_v;
     int32_t is_designed;    /* of the form that `design` gives, which has a short way: tact_touch_settle() knows */
-    int32_t turns, turn;    /* learns in every turns-th sample, first after `turn` of them */
+    int32_t turns, turn;    /* learns in every turns-th sample, first after all but `turn` of them */
+    int32_t until_hum, until_learning; /* samples from one to the other: tact_touch_settle() gives them */
     int32_t feedback_count; /* 0: nothing is fed forward */
     int32_t delay;          /* samples from command to reading, 1 to TACT_TOUCH_DELAY_MAX */
     int32_t hum_count;
+    float weight_max;
+    float slow;                 /* of the slow parts, for a turn, as all below but what makes the pushes */
+    float first[3], second[3];  /* both pushes as the model's poles hold them: their second and first change, the last */
+    float hum_gain;
+    float forgetting, soon;     /* of the memory, and of what the pushes were of late: tact_touch_settle() gives it */
+    float gate, ridge, shape, fading, slew;
     float mass[3];              /* what is fed of the first push, for a volt of command, of change, of place */
     float rest[2];              /* all of the second, for a volt of change, of place */
-    float first[3], second[3];  /* the same two as the model's poles hold them: their second and first change, the last */
-    float slow;                 /* of the slow parts, for a turn, as all below */
-    float forgetting, gate, ridge, shape, fading, slew;
-    float weight_max;
-    float hum_gain;
     float hum[TACT_TOUCH_HUM_MAX][2]; /* cosine and sine of the angle of a turn */
 } tact_touch;
 
@@ -44,12 +46,16 @@ typedef struct {
     tact_section_state plant;
     tact_section_state feedback[TACT_TOUCH_FEEDBACK_MAX];
     float by_command, by_change, by_place; /* what the weights make of `mass` and `rest` */
-    int32_t at, count;
+    int32_t at;
+    int32_t left, is_due;      /* samples until there is something to do: to turn the hum where that is due, else to learn */
     float weight[2];
     float slow[3];             /* of force and pushes */
+    float hummed;              /* the hum at the next turn of learning */
     float power, level;        /* of the pushes: over the memory, and of late */
     float square[3], product[2];
-    float hum[TACT_TOUCH_HUM_MAX][2]; /* each as it is now, and a quarter of its period before */
+    float hum_learnt;          /* by the last turn, of every line */
+    float hum[TACT_TOUCH_HUM_MAX][2];    /* each at the last turn, and a quarter of its period before */
+    float turned[TACT_TOUCH_HUM_MAX][2]; /* the same at the next one */
     float model_v[TACT_TOUCH_DELAY_MAX], command_v[TACT_TOUCH_DELAY_MAX];
 } tact_touch_state;
 

@@ -23,7 +23,9 @@ of them, one line, and it is the only place that does; nothing reads a sentence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import Any, Self
 
 
@@ -65,6 +67,15 @@ class BadInput(TactuatorError, ValueError):
     """
 
 
+@contextmanager
+def within(*where: str) -> Iterator[None]:
+    """Tell of input that is refused in the block that it lies within `where`, outermost first."""
+    try:
+        yield
+    except BadInput as error:
+        raise error.within(*where) from None
+
+
 class NoDesign(TactuatorError, ValueError):
     """No controller keeps the limits that were asked for; the message tells which limits bind."""
 
@@ -81,3 +92,9 @@ class TimingMissed(DeviceFault):
 
 class StoreFault(TactuatorError):
     """The database of an experiment cannot be read or written; nothing was changed."""
+
+
+def likely(word: str, known: Iterable[str], alike: float = 0.6) -> str:
+    """Return the known word that was likely meant by another, as a question to add; empty where none is so alike."""
+    near = get_close_matches(word, list(known), 1, alike)
+    return f" (did you mean {near[0]!r}?)" if near else ""

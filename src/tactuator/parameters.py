@@ -24,7 +24,7 @@ from pydantic.dataclasses import dataclass as validated
 from pydantic.fields import FieldInfo
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, likely
 
 T = TypeVar("T")
 
@@ -119,7 +119,7 @@ def require_known(values: Mapping[str, Any], keys: Mapping[str, Any], *where: st
     """Raise BadInput for a key of a table that is none of `keys`."""
     for key in values:
         if key not in keys:
-            raise BadInput("not a key that is known", ", ".join(keys), where=where, key=key)
+            raise BadInput(f"not a key that is known{likely(key, keys)}", ", ".join(keys), where=where, key=key)
 
 
 @cache
@@ -150,7 +150,7 @@ def default(about: FieldInfo) -> str | None:
 def plain(value: Any) -> Any:
     """Return a value as JSON holds it: tables as mappings, tuples and arrays as lists."""
     if dataclasses.is_dataclass(value):
-        return {key: plain(part) for key, part in vars(value).items()}
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, np.ndarray):

@@ -2,11 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from operator import attrgetter
 from typing import Any
 
 _LONGEST = 180
 NOBODY_FELT_IT = "simulated: nobody felt this"
 """What a table or figure of simulated subjects says in itself."""
+
+
+def picked(noun: Any, *names: str, **others: str) -> dict[str, Any]:
+    """Return attributes of an object by their names; others: by another name, each with a path of attributes
+    ("level.volts").
+    """
+    return {key: attrgetter(path)(noun) for key, path in ({name: name for name in names} | others).items()}
 
 
 def brief(noun: Any) -> str:

@@ -10,9 +10,12 @@ from tactuator.cli import main
 
 
 def refused(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], folder: Path) -> None:
-    """Exit status 2, one line on standard error with those words, nothing on standard output or new in the folder."""
+    """Exit status 2, one line on standard error with those words, nothing on standard output or new in the folder.
+
+    FOLDER in an argument stands for that folder.
+    """
     before = sorted(folder.rglob("*"))
-    assert main(arguments) == 2
+    assert main([word.replace("FOLDER", str(folder)) for word in arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("tactuator: ")

@@ -17,7 +17,7 @@ from tactuator.experiment.simulated.quality import Setting
 from tactuator.identification.asked import Asked
 from tactuator.measure.open_loop import CalibrationRequest
 from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS
-from tactuator.verbs.declared import Fields, constant, sentence_of
+from tactuator.verbs.parameters import Fields, constant, sentence_of
 from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tests.cli.refusals import refused
 

@@ -68,40 +68,6 @@ def test_enrol__study_was_amended__is_by_its_newest_version(lab, capsys) -> None
     capsys.readouterr()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["S1"], "subject 'S1' is enrolled already; allowed: a code that is not taken"),
-        (["S 9"], "subject: code is 'S 9'; allowed: 1 to 32 letters and digits"),
-        (["S9", "--group", "=deaf"], "subject: group is '=deaf'; allowed: 1 to 64 letters, digits"),
-        (["S9", "--fact", "age"], "--fact 'age'; allowed: NAME=VALUE"),
-        (["S9", "--fact", "age=130"], "age is '130'; allowed: a number from -1e+12 to 120"),
-        (["S9", "--fact", "size=4"], "demographics: 'size'; allowed: age"),
-        (["S9", "--fact", "age=3", "--fact", "age=4"], "--fact twice for a name; allowed: each name once"),
-        (
-            ["S9", "--skin-temperature-c", "90"],
-            "subject: skin_temperature_c is 90; allowed: a number, above 0, bel",
-        ),
-        (["S9", "--study", "another"], "study 'another' is not in the store; allowed: "),
-        (["S9", "--visit"], "subject 'S9' is not in the study; allowed: one that is enrolled"),
-        (["S1", "--visit", "--group", "hearing"], "--visit with facts of a new subject; allowed: --visit alone"),
-    ],
-)
-def test_enrol__bad_input__is_one_line_and_changes_nothing(lab, capsys, arguments, words) -> None:
-    before = rows(lab)
-    assert enrol(lab, *arguments) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
-    assert rows(lab) == before
-
-
-def test_enrol__sessions_are_being_run__is_refused(lab, capsys) -> None:
-    with sessions_of(lab):
-        assert enrol(lab, "S9") == 2
-    assert "its sessions are run by process" in capsys.readouterr().err
-
-
 def test_enrol__no_store__is_refused_and_none_is_made(tmp_path, capsys) -> None:
     assert enrol(tmp_path / "missing.db", "S9") == 2
     assert not (tmp_path / "missing.db").exists()
@@ -139,30 +105,49 @@ def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, 
     ]  # fmt: skip
 
 
+ENROL = [
+    (["S1"], "subject 'S1' is enrolled already; allowed: a code that is not taken"),
+    (["S 9"], "subject: code is 'S 9'; allowed: 1 to 32 letters and digits"),
+    (["S9", "--group", "=deaf"], "subject: group is '=deaf'; allowed: 1 to 64 letters, digits"),
+    (["S9", "--fact", "age"], "--fact 'age'; allowed: NAME=VALUE"),
+    (["S9", "--fact", "age=130"], "age is '130'; allowed: a number from -1e+12 to 120"),
+    (["S9", "--fact", "size=4"], "demographics: 'size'; allowed: age"),
+    (["S9", "--fact", "age=3", "--fact", "age=4"], "--fact twice for a name; allowed: each name once"),
+    (["S9", "--skin-temperature-c", "90"], "subject: skin_temperature_c is 90; allowed: a number, above 0, bel"),
+    (["S9", "--study", "another"], "study 'another' is not in the store; allowed: "),
+    (["S9", "--visit"], "subject 'S9' is not in the study; allowed: one that is enrolled"),
+    (["S1", "--visit", "--group", "hearing"], "--visit with facts of a new subject; allowed: --visit alone"),
+]
+CORRECT = [
+    (["S9"], "subject 'S9' is not in the study"),
+    (["S1"], "nothing of subject 'S1' differs"),
+    (["S1", "--group", "=deaf"], "subject: group is '=deaf'; allowed: 1 to 64 letters, digits"),
+    (["S1", "--fact", "age"], "--fact 'age'; allowed: NAME=VALUE"),
+    (["S1", "--fact", "age=130"], "age is '130'"),
+    (["S1", "--skin-temperature-c", "90"], "subject: skin_temperature_c is 90"),
+    (["S1", "--preload-n", "-1"], "subject: preload_n is -1; allowed: a number of 0 or more"),
+    (["S1", "--visit", "2"], "visit 2 of subject 'S1' is not planned"),
+    (["S1", "--study", "another", "--group", "unknown"], "study 'another' is not in the store"),
+]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["S9"], "subject 'S9' is not in the study"),
-        (["S1"], "nothing of subject 'S1' differs"),
-        (["S1", "--group", "=deaf"], "subject: group is '=deaf'; allowed: 1 to 64 letters, digits"),
-        (["S1", "--fact", "age"], "--fact 'age'; allowed: NAME=VALUE"),
-        (["S1", "--fact", "age=130"], "age is '130'"),
-        (["S1", "--skin-temperature-c", "90"], "subject: skin_temperature_c is 90"),
-        (["S1", "--preload-n", "-1"], "subject: preload_n is -1; allowed: a number of 0 or more"),
-        (["S1", "--visit", "2"], "visit 2 of subject 'S1' is not planned"),
-        (["S1", "--study", "another", "--group", "unknown"], "study 'another' is not in the store"),
-    ],
+    ("verb", "arguments", "words"),
+    [(verb, *case) for verb, cases in ((enrol, ENROL), (correct, CORRECT)) for case in cases],
 )
-def test_correct__bad_input__is_one_line_and_changes_nothing(lab, capsys, arguments, words) -> None:
+def test_verb__bad_input__is_one_line_and_changes_nothing(lab, capsys, verb, arguments, words) -> None:
     before = rows(lab)
-    assert correct(lab, *arguments, "--reason", "why") == 2
+    assert verb(lab, *arguments, *(["--reason", "why"] if verb is correct else [])) == 2
     told = capsys.readouterr().err
     assert words in told
     assert told.count("\n") == 1
     assert rows(lab) == before
 
 
-def test_correct__sessions_are_being_run__is_refused(lab, capsys) -> None:
+@pytest.mark.parametrize(
+    ("verb", "arguments"), [(enrol, ["S9"]), (correct, ["S1", "--reason", "why", "--group", "unknown"])]
+)
+def test_verb__sessions_are_being_run__is_refused(lab, capsys, verb, arguments) -> None:
     with sessions_of(lab):
-        assert correct(lab, "S1", "--reason", "why", "--group", "unknown") == 2
+        assert verb(lab, *arguments) == 2
     assert "its sessions are run by process" in capsys.readouterr().err

@@ -95,7 +95,7 @@ def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(capsys, tm
     monkeypatch.chdir(tmp_path)
     (tmp_path / "protocol.toml").write_text(SHORT.replace("[30, 90, 210]", "[30, 90]"))
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
-    capsys.readouterr()
+    assert "no curve: frequencies_hz has 2; allowed: 3 or more" in capsys.readouterr().err
     made = ["--curve-out", "curve.csv"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made]) == 2
     out, err = capsys.readouterr()
@@ -103,7 +103,8 @@ def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(capsys, tm
     assert "written" not in out
     assert err == "tactuator: a curve of 2 measured frequencies; allowed: three or more\n"
     assert not (tmp_path / "curve.csv").exists()
-    assert main(["experiment", "thresholds", "--store", "lab.db"]) == 0
+    assert main(["experiment", "thresholds", "--store", "lab.db", "--figures", "figures"]) == 0
+    assert (tmp_path / "figures" / "fig11.svg").exists()
 
 
 @pytest.mark.parametrize("port", ["/dev/there-is-none", "socket://127.0.0.1:9"])

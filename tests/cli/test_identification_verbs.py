@@ -10,20 +10,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
 from tests.measure.loops import controller, display
-
-DISPLAY = """
-[display]
-name = "one finger"
-rate_hz = 4000
-delay_samples = 1
-[threshold]
-curve = "bolanowski-1988"
-[[channel]]
-name = "index"
-sensor_gain_v_per_mm = 0.19898
-travel_mm = 12.5
-plant = { num = [2875.0], den = [1.0, 94.0, 290.0] }
-"""
+from tests.one_finger import DISPLAY
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +88,8 @@ def test_identify__table__is_for_people(folder: Path, capsys) -> None:
 
 def test_measure__table__begins_with_the_largest_felt_error(folder: Path, capsys) -> None:
     capsys.readouterr()
-    main(["measure", "--controller", str(folder / "controller.json"), "--frequency-hz", "5,30,250", "--level", "40"])
+    given = ["--controller", str(folder / "controller.json"), "--frequency-hz", "5,30,250", "--level", "40"]
+    assert main(["measure", *given]) == 1
     shown = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[:1] == ["index"]]
     errors = [abs(float(row[3])) for row in shown[:3]]
     assert errors == sorted(errors, reverse=True)
@@ -135,16 +123,6 @@ def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -
     assert one["load"] == "finger"
     assert (folder / "resp.h5").exists()
     assert main([*common, "--frequency-hz", "200", "--level", "0", "--confidence-db", "0.05", "--longest-s", "1"]) == 1
-
-
-def test_measure__table__the_worst_against_the_expected_first(folder: Path, capsys) -> None:
-    capsys.readouterr()
-    assert main(["measure", "--controller", str(folder / "controller.json"), "--frequency-hz", "2,20,200"]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    rows = [line.replace("│", " ").split() for line in lines if "index" in line]
-    errors = [abs(float(row[4])) for row in rows if row[1] in ("2", "20", "200")]
-    assert len(errors) == 3
-    assert errors == sorted(errors, reverse=True)
 
 
 def test_noise__gains__verdict_and_levels(folder: Path, capsys) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tactuator.cli.output import Bars, Framed, answer
+from tactuator.cli.commands import Bars, Framed, answer
 from tactuator.report.tables import with_error
 from tactuator.table import ResultTable
 from tactuator.verbs.progress import watched, working

@@ -7,7 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
-import time
+import tomllib
 
 import numpy as np
 import pytest
@@ -19,31 +19,14 @@ from tactuator.io.display import parse_display
 from tactuator.io.reference import open_reference
 from tactuator.speech.reading import sample_path
 from tactuator.synthesis.design import design_controller
+from tests.one_finger import DISPLAY
 
 PROGRAM = [sys.executable, "-c", "import sys; from tactuator.cli import main; sys.exit(main())"]
-DISPLAY = """
-[display]
-name = "one finger"
-rate_hz = 4000
-delay_samples = 1
-[threshold]
-curve = "bolanowski-1988"
-[feedback]
-structure = "paper"
-[[channel]]
-name = "index"
-finger = "index"
-sensor_gain_v_per_mm = 0.19898
-travel_mm = 12.5
-plant = { num = [2875.0], den = [1.0, 94.0, 290.0] }
-"""
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A folder with display.toml and controller.json."""
-    import tomllib
-
     folder = tmp_path_factory.mktemp("made")
     (folder / "display.toml").write_text(DISPLAY)
     write_controller(folder / "controller.json", design_controller(parse_display(tomllib.loads(DISPLAY))))
@@ -149,24 +132,6 @@ def test_play__rendered_sample__to_its_end(run, tmp_path):
     assert status == 0
     assert figures["played_s"] == pytest.approx(figures["duration_s"])
     assert not figures["stopped"]
-
-
-def test_play__interrupted__ramps_rests_and_says_so(made, run, tmp_path):
-    samples, rate = soundfile.read(sample_path())
-    soundfile.write(tmp_path / "long.wav", np.tile(samples, 20), rate)
-    run("render", tmp_path / "long.wav", "--out", tmp_path / "r.wav")
-    command = [*PROGRAM, "play", str(tmp_path / "r.wav"), "--realtime", "--json"]
-    command += ["--controller", str(made / "controller.json")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(6.0)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert err.strip().endswith("interrupted")
-    if out:  # it had begun to play when the signal came
-        figures = json.loads(out)
-        assert figures["stopped"]
-        assert figures["played_s"] < figures["duration_s"]
 
 
 def test_play__unknown_rig_or_file__told(run, tmp_path):

@@ -2,24 +2,17 @@
 
 import pytest
 
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import write_controller
-from tests.console.pages import TOKEN
-from tests.web.server import served
+from tests.console.pages import console_with
 
 
 @pytest.fixture(scope="module")
-def console(controller, tmp_path_factory):
-    """A console with a simulated rig in a process of its own, and the folder of its stores."""
+def console(request, controller, tmp_path_factory):
+    """A console with a simulated rig, or a module's own `RIG`, the folder of its stores, and a controller's file."""
     folder = tmp_path_factory.mktemp("console")
-    state, host = ConsoleState(folder=folder), RigProcess("simulated", controller.display, 2)
-    try:
-        with served(build_console(state, TOKEN, rig=host)) as client:
-            client.host, client.state, client.folder = host, state, folder
-            client.file = folder / "controller.json"
-            write_controller(client.file, controller)
-            yield client
-    finally:
-        host.close()
+    rig = getattr(request.module, "RIG", "simulated")
+    with console_with(ConsoleState(folder=folder), rig, controller.display, 2) as client:
+        client.file = folder / "controller.json"
+        write_controller(client.file, controller)
+        yield client

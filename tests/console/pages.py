@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 from tactuator.console.app import build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
+from tactuator.io.shipped import EXAMPLES
 from tests.web.server import served
 
 TOKEN = "a-token-of-this-test"
+ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
+"""A display of one channel."""
 REFUSED = "Failed to load resource: the server responded with a status of 422"
 
 
 def address_of(client: Any) -> str:
     """Return the address of a console's start page, with its token."""
     return f"http://127.0.0.1:{client.port}/#token={TOKEN}"
+
+
+@contextmanager
+def console_with(state: ConsoleState, rig: str, display: Any, seed: int = 0) -> Iterator[Any]:
+    """Yield a client of a console that holds a rig in a process of its own."""
+    with (
+        closing(RigProcess(rig, display, seed)) as host,
+        served(build_console(state, TOKEN, rig=host)) as client,
+    ):
+        client.host, client.state, client.folder = host, state, state.folder
+        yield client
 
 
 @contextmanager

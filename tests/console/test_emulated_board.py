@@ -4,30 +4,13 @@ import sqlite3
 
 import pytest
 
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
-from tactuator.console.state import ConsoleState
-from tactuator.io.controller import write_controller
-from tests.console.pages import TOKEN, dropped
+from tests.console.pages import dropped
 from tests.console.rig_page import Studies, answered, link, loaded
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.server import served
 
+RIG = "emulated:mps2-an386"
 INTERVALS = """SELECT interval.onset_s, interval.duration_s, trial.presentations, trial.rig_tick, run.rig_simulated
 FROM interval JOIN trial ON trial.id = interval.trial_id JOIN run ON run.id = trial.run_id ORDER BY interval.id"""
-
-
-@pytest.fixture
-def console(controller, tmp_path):
-    """A console with an emulated board."""
-    state, host = ConsoleState(folder=tmp_path), RigProcess("emulated:mps2-an386", controller.display)
-    try:
-        with served(build_console(state, TOKEN, rig=host)) as client:
-            client.host, client.state, client.file = host, state, tmp_path / "controller.json"
-            write_controller(client.file, controller)
-            yield client
-    finally:
-        host.close()
 
 
 @pytest.mark.slow
@@ -40,7 +23,7 @@ def test_study__at_an_emulated_board__is_played_by_it_with_the_onsets_of_the_pro
         with console.websocket_connect(f"/ws/subject/{link(console).removeprefix('/s/')}") as subject:
             answered(subject, 3)
         studies.ask("end")
-    connection = sqlite3.connect(tmp_path / "board.db")
+    connection = sqlite3.connect(console.folder / "board.db")
     found = connection.execute(INTERVALS).fetchall()
     connection.close()
     assert len(found) == 9

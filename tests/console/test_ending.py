@@ -9,7 +9,7 @@ import pytest
 PROGRAM = """
 import asyncio, signal, sys, time, uvicorn
 from fastapi import FastAPI
-from tactuator.console.ending import ConsoleServer
+from tactuator.console.app import ConsoleServer
 from tactuator.web.server import listener
 
 app, sock = FastAPI(), listener("127.0.0.1", 0)

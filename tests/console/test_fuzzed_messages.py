@@ -14,15 +14,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
-from tactuator.console.state import ConsoleState
-from tactuator.io.controller import write_controller
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, dropped
 from tests.web.access import requesting
 from tests.web.access.mutating import hear_all, mutated
-from tests.web.server import served
 
 FEW, MANY = 200, 100_000
 KEPT = 0.02
@@ -74,14 +69,7 @@ def of_rig(file: dict[str, str]) -> list[dict]:
         {"do": "wave", "kind": "file", "level_db_sl": 20.0, "channels": ["index"], "file": file["curve"]},
         {"do": "touch", "channel": "index", "load": "finger"},
         {"do": "press", "channel": "index", "force_v": 0.1},
-        {
-            "do": "measure",
-            "channels": ["index"],
-            "level_db_sl": 20.0,
-            "load": "none",
-            "frequency_hz": [50.0],
-            "longest_s": 0.5,
-        },
+        {"do": "measure", "channels": ["index"], "level_db_sl": 20.0, "load": "none", "frequency_hz": [50.0]},
         {"do": "expected", "level_db_sl": 20.0},
         {"do": "look", "span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
         {"do": "drawn", "frame": 1},
@@ -161,19 +149,11 @@ def fuzz(client, caplog, monkeypatch, path: str, messages: list[dict], count: in
 
 
 @pytest.fixture(scope="module")
-def console(controller, tmp_path_factory):
-    """A console with a simulated rig, and the keys of files that were dropped on it."""
-    folder = tmp_path_factory.mktemp("console")
-    write_controller(folder / "controller.json", controller)
-    state, host = ConsoleState(folder=folder), RigProcess("simulated", controller.display, 2)
+def files(console):
+    """The keys of files that were dropped on the console."""
     names = {"record": "bench.csv", "curve": "curve.csv", "display": "display.toml"}
-    try:
-        with served(build_console(state, TOKEN, rig=host)) as client:
-            client.files = {kind: dropped(state, EXAMPLES / name) for kind, name in names.items()}
-            client.files["controller"] = dropped(state, folder / "controller.json")
-            yield client
-    finally:
-        host.close()
+    made = {kind: dropped(console.state, EXAMPLES / name) for kind, name in names.items()}
+    return made | {"controller": dropped(console.state, console.file)}
 
 
 def fails_once(monkeypatch, name: str, at: int) -> None:
@@ -184,10 +164,10 @@ def fails_once(monkeypatch, name: str, at: int) -> None:
 
 
 @pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
-def test_fuzz__defect_in_one_message_of_many__is_noticed(console, caplog, monkeypatch, path, messages) -> None:
+def test_fuzz__defect_in_one_message_of_many__is_noticed(console, files, caplog, monkeypatch, path, messages) -> None:
     fails_once(monkeypatch, "tactuator.console.requests.checked", 70)
     with pytest.raises(AssertionError, match="a defect of"):
-        fuzz(console, caplog, monkeypatch, path, messages(console.files), FEW)
+        fuzz(console, caplog, monkeypatch, path, messages(files), FEW)
 
 
 def test_fuzz__defect_in_one_request_of_many__is_noticed(console, caplog, monkeypatch) -> None:
@@ -200,13 +180,15 @@ def test_fuzz__defect_in_one_request_of_many__is_noticed(console, caplog, monkey
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
-def test_console__messages_nobody_means__logs_no_defect(console, caplog, monkeypatch, path, messages, count) -> None:
-    fuzz(console, caplog, monkeypatch, path, messages(console.files), count)
+def test_console__messages_nobody_means__logs_no_defect(
+    console, files, caplog, monkeypatch, path, messages, count
+) -> None:
+    fuzz(console, caplog, monkeypatch, path, messages(files), count)
 
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
-def test_console__requests_nobody_makes__logs_no_defect(console, caplog, monkeypatch, count) -> None:
-    paths = ["/", "/static/console.css", f"/made/{console.files['curve']}/curve.csv", "/ws", "/ws/rig", "/operator"]
+def test_console__requests_nobody_makes__logs_no_defect(console, files, caplog, monkeypatch, count) -> None:
+    paths = ["/", "/static/console.css", f"/made/{files['curve']}/curve.csv", "/ws", "/ws/rig", "/operator"]
     requests = requesting.heads(paths, TOKEN)
     other = Asking(console.port, "/ws")
     answered = requesting.fuzz(console.port, requests, count, caplog, monkeypatch, lambda: assert_answered(other))
@@ -240,9 +222,9 @@ def test_console__number_or_text_that_no_answer_can_bear__is_refused(console, ca
     "name", [f"{'9' * 5000}.css", "%00.css", "..", "%2e%2e%2fapp.css", "%ff.css", "axe%2f..%2fapp.py"]
 )
 @pytest.mark.parametrize("folder", ["static", "made"])
-def test_console__name_that_no_file_has__is_not_found(console, caplog, monkeypatch, folder, name) -> None:
+def test_console__name_that_no_file_has__is_not_found(console, files, caplog, monkeypatch, folder, name) -> None:
     hear_all(monkeypatch)
-    path = f"/static/{name}" if folder == "static" else f"/made/{console.files['curve']}/{name}"
+    path = f"/static/{name}" if folder == "static" else f"/made/{files['curve']}/{name}"
     asked = HTTPConnection("127.0.0.1", console.port, timeout=10.0)
     with closing(asked):
         asked.request("GET", path, headers={"X-Token": TOKEN})

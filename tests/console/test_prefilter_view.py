@@ -14,9 +14,8 @@ from tactuator.io.controller import read_controller
 from tactuator.io.shipped import EXAMPLES
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tests.console.pages import console_page, dropped, go, saved_by, tab_to
+from tests.console.pages import ONE, console_page, dropped, go, saved_by, tab_to
 
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 FIT = {"display": FILE, "channel": "index"}
 
 

@@ -12,9 +12,9 @@ from tactuator.console.app import build_console, static_file
 from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_FORBIDDEN
+from tests.console.pages import TOKEN
 from tests.web.server import served
 
-TOKEN = "a-token-of-this-test"
 ROOT = Path(__file__).resolve().parents[2]
 STATIC = ROOT / "src" / "tactuator" / "console" / "static"
 DRAW = {"do": "draw", "display": "example:display.toml", "channel": "index"}

@@ -3,6 +3,7 @@
 import json
 import shlex
 import shutil
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -15,10 +16,8 @@ from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN, console_page, dropped, go, tab_to
+from tests.console.pages import ONE, TOKEN, console_page, dropped, go, saved_by, tab_to
 from tests.web.server import served
-
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 
 
 @pytest.fixture(scope="module")
@@ -75,24 +74,21 @@ def test_made__without_the_token_or_under_another_name__is_not_given(rendered):
 @pytest.mark.slow
 def test_speech__by_keyboard_alone__is_rendered_saved_and_played_on_the_rig(browser, rendered, tmp_path):
     folder, state, found = rendered
-    host = RigProcess("simulated", state.display(FILE))
-    try:
-        with console_page(browser, folder / "display.toml", host) as page:
-            go(page, "speech", display=FILE, level="30")
-            tab_to(page, "input[type=file]")
-            page.locator("input[type=file]").set_input_files(EXAMPLES / "speech.wav")
-            page.wait_for_selector("button.saving")
-            tab_to(page, "[data-name='reference.wav']")
-            with page.expect_download() as download:
-                page.keyboard.press("Enter")
-            download.value.save_as(tmp_path / "reference.wav")
-            page.locator("#play-reference").focus()
-            page.keyboard.press("Enter")
-            page.wait_for_selector("#playing:has-text('It plays')")
-            page.wait_for_selector("#rig-mode:has-text('at rest')")
-            played = host.samples.rows(0, host.samples.end)[:, 0]
-    finally:
-        host.close()
+    with (
+        closing(RigProcess("simulated", state.display(FILE))) as host,
+        console_page(browser, folder / "display.toml", host) as page,
+    ):
+        go(page, "speech", display=FILE, level="30")
+        tab_to(page, "input[type=file]")
+        page.locator("input[type=file]").set_input_files(EXAMPLES / "speech.wav")
+        page.wait_for_selector("button.saving")
+        tab_to(page, "[data-name='reference.wav']")
+        saved_by(page, "[data-name='reference.wav']", tmp_path / "reference.wav")
+        page.locator("#play-reference").focus()
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#playing:has-text('It plays')")
+        page.wait_for_selector("#rig-mode:has-text('at rest')")
+        played = host.samples.rows(0, host.samples.end)[:, 0]
     kept = state.uploads.path(found["key"])
     assert (tmp_path / "reference.wav").read_bytes() == kept.read_bytes()
     asked = np.concatenate([block[:, 0] for block in open_reference(kept).blocks()]).astype(np.float32)

@@ -11,11 +11,9 @@ from tactuator.console.loop_shape import LoopShape
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
-from tactuator.io.shipped import EXAMPLES
 from tactuator.report.tables import design_rows, finding_row
 from tactuator.synthesis.verdict import whole_verdict
-
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
+from tests.console.pages import ONE
 
 
 @pytest.fixture(scope="module")

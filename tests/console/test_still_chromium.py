@@ -7,7 +7,7 @@ import pytest
 from tests.console.pages import console_page, go
 from tests.console.test_chromium import ONE, SETTLED, shape
 
-SIZES = [(1440, 900), (1024, 768), (390, 844)]
+SIZES = [(1440, 900), pytest.param(1024, 768, marks=pytest.mark.soak), (390, 844)]
 PULL = 40.0
 DIRECTIONS = {"right": (PULL, 0.0), "left": (-PULL, 0.0), "up": (0.0, -PULL), "down": (0.0, PULL)}
 NEAR_PX = 3.0

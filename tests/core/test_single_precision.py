@@ -69,3 +69,12 @@ def test_section__any_numbers_up_to_overflow__rounds_once_an_operation(
 ) -> None:
     samples = np.where(np.abs(samples) < np.float32(1e-30), np.float32(0.0), samples)  # what is let in, finite.h
     assert same_bits(core(rows, samples), softly(rows, samples))
+
+
+@given(first=st.floats(width=32), second=st.floats(width=32), at=st.integers(0, 3))
+def test_pair__any_two_floats__are_read_as_they_lie(first, second, at):
+    floats = ffi.new("float[8]", [7.0] * 8)
+    floats[2 * at], floats[2 * at + 1] = first, second
+    pair = lib.tact_float_pair_get(floats + 2 * at)
+    assert np.array_equal([pair.first, pair.second], [first, second], equal_nan=True)
+    assert [np.signbit(pair.first), np.signbit(pair.second)] == [np.signbit(first), np.signbit(second)]

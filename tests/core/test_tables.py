@@ -1,5 +1,10 @@
 """Tables in memory, checked in turn: any bit that turns over is found; what changes by right is taken for none."""
 
+import shlex
+import subprocess
+import sysconfig
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -85,3 +90,115 @@ def test_tables__new_image__is_learnt_anew(guarded):
     assert is_whole(tables, guarded)
     guarded.board.image.crc ^= 1
     assert not is_whole(tables, guarded)
+
+
+RATE_HZ = 4000.0
+DEAF_TICKS = 32
+BRAKE_TICKS = 1000
+ALL = lib.TACT_OUTPUTS_ON | lib.TACT_WATCHDOG_FED
+
+
+def made(mode: int):
+    board, supervisor = ffi.new("tact_board *"), ffi.new("tact_supervisor *")
+    board.mode, board.safety.rate_hz = mode, RATE_HZ
+    lib.tact_supervisor_reset(supervisor)
+    lib.tact_supervisor_heard(supervisor, board)
+    return board, supervisor
+
+
+@pytest.mark.parametrize("mode", [lib.TACT_ARMED, lib.TACT_RUNNING])
+def test_supervisor__main_loop_heard__outputs_are_on_and_the_watchdog_is_fed(mode):
+    board, supervisor = made(mode)
+    for _ in range(3000):
+        assert lib.tact_supervisor_tick(supervisor, board, 1) == ALL
+        lib.tact_supervisor_heard(supervisor, board)
+
+
+@pytest.mark.parametrize("mode", [lib.TACT_ARMED, lib.TACT_RUNNING])
+def test_supervisor__main_loop_stuck__outputs_safe_after_8_ms_and_for_good(mode):
+    board, supervisor = made(mode)
+    said = [lib.tact_supervisor_tick(supervisor, board, 1) for _ in range(100)]
+    assert said == [ALL] * DEAF_TICKS + [0] * (100 - DEAF_TICKS)
+    lib.tact_supervisor_heard(supervisor, board)
+    assert lib.tact_supervisor_tick(supervisor, board, 1) == 0
+    assert supervisor.lost == lib.TACT_LOST_MAIN_LOOP
+
+
+def test_supervisor__off__outputs_safe_watchdog_fed_and_the_main_loop_may_take_its_time():
+    board, supervisor = made(lib.TACT_OFF)
+    assert {lib.tact_supervisor_tick(supervisor, board, 1) for _ in range(100_000)} == {lib.TACT_WATCHDOG_FED}
+    board.mode = lib.TACT_ARMED
+    assert lib.tact_supervisor_tick(supervisor, board, 1) == ALL
+
+
+def test_supervisor__fault__brakes_for_a_quarter_of_a_second_then_the_amplifier_is_off():
+    board, supervisor = made(lib.TACT_FAULT)
+    board.command_fade = 0.5
+
+    def told():
+        lib.tact_supervisor_heard(supervisor, board)
+        return lib.tact_supervisor_tick(supervisor, board, 1)
+
+    assert [told() for _ in range(2000)] == [ALL] * 2000
+    board.command_fade = 0.0
+    said = [told() for _ in range(2000)]
+    assert said == [ALL] * BRAKE_TICKS + [lib.TACT_WATCHDOG_FED] * (2000 - BRAKE_TICKS)
+
+
+def test_supervisor__converters_fail__outputs_safe_at_once():
+    board, supervisor = made(lib.TACT_RUNNING)
+    assert lib.tact_supervisor_tick(supervisor, board, 1) == ALL
+    assert lib.tact_supervisor_tick(supervisor, board, 0) == 0
+    assert lib.tact_supervisor_tick(supervisor, board, 1) == 0
+    assert supervisor.lost == lib.TACT_LOST_CONVERTERS
+
+
+def test_supervisor__table_changed_in_memory__outputs_safe():
+    board, supervisor = made(lib.TACT_RUNNING)
+    board.taken = 1
+    lib.tact_supervisor_heard(supervisor, board)
+    board.safety.channel[1].comfort_max = 1.0
+    for tick in range(200):
+        board.ticks = tick
+        lib.tact_supervisor_heard(supervisor, board)
+        if lib.tact_supervisor_tick(supervisor, board, 1) == 0:
+            break
+    assert supervisor.lost == lib.TACT_LOST_TABLES
+    assert tick < 0.02 * RATE_HZ
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.booleans(), st.booleans(), st.floats(0.0, 1.0)), max_size=60))
+def test_supervisor__whatever_happens__off_is_never_on_and_lost_stays_lost(events):
+    board, supervisor = made(lib.TACT_OFF)
+    lost = False
+    for mode, hears, sound, command_fade in events:
+        board.mode, board.command_fade = mode, command_fade
+        if hears:
+            lib.tact_supervisor_heard(supervisor, board)
+        said = lib.tact_supervisor_tick(supervisor, board, sound)
+        assert said in (0, lib.TACT_WATCHDOG_FED, ALL)
+        assert not (mode == lib.TACT_OFF and said & lib.TACT_OUTPUTS_ON)
+        assert not (lost and said)
+        lost = said == 0
+
+
+ROOT = Path(__file__).resolve().parents[2]
+ARITHMETIC = (
+    "arithmetic/converter arithmetic/finite arithmetic/float_pair arithmetic/noise arithmetic/section "
+    "control/controller control/controller_q31 arithmetic/section_q31 "
+    "touch/table touch/learning touch/feed_forward touch/adaptive_controller strength/strength"
+)
+DISPLAY = "display/closed_loop display/display display/friction display/hum display/plant"
+
+
+def test_loops__hostile_numbers__nothing_undefined_and_nothing_out_of_bounds(tmp_path: Path) -> None:
+    sources = [ROOT / "core" / f"{name}.c" for name in f"{ARITHMETIC} {DISPLAY}".split()]
+    compiler = shlex.split(sysconfig.get_config_var("CC") or "cc")[0]
+    # not optimised: no undefined operation is optimised away
+    flags = "-std=c99 -O0 -g1 -ffp-contract=off -Wall -Wextra -Werror -fno-sanitize-recover=all"
+    sanitisers = "-fsanitize=address,undefined,float-cast-overflow"
+    program = tmp_path / "sanitised"
+    command = [compiler, *flags.split(), sanitisers, "-I", ROOT / "core", ROOT / "tests/core/sanitised.c", *sources]
+    subprocess.run([*command, "-o", program], check=True)
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "sound\n"), done.stderr

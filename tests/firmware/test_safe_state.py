@@ -213,4 +213,4 @@ def test_table__a_bit_turned_over_in_memory__outputs_safe(board: Board) -> None:
         at += 4
     begun = board.ms()
     board.debugger.set_bytes(at, (board.debugger.word(at) ^ 0x400).to_bytes(4, "little"))
-    assert board.ms_until_safe(begun) > 0.0  # within how many ticks: tests/core/test_supervisor.py
+    assert board.ms_until_safe(begun) > 0.0  # within how many ticks: tests/core/test_tables.py

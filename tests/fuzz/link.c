@@ -41,7 +41,7 @@ static void seal_upload(uint8_t *commit)
 }
 
 /* Input: pairs of a length and as many bytes of a frame's content, which is sealed before it is sent, so that the
- * fuzzer gets past the checksums; a length of 255 sends what follows as it is. seeds.py writes some. */
+ * fuzzer gets past the checksums; a length of 255 sends what follows as it is. test_link_fuzz.py writes some. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static uint8_t content[TACT_FRAME_MAX], wire[TACT_WIRE_MAX];

@@ -5,16 +5,14 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tests.rig.guard.guarded import adaptive, designed
+from tests.rig.guard.guarded import adaptive, designed, uncommon
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("arithmetic", "board", "control", "strength", "touch", "wire")
@@ -27,18 +25,11 @@ CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMA
 def write_tables(folder: Path) -> None:
     """Designed tables as arrays of C."""
     controller = designed()
-    uncommon = []
-    for channel in controller.channels:
-        sections = np.array(channel.feedback_sos)
-        sections[0, :3] *= 2.0
-        sections[2, :3] *= 0.5
-        uncommon.append(replace(channel, feedback_sos=sections))
-    other = replace(controller, channels=tuple(uncommon))
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
         "IMAGE_SINGLE": build_image(controller, "float32"),
         "IMAGE_Q31": build_image(controller, "q31"),
-        "IMAGE_OTHER": build_image(other, "float32"),
+        "IMAGE_OTHER": build_image(uncommon(controller), "float32"),
         "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
         "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
     }

@@ -102,8 +102,11 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
     assert not identify(GOOD, **KNOWN).distrust
 
 
-def test_identify__columns_swapped__is_said_and_not_trusted() -> None:
-    found = identify(replace(GOOD, command=GOOD.position, position=GOOD.command), hold="band-limited", order=2)
+def test_identify__columns_swapped__is_said_before_the_fit_and_not_trusted() -> None:
+    said: list[str] = []
+    swapped = replace(GOOD, command=GOOD.position, position=GOOD.command)
+    found = identify(swapped, hold="band-limited", order=2, note=said.append, warn=said.append)
+    assert "look swapped" in said[0]
     assert any("look swapped" in reason for reason in found.distrust)
 
 

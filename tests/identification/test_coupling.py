@@ -10,7 +10,7 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
-from tactuator.io.coupling import read_coupling, write_coupling
+from tactuator.io.model import read_coupling, write_coupling
 from tactuator.io.record import read_joint_record, write_record
 from tactuator.signals.multisine import Periods, odd_lines, orthogonal_multisines
 from tactuator.signals.record import JointRecord

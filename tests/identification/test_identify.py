@@ -1,5 +1,7 @@
 """Simulate, estimate, recover: independent simulation (scipy), many plants, open and closed loop, friction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize, signal
@@ -185,16 +187,12 @@ def test_identify__acceleration__zeros_at_the_origin() -> None:
     clean = signal.dlsim((*system[:4], 1.0 / RATE_HZ), command)[1][:, 0]
     record = Record(RATE_HZ, command, clean + 0.02 * clean.std() * rng.standard_normal(20000))
     found = identify(record, quantity="acceleration")
+    written = identify(replace(record, about={"quantity": "acceleration"}))  # as `record` does
+    assert (written.model.quantity, written.order) == ("acceleration", 2)
+    assert identify(replace(record, about={"quantity": "warmth"}), order=2).model.quantity == "displacement"
     assert found.order == 2
     np.testing.assert_allclose(found.model.num, [5.0, 0.0, 0.0], rtol=0.01)
     np.testing.assert_allclose(found.model.den, [1.0, 40.0, 4e4], rtol=0.02)
-
-
-def test_identify__columns_swapped__are_not_trusted() -> None:
-    chirp = log_chirp(4.0, RATE_HZ, 1.0, 300.0)
-    clean = signal.lfilter(*PAPER.sampled(), chirp)
-    swapped = identify(Record(RATE_HZ, clean, chirp), order=2)
-    assert any("swapped" in reason for reason in swapped.distrust)
 
 
 def short(count: int) -> Record:

@@ -65,16 +65,6 @@ def test_identify__two_hundred_plants__band_covers_nine_tenths(loop: str) -> Non
     assert figures["least_squares_median_parameter_error"] > 1.5 * figures["median_parameter_error"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("loop", ["open", "closed"])
-def test_identify__a_dozen_plants_of_ten_seconds__band_covers(loop: str) -> None:
-    figures = survey(loop, 12, 10.0)
-    # twelve plants whose frequencies err together: the share scatters by about 0.07 around 0.95
-    assert figures["covered"] > 0.75
-    assert figures["median_parameter_error"] < 0.01
-    assert figures["order_two"] >= 0.9
-
-
 @pytest.mark.parametrize("loop", ["open", "closed"])
 def test_identify__three_plants_of_ten_seconds__band_covers(loop: str) -> None:
     figures = survey(loop, 3, 10.0)

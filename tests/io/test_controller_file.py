@@ -1,6 +1,5 @@
-"""controller.json: there and back, and what is refused."""
+"""controller.json: there and back. Files that are none: tests/cli/controller/test_wordlength_verb."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -39,26 +38,6 @@ def test_controller_document__as_designed__has_the_formats_keys() -> None:
     assert document["format"] == "tactuator-controller/1"
     assert {"tool", "display", "rate_hz", "delay_samples", "channels", "hash"} < set(document)
     assert document["display"]["channel"][0]["curve"]["frequency_hz"][0] == 0.4
-
-
-def test_read_controller__changed_by_hand__is_refused(tmp_path: Path) -> None:
-    document = made().document()
-    document["channels"][0]["prefilter_sos"][0][0] = 0.2
-    (tmp_path / "c.json").write_text(json.dumps(document))
-    with pytest.raises(BadInput, match="hash does not fit"):
-        read_controller(tmp_path / "c.json")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("{", "not JSON"), ("[]", "format is 'list'"), ('{"format": "x/9"}', "format is 'x/9'; allowed")],
-)
-def test_read_controller__something_else__is_refused(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "c.json").write_text(text)
-    with pytest.raises(BadInput, match=words):
-        read_controller(tmp_path / "c.json")
-    with pytest.raises(BadInput, match="No such file"):
-        read_controller(tmp_path / "none.json")
 
 
 def test_controller__channels_of_another_display__is_refused() -> None:

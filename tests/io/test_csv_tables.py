@@ -14,9 +14,8 @@ from tactuator.io.csv_tables import (
     write_contours,
     write_curve,
 )
-from tactuator.perception.contact import Contact
 from tactuator.perception.contours import Contours
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.curve import Contact, ThresholdCurve
 
 
 def test_write_curve__with_errors__is_read_back_whole(tmp_path: Path) -> None:

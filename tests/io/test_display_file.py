@@ -80,7 +80,7 @@ def test_with_curve__another__is_every_channels(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rate_hz = 4000", "rate = 4000", r"\[display\]: rate is not a key that is known; allowed: name, rate_hz"),
+        ("rate_hz = 4000", "rate = 4000", r"known \(did you mean 'rate_hz'\?\); allowed: name, rate_hz"),
         ("rate_hz = 4000", 'rate_hz = "fast"', r"\[display\]: rate_hz is 'fast'; allowed: a number"),
         ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; allowed: a number"),
         ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; allowed: a number, above 0, up to 1000000"),

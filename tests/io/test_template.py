@@ -54,6 +54,8 @@ def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
     assert channel.plant.polynomials()[1] == pytest.approx([1.0, 97.0, 305.0])
     assert channel.environment.friction_v == 8e-3
     assert channel.loads == ()
+    assert channel.environment.assumed == ("hum", "noise")  # nobody measured them: what rests on them is not judged
+    assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm")
     assert not display.touch.adaptive  # what is learnt of a load wants one: the file could not be designed
 
 

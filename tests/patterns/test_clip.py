@@ -131,6 +131,9 @@ def test_ahap__sound_and_unknown_parameters__are_passed_over(tmp_path) -> None:
         (("Pattern", 1, "Event", "EventType"), "Buzz", "EventType is 'Buzz'"),
         (("Pattern", 1, "Event", "EventDuration"), None, "EventDuration is missing"),
         (("Pattern", 1, "Event", "Time"), -1.0, "Time is -1"),
+        (("Pattern", 1, "Event", "EventDuratoin"), 1.0, r"EventDuratoin is not known \(did you mean 'EventDur"),
+        (("Pattern", 1, "Event", "EventParameters", 1, "ParameterID"), "HapticSharpnes", "mean 'HapticSharpness'"),
+        (("Pattern", 2, "ParameterCurve", "ParameterID"), "HapticIntensityContrl", "mean 'HapticIntensityControl'"),
     ],
 )
 def test_ahap__rule_broken__is_refused_with_it(tmp_path, path, value, said) -> None:

@@ -84,7 +84,6 @@ BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {
 RIGS: dict[str, Callable[[Display], AbstractContextManager[Rig]]] = {
     "simulated": lambda display: SimulatedRig(display, SEED),
     **BOARDS,
-    "emulated:mps2-an386": lambda display: emulated_rig("mps2-an386", display, SEED),
     "docs/rig.md": _example,
 }
 if "TACTUATOR_RIG" in os.environ:

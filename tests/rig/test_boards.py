@@ -1,9 +1,15 @@
 """Boards are found by the board.toml of their folders."""
 
+import subprocess
+import threading
+import time
+from pathlib import Path
+
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.boards import BOARDS, ROOT, find_board, read_boards
+from tactuator.rig import boards as program
+from tactuator.rig.boards import BOARDS, ROOT, build_firmware, find_board, read_boards
 
 OWN = """
 [own-board]
@@ -41,3 +47,36 @@ def test_boards__unknown_or_missing_key_or_no_toml__file_is_named(tmp_path, text
 def test_find_board__name_not_known__all_are_listed():
     with pytest.raises(BadInput, match="board 'avr' is not known; allowed: mps2-an386, mps2-an500, stm32f405"):
         find_board("avr")
+
+
+def test_build_firmware__asked_twice_at_once__compiles_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled, built = [], []
+
+    def compiler(command: list[str], **given: object) -> subprocess.CompletedProcess[str]:
+        compiled.append(command)
+        time.sleep(0.2)
+        Path(command[command.index("-o") + 1]).write_bytes(b"program")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(program, "_cache", lambda: tmp_path)
+    monkeypatch.setattr(program, "_require", lambda tool: None)
+    monkeypatch.setattr(program.subprocess, "run", compiler)
+    both = [threading.Thread(target=lambda: built.append(build_firmware("mps2-an386"))) for _ in range(2)]
+    for one in both:
+        one.start()
+    for one in both:
+        one.join()
+    assert len(compiled) == 1
+    assert built[0] == built[1]
+    assert list(tmp_path.iterdir()) == [built[0]]
+
+
+def test_build_firmware__after_one_that_failed__compiles_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(program, "_cache", lambda: tmp_path)
+    monkeypatch.setattr(program, "_require", lambda tool: None)
+    failed = subprocess.CompletedProcess([], 1, "", "core/x.c:1: error: no such thing")
+    monkeypatch.setattr(program.subprocess, "run", lambda command, **given: failed)
+    for _ in range(2):
+        with pytest.raises(BadInput, match=r"does not compile: core/x\.c:1: error: no such thing; allowed"):
+            build_firmware("mps2-an386")
+    assert list(tmp_path.iterdir()) == []

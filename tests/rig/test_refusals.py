@@ -2,19 +2,22 @@
 
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import ANSWER, STREAM, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
 from tactuator.rig.board.stream import BoardTone
-from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.open import in_process_rig
+from tactuator.rig.rig import usual_load
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown, SerialPort
 from tactuator.runtime._core import lib
-from tactuator.runtime.simulation import block_samples
+from tactuator.runtime.simulation import REFERENCE_MAX, block_samples, take_reference
 from tests.rig.guard.guarded import SENSORS, Guarded, designed
 
 
@@ -67,13 +70,18 @@ class Chatter:
         """Nothing is held."""
 
 
-def test_ask__port_that_chatters__is_given_up() -> None:
-    port = Chatter()
+class Zeros(Chatter):
+    def receive(self, timeout_s: float) -> bytes:
+        return b"\0" * len(super().receive(timeout_s))
+
+
+@pytest.mark.parametrize(("port", "given_up_s"), [(Chatter(), 6.0), (Zeros(), 4.1)])
+def test_ask__port_that_chatters_or_sends_zeros__is_given_up_after_its_time(port: Chatter, given_up_s: float) -> None:
     client = LinkClient(port, answer_s=2.0, tries=3, clock=lambda: port.now_s)
     with pytest.raises(LinkDown, match="the board does not answer"):
         client.status()
     assert port.sent == 3
-    assert port.now_s == pytest.approx(6.0, abs=0.5)
+    assert port.now_s == pytest.approx(given_up_s, abs=0.5)
 
 
 class Restarted(Chatter):
@@ -93,20 +101,6 @@ def test_ask__board_that_begins_anew__is_asked_again_at_once() -> None:
     assert client.ask(Request.ARM) == (RequestOutcome.NOT_IN_THIS_MODE, b"")
     assert (client.begun, port.sent) == (1, 2)
     assert port.now_s < 1.0
-
-
-class Zeros(Chatter):
-    def receive(self, timeout_s: float) -> bytes:
-        return b"\0" * len(super().receive(timeout_s))
-
-
-def test_ask__port_of_nothing_but_zeros__is_given_up_after_its_time() -> None:
-    port = Zeros()
-    client = LinkClient(port, answer_s=2.0, tries=3, clock=lambda: port.now_s)
-    with pytest.raises(LinkDown, match="the board does not answer"):
-        client.status()
-    assert port.sent == 3
-    assert port.now_s == pytest.approx(4.1, abs=0.5)
 
 
 def test_block_samples__rows_of_unequal_length__are_refused() -> None:
@@ -134,12 +128,6 @@ def test_play_tones__time_that_is_none__is_refused(seconds: float) -> None:
             rig.play_tones({}, seconds)
         with pytest.raises(BadInput, match="tone from"):
             BoardTone(40.0, 100.0, start_s=seconds, duration_s=0.5)
-
-
-@pytest.mark.parametrize("seconds", [np.nan, np.inf, 1e12, 0.0, -1.0])
-def test_check_streaming__time_that_is_none__is_refused(seconds: float) -> None:
-    with pytest.raises(BadInput, match="duration is"):
-        check_streaming("mps2-an500", designed(), seconds)
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
@@ -182,3 +170,55 @@ def test_serial__port_that_another_program_has__is_refused_until_it_is_free() ->
     SerialPort(name).close()
     os.close(ours)
     os.close(theirs)
+
+
+def channels(*names):
+    return [SimpleNamespace(loads=[SimpleNamespace(name=name) for name in own]) for own in names]
+
+
+@pytest.mark.parametrize(
+    ("described", "load"),
+    [
+        ([["fingertip"]], "fingertip"),
+        ([["palm", "finger"]], "finger"),
+        ([["palm", "tip"], ["tip", "palm"]], "palm"),
+        ([["finger", "tip"], ["tip"]], "tip"),
+        ([[], []], "none"),
+    ],
+)
+def test_usual_load__nobody_names_one__finger_or_the_first_that_all_have(described, load):
+    assert usual_load(channels(*described)) == load
+
+
+def test_usual_load__none_in_common__is_refused():
+    with pytest.raises(BadInput, match="--load"):
+        usual_load(channels(["palm"], ["tip"]))
+
+
+SIXTY_DB_SL = 10.0 ** (60.0 / 20.0)
+
+whole = st.lists(st.floats(-SIXTY_DB_SL, SIXTY_DB_SL), max_size=70)
+faults = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True).filter(lambda x: not abs(x) <= SIXTY_DB_SL + 1e-3),
+    st.sampled_from([np.nan, -np.nan, np.inf, -np.inf, 1000.001, -1000.001, 1e308]),
+)
+
+
+@given(whole)
+def test_take_reference__within_sixty_db_sl__is_a_copy_bit_for_bit(values: list[float]) -> None:
+    given_rows = np.array(values)
+    own = take_reference(given_rows)
+    assert own.tobytes() == given_rows.tobytes()
+    assert not np.shares_memory(own, given_rows)
+
+
+@given(whole, faults, st.data())
+def test_take_reference__one_fault_anywhere__is_refused(values: list[float], fault: float, data: st.DataObject) -> None:
+    values.insert(data.draw(st.integers(0, len(values))), fault)
+    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"):
+        take_reference(np.array(values))
+
+
+@pytest.mark.parametrize("value", [SIXTY_DB_SL, -SIXTY_DB_SL, np.nextafter(REFERENCE_MAX, 2.0 * REFERENCE_MAX), 5e-324])
+def test_take_reference__what_single_precision_takes_for_the_largest__is_taken(value: float) -> None:
+    assert take_reference(np.array([[value]]))[0, 0] == value

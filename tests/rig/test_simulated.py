@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.rig import Trace
-from tactuator.rig.simulated import SimulatedRig
-from tests.runtime.paper_display import channel, controller, display, lock_in, tone
+from tactuator.rig.rig import Trace, join_traces
+from tactuator.rig.simulated import PacedRig, SimulatedRig
+from tests.runtime.paper_display import channel, controller, display
 
 
 def loaded_rig(seed: int = 0) -> SimulatedRig:
@@ -46,41 +46,6 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
     assert port == {"touch", "press", "attach", "detach"}
 
 
-def test_finger__attached_feeler__gets_the_displacement_of_each_block() -> None:
-    rig, felt = loaded_rig(), []
-    rig.finger("thumb").attach(felt.append)
-    reference = np.stack([tone(10.0, 2.0, 40.0)] * 3, axis=1)
-    traces = [rig.play(reference), rig.play(reference[:4000])]
-    assert [block.size for block in felt] == [8000, 4000]
-    sensor_mm = abs(lock_in(traces[0].position_v[4000:, 1], 10.0)) / 0.2012
-    assert abs(lock_in(felt[0][4000:], 10.0)) == pytest.approx(sensor_mm, rel=1e-2)
-
-
-def test_finger__touch__takes_level_at_high_frequencies_and_gives_it_back() -> None:
-    rig, felt = loaded_rig(), []
-    rig.finger("index").attach(felt.append)
-    reference = np.stack([tone(32.0, 2.0, 30.0)] * 3, axis=1)
-    for load in (None, "finger", None):
-        rig.finger("index").touch(load)
-        rig.play(reference)
-    free, touched, again = (20.0 * np.log10(abs(lock_in(block[4000:], 32.0))) for block in felt)
-    assert touched - free == pytest.approx(-1.6, abs=0.4)
-    assert again == pytest.approx(free, abs=0.05)
-
-
-def test_finger__press__moves_that_channel_for_as_long_as_it_lasts() -> None:
-    rig, felt = SimulatedRig(display()), []
-    rig.finger("middle").attach(felt.append)
-    other: list[np.ndarray] = []
-    rig.finger("index").attach(other.append)
-    rig.finger("middle").press(np.full(6000, 0.5))
-    for _ in range(4):
-        rig.drive(np.zeros((2500, 3)))
-    assert felt[1][-1] > 10.0  # 0.5 V: 27 mm in the end
-    assert felt[3][-1] < 0.5 * felt[1][-1]
-    assert np.max(np.abs(np.concatenate(other))) == 0.0
-
-
 def test_finger__press_twice__adds_up() -> None:
     twice, once = SimulatedRig(display()), SimulatedRig(display())
     results = []
@@ -94,35 +59,11 @@ def test_finger__press_twice__adds_up() -> None:
     assert np.array_equal(*results)
 
 
-def test_rest__after_a_loud_tone__display_and_controller_come_to_rest() -> None:
-    rig, felt = loaded_rig(), []
-    rig.play(np.stack([tone(5.0, 1.13, 45.0)] * 3, axis=1))
-    rig.finger("index").attach(felt.append)
-    rig.rest()
-    assert felt[0].size == 4000
-    held_mm = 4e-3 * 2875.0 / 290.0 / 0.19898  # where friction alone holds the motor against its spring
-    assert abs(felt[0][-1]) < 1.3 * held_mm < 0.25 * np.max(np.abs(felt[0]))
-    silence = rig.play(np.zeros((100, 3)))
-    assert np.max(np.abs(silence.command_v)) < 2.0
-
-
 def test_play__one_channel_as_a_vector__is_taken() -> None:
     of = display(channel())
     rig = SimulatedRig(of)
     rig.load(controller(of))
     assert rig.play(np.zeros(10)).reference.shape == (10, 1)
-
-
-def test_play__wrong_number_of_channels__is_refused_and_nothing_moves() -> None:
-    rig, felt = loaded_rig(), []
-    rig.finger("index").attach(felt.append)
-    rig.finger("index").press([1.0] * 5)
-    with pytest.raises(BadInput, match=r"reference has shape \(10, 2\); allowed: \(samples, 3\)"):
-        rig.play(np.zeros((10, 2)))
-    assert felt == []
-    rig.drive(np.zeros((10, 3)))
-    assert felt[0].size == 10
-    assert np.max(np.abs(felt[0])) > 0.0  # the press was still to come
 
 
 def test_trace__unequal_shapes__are_refused() -> None:
@@ -134,3 +75,35 @@ def test_trace__unequal_shapes__are_refused() -> None:
 def test_trace__unknown_channel__is_refused() -> None:
     with pytest.raises(BadInput, match="channel 'ring' is not there"):
         loaded_rig().play(np.zeros((4, 3))).channel("ring")
+
+
+def test_paced_rig__stream__is_the_stream_of_the_rig_below():
+    blocks = np.array_split(20.0 * np.random.default_rng(1).standard_normal((1000, 3)), 4)
+    positions = []
+    for pace in (lambda rig: rig, lambda rig: PacedRig(rig, speed=1e6)):
+        of = display()
+        rig = SimulatedRig(of, 1)
+        rig.load(controller(of))
+        positions.append(join_traces(pace(rig).stream(iter(blocks)), rig.rate_hz, rig.channels).position_v)
+    assert np.array_equal(*positions)
+    assert len(positions[0]) == 1000
+
+
+def test_paced_rig__rest_in_a_tone__is_silent_soon_and_lets_go_of_a_motor_that_stands_still():
+    of, felt = display(), []
+    rig = SimulatedRig(of, 1)
+    rig.load(controller(of))
+    rig.finger("index").attach(felt.append)
+    paced = PacedRig(rig, speed=10.0)
+    wave = np.zeros((4000, 3))
+    wave[:, 0] = 31.6 * np.sin(2.0 * np.pi * 100.0 * np.arange(4000) / rig.rate_hz)
+    stream = paced.stream([wave])
+    played = 0
+    while played < 1000:
+        played += len(next(stream))
+    loud = np.abs(np.diff(np.concatenate(felt)[-200:])).max()
+    felt.clear()
+    paced.rest()
+    moved = np.abs(np.diff(np.concatenate(felt)))
+    assert loud > 20.0 * moved[60:260].max()  # 15 ms later
+    assert loud > 20.0 * moved[260:].max()  # nor when the motor is let go

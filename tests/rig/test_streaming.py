@@ -89,11 +89,6 @@ def test_free_board__host_falls_behind__is_told_and_the_output_rests():
     assert len(joined(rig.stream([noise(300)]))) == 300
 
 
-def test_free_board__two_plays__are_both_whole():
-    rig = free_rig()
-    assert [len(rig.play(noise(700))), len(rig.play(noise(5000)))] == [700, 5000]
-
-
 @pytest.mark.parametrize("place", [0, 3])
 def test_free_board__row_that_is_no_number__rests_and_is_told(place):
     rig, blocks = free_rig(), [noise(200) for _ in range(6)]
@@ -127,12 +122,6 @@ def test_free_board__pressed_in_mid_stream__is_felt_as_on_a_board_that_waits():
     pressed, wanted = (np.concatenate(each) for each in felt)
     assert np.array_equal(pressed, wanted)
     assert np.ptp(pressed[100:500]) > 0.0
-
-
-def test_board__no_controller__is_told_before_anything_is_asked_for():
-    rig = BoardRig(LinkClient(InProcess()), designed().display)
-    with pytest.raises(BadInput, match="no controller is loaded"):
-        rig.stream(iter([]))
 
 
 def test_recut__pieces_of_any_length__are_the_same_samples():
@@ -169,7 +158,8 @@ def judged(board, rows, instruction_ns) -> StreamingCheck:
 
 
 @pytest.mark.parametrize(
-    ("board", "rows", "instruction_ns"), [("mps2-an386", 1000, 4), ("mps2-an500", 1000, 4), ("stm32f405", 40_000, 8)]
+    ("board", "rows", "instruction_ns"),
+    [("mps2-an500", 1000, 4), ("stm32f405", 8000, 8), pytest.param("stm32f405", 40_000, 8, marks=pytest.mark.soak)],
 )
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board, rows, instruction_ns):
     found = judged(board, rows, instruction_ns)
@@ -241,7 +231,9 @@ def test_board_that_waits__given_rows_and_stands_still__is_told():
         list(stream.play([noise(300)], at))
 
 
-@pytest.mark.parametrize(("seconds", "instruction_ns"), [(0.0, 8), (1.0, 7), (1.0, 2048)])
+@pytest.mark.parametrize(
+    ("seconds", "instruction_ns"), [*((s, 8) for s in (np.nan, np.inf, 1e12, 0.0, -1.0)), (1.0, 7), (1.0, 2048)]
+)
 def test_trial__asked_for_what_cannot_be__is_told(seconds, instruction_ns):
     with pytest.raises(BadInput, match="allowed"):
         check_streaming("mps2-an500", designed(), seconds, instruction_ns)

@@ -101,7 +101,8 @@ def tone(
 ) -> NDArray[np.float64]:
     """A sinusoid, `level_db` re amplitude 1, shape (n,)."""
     time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
-    return 10.0 ** (level_db / 20.0) * np.sin(2.0 * np.pi * frequency_hz * time_s)
+    made: NDArray[np.float64] = 10.0 ** (level_db / 20.0) * np.sin(2.0 * np.pi * frequency_hz * time_s)
+    return made
 
 
 def lock_in(samples: NDArray[np.float64], frequency_hz: float, rate_hz: float = RATE_HZ) -> complex:

@@ -52,16 +52,6 @@ def controller_of(of: Display):  # type: ignore[no-untyped-def]
     return replace(one, display=of, channels=tuple(replace(one.channels[0], name=c.name) for c in of.channels))
 
 
-def test_saved_state__of_a_coupled_display__goes_on_as_if_nothing_had_been() -> None:
-    simulation = Simulation(three(Coupling(level_db=-10.0)))
-    command = np.random.default_rng(3).normal(0.0, 2.0, (600, 3))
-    simulation.drive(command[:300])
-    state = simulation.save()
-    first = simulation.drive(command[300:]).displacement_mm
-    simulation.restore(state)
-    assert np.array_equal(simulation.drive(command[300:]).displacement_mm, first)
-
-
 @pytest.mark.parametrize("level_db", [0.0, 3.0])
 def test_coupling__as_strong_as_the_motor_itself__is_refused(level_db: float) -> None:
     with pytest.raises(BadInput, match="level_db"):

@@ -18,6 +18,7 @@ from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.tables import held_plants
 from tactuator.signals.systems import ContinuousSystem
 from tests.runtime.paper_display import QUIET, RATE_HZ, channel, display
+from tests.signals.precisely import expanded
 
 FINE = Converter(bits=24, range_v=100.0)
 
@@ -36,16 +37,8 @@ def coded(command_v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def forty_digits(system: ContinuousSystem, command: NDArray[np.float64]) -> list[float]:
     """Output of the held plant from its companion matrix, the exponential and the recursion in 40 digits."""
-
-    def expanded(roots: NDArray[np.complex128]) -> list[mpmath.mpf]:
-        coefficients = [mpmath.mpf(1)]
-        for root in roots:
-            shifted = [mpmath.mpc(0), *(-mpmath.mpc(complex(root)) * each for each in coefficients)]
-            coefficients = [a + b for a, b in zip([*coefficients, 0], shifted, strict=True)]
-        return [mpmath.re(each) for each in reversed(coefficients)]
-
     with mpmath.workdps(40):
-        den, num, order = expanded(system.poles), expanded(system.zeros), system.poles.size
+        den, num, order = expanded(system.poles)[::-1], expanded(system.zeros)[::-1], system.poles.size
         block = mpmath.zeros(order + 1)
         for i in range(order - 1):
             block[i, i + 1] = 1
@@ -87,26 +80,7 @@ def test_plant__close_resonances__keeps_the_digits_that_polynomials_in_z_lose() 
     assert ours == pytest.approx(forty_digits(system, command), abs=1e-14)
 
 
-def test_plant__paper_motor__agrees_with_python_control() -> None:
-    command = coded(np.random.default_rng(1).standard_normal(2000))
-    peer = control.c2d(control.ss(control.tf([2875.0], [1.0, 94.0, 290.0])), 1.0 / RATE_HZ, "zoh")
-    expected = control.forced_response(peer, U=command).outputs
-    assert driven(channel(), command) * 0.19898 == pytest.approx(expected, rel=1e-9, abs=1e-12)
-
-
-def test_plant__paper_motor_under_a_constant__follows_the_closed_form() -> None:
-    fast, slow = np.roots([1.0, 94.0, 290.0])
-    time_s = np.arange(8000) / RATE_HZ
-    expected = 2875.0 * (
-        1.0 / (fast * slow)
-        + np.exp(fast * time_s) / (fast * (fast - slow))
-        + np.exp(slow * time_s) / (slow * (slow - fast))
-    )
-    command = coded(np.ones(8000))
-    assert driven(channel(), command) * 0.19898 == pytest.approx(expected * command[0], rel=1e-10, abs=1e-12)
-
-
-@pytest.mark.parametrize("delay_samples", [0.25, 1.0, 2.6, 255.5])
+@pytest.mark.parametrize("delay_samples", [0.0, 0.25, 1.0, 2.6, 255.5])
 def test_plant__dead_time__shifts_the_response_by_it(delay_samples: float) -> None:
     poles = np.roots([1.0, 94.0, 290.0])
     delayed = channel(plant=ContinuousSystem(np.empty(0), poles, 2875.0, delay_samples / RATE_HZ))

@@ -132,14 +132,6 @@ def test_display__sensor_spectrum_at_rest__shows_noise_and_hum_as_described() ->
     assert np.std(position - hum) == pytest.approx(0.2e-3, rel=0.02)
 
 
-def test_display__sixteen_bits__reads_whole_steps() -> None:
-    block = Simulation(display(), seed=4).drive(0.1 * np.ones((500, 3)))
-    steps = block.position_v / (20.0 / 65536)
-    assert np.array_equal(steps, np.round(steps))
-    steps = block.command_v / (20.0 / 65536)
-    assert np.array_equal(steps, np.round(steps))
-
-
 def test_saturated__marks_command_and_position_beyond_the_converters() -> None:
     simulation = Simulation(display(channel(travel_mm=100.0)))
     block = simulation.drive(np.concatenate([np.full((3000, 1), 9.0), np.full((10, 1), 11.0), np.zeros((3000, 1))]))
@@ -148,14 +140,6 @@ def test_saturated__marks_command_and_position_beyond_the_converters() -> None:
     assert not block.saturated[-1].any()
     assert np.max(block.command_v) == 10.0 - 20.0 / 65536
     assert np.max(np.abs(block.position_v)) <= 10.0
-
-
-def test_force__at_the_finger__moves_it_as_the_same_command_would() -> None:
-    still = display(replace(channel(), environment=QUIET, converter=FINE))
-    command, zero = np.full((400, 1), 12.5), np.zeros((400, 1))
-    pushed = Simulation(still).drive(zero, force_v=command).displacement_mm
-    driven = Simulation(still).drive(command).displacement_mm
-    assert pushed == pytest.approx(driven, rel=1e-9)
 
 
 @settings(max_examples=8)
@@ -181,21 +165,6 @@ def test_seed__same_repeats__other_differs() -> None:
     assert not np.array_equal(position(7), position(8))
     columns = position(7).T
     assert not np.array_equal(columns[0], columns[1])
-
-
-def test_state__saved_and_restored__goes_on_with_the_same_bits() -> None:
-    of = display()
-    simulation = Simulation(of, seed=9)
-    simulation.load(controller(of))
-    reference = np.random.default_rng(0).standard_normal((500, 3)) * 50.0
-    simulation.play(reference)
-    state = simulation.save()
-    first = simulation.play(reference)
-    simulation.restore(state)
-    again = simulation.play(reference)
-    assert np.array_equal(first.position_v, again.position_v)
-    with pytest.raises(BadInput, match="one that this simulation saved"):
-        Simulation(display(channel())).restore(state)
 
 
 def test_reference__not_a_number_or_enormous__command_stays_within_limits() -> None:
@@ -241,17 +210,6 @@ def test_load__controller_of_another_display__is_refused() -> None:
         simulation.load(controller(display(channel())))
     with pytest.raises(BadInput, match="8000 Hz and a delay of 1; allowed: 4000 Hz and 1"):
         simulation.load(controller(display(rate_hz=8000.0)))
-
-
-@pytest.mark.parametrize("shape", [(10,), (10, 2), (10, 3, 1)])
-def test_drive__wrong_shape__is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(BadInput, match=r"command has shape .*; allowed: \(samples, 3\)"):
-        Simulation(display()).drive(np.zeros(shape))
-
-
-def test_drive__complex_numbers__are_refused() -> None:
-    with pytest.raises(BadInput, match="command holds complex128; allowed: real numbers"):
-        Simulation(display()).drive(np.zeros((4, 3), dtype=complex))
 
 
 def test_force__of_another_length__is_refused() -> None:

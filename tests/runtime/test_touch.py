@@ -11,12 +11,11 @@ from scipy import linalg
 from scipy.signal import butter, sosfilt
 
 from tactuator.model.controller import ChannelController, Controller
-from tactuator.model.description import Environment
 from tactuator.model.plant import Load
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.runtime.simulation import Simulation
-from tactuator.runtime.touch_table import touch_table
+from tactuator.runtime.tables import touch_table
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import plant_family
@@ -189,17 +188,6 @@ def test_image__of_an_adaptive_controller__is_taken_and_longer(number_format: st
     assert len(image) - len(fixed) == 4 + 4 * (31 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
     assert fixed[52 + 18 : 52 + 20] == b"\0\0"
     assert image[52 + 18 : 52 + 20] == b"\2\0"
-
-
-def test_simulation__saved_and_restored__goes_on_with_what_it_had_learnt() -> None:
-    simulation = Simulation(display(channel(environment=Environment())), 3)
-    simulation.load(Controller(display(channel()), (adaptive(),)))
-    simulation.touch(0, "finger")
-    simulation.play(tones(SECOND))
-    state = simulation.save()
-    one = simulation.play(tones(1000)).command_v
-    simulation.restore(state)
-    assert np.array_equal(simulation.play(tones(1000)).command_v, one)
 
 
 def syllables(seconds: int, seed: int) -> NDArray[np.float64]:

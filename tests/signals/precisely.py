@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
+
+
+def expanded(roots: Iterable[complex]) -> list[mpmath.mpf]:
+    """prod(x - roots), descending powers, in the digits of the moment."""
+    coefficients = [mpmath.mpf(1)]
+    for root in roots:
+        shifted = [mpmath.mpc(0), *(-mpmath.mpc(complex(root)) * each for each in coefficients)]
+        coefficients = [a + b for a, b in zip([*coefficients, 0], shifted, strict=True)]
+    return [mpmath.re(each) for each in coefficients]
 
 
 def polynomial_response(

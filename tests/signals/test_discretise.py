@@ -88,10 +88,6 @@ def test_bilinear__paper_controller__is_scipys() -> None:
     np.testing.assert_allclose(bilinear(controller, 4000.0).response(hz), expected, rtol=1e-9)
 
 
-def test_bilinear__strictly_proper__has_zeros_at_nyquist() -> None:
-    assert bilinear(MOTOR, 4000.0).zeros.tolist() == [-1.0, -1.0]
-
-
 def test_discretise__improper__is_refused() -> None:
     improper = ContinuousSystem(np.array([-1.0, -2.0]), np.array([-3.0]), 1.0)
     for transform in (zero_order_hold, bilinear):
@@ -131,10 +127,6 @@ def test_exponential__slow_and_fast_together__keeps_the_slow_ones_digits() -> No
         exact = mpmath.expm(mpmath.matrix(matrix.tolist()))
         expected = np.array([[float(exact[i, j]) for j in range(3)] for i in range(3)])
     assert matrix_exponential(matrix) == pytest.approx(expected, rel=1e-13, abs=1e-16)
-
-
-def test_exponential__zero__is_the_unit_matrix() -> None:
-    assert np.array_equal(matrix_exponential(np.zeros((4, 4))), np.eye(4))
 
 
 def test_half_width__of_a_tenth_of_the_magnitude__as_a_ratio() -> None:

@@ -1,3 +1,5 @@
+"""Signals that excite a mechanism, and multisines."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -6,6 +8,7 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.signals import excitation
+from tactuator.signals.multisine import multisine, place_lines
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
@@ -106,3 +109,39 @@ def test_known_part__no_line_in_the_band__is_refused() -> None:
     plant = ContinuousSystem(np.zeros(2), np.roots([1.0, 100.0, 1e5]), 1.0)
     with pytest.raises(BadInput, match="lines in the band"):
         excitation.known_part(np.zeros(100), RATE_HZ, plant, 2, (10.0, 400.0), (1.0, 1.0, 1.0))
+
+
+PERIOD = 10000
+
+
+def test_multisine__its_own_spectrum__has_the_lines_and_nothing_else() -> None:
+    bins = place_lines(np.geomspace(0.4, 300.0, 30), RATE_HZ, PERIOD)
+    made = multisine(RATE_HZ, PERIOD, bins, 0.5, np.random.default_rng(1))
+    spectrum = np.fft.rfft(made.one_period()) * 2.0 / PERIOD
+    np.testing.assert_allclose(spectrum[bins], 0.5 * np.exp(1j * made.phase_rad), atol=1e-12)
+    spectrum[bins] = 0.0
+    assert np.max(np.abs(spectrum)) < 1e-12
+
+
+def test_multisine__clipping_rounds__lower_the_crest_factor() -> None:
+    bins = np.arange(1, 121, 2)
+    plain = multisine(RATE_HZ, PERIOD, bins, 1.0, np.random.default_rng(2), rounds=1)
+    better = multisine(RATE_HZ, PERIOD, bins, 1.0, np.random.default_rng(2), rounds=80)
+    periods = plain.one_period(), better.one_period()
+    crests = [np.max(np.abs(wave)) / np.sqrt(np.mean(wave**2)) for wave in periods]
+    assert crests[1] < 0.85 * crests[0]
+    assert crests[1] < 2.2
+
+
+def test_place_lines__asked_on_mains__moved_two_hertz_off() -> None:
+    bins = place_lines([0.4, 60.0, 120.0, 299.9], RATE_HZ, PERIOD)
+    frequency = bins * RATE_HZ / PERIOD
+    assert np.all(bins % 2 == 1)
+    off = np.abs(frequency[1:] - 60.0 * np.round(frequency[1:] / 60.0))
+    assert np.all(off >= 2.0 - 1e-9)
+
+
+@pytest.mark.parametrize("bins", [[], [0, 1], [1, 1], [5000]])
+def test_multisine__impossible_lines__are_refused(bins) -> None:
+    with pytest.raises(BadInput, match="allowed"):
+        multisine(RATE_HZ, PERIOD, bins, 1.0, np.random.default_rng(0))

@@ -7,9 +7,12 @@ from hypothesis import strategies as st
 
 from tactuator.measure.felt import felt_of
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.decibels import db, from_db
 from tactuator.speech.band_codings import band_limit_kernel
 from tactuator.speech.filters import filter_bank
 from tactuator.speech.limiter import ATTACK_DB_PER_MS, RELEASE_DB_PER_MS, Limiter, reduction_envelope
+from tests.griffin import distance_db
+from tests.strength import reshaped
 
 RATE = 4000
 TIME = np.arange(14 * RATE) / RATE
@@ -107,6 +110,26 @@ def test_limiter__however_it_is_cut__same_bits(controller):
     whole, _ = limited(controller, reference)
     pieces = np.concatenate(list(Limiter(controller).process(np.split(reference, [1, 7000, 7001, 51000]))))
     np.testing.assert_array_equal(whole, pieces)
+
+
+def test_limiter__reshaped_by_strength__is_reduced_as_long_as_what_is_felt_asks_for(controller):
+    """A tone of 250 Hz, which Griffin's contours raise most: as if it came in louder by so much, not reshaped."""
+    reference = np.zeros((14 * RATE, 3))
+    part = slice(5 * RATE, 7 * RATE)
+    shape = np.minimum(1.0, 5.0 * np.hanning(2 * RATE)) * np.cos(2 * np.pi * 250 * TIME[part])
+    reference[part] = from_db(50.5) * shape[:, None]
+    assert all(report.reduced_s == 0.0 for report in limited(controller, reference)[1])
+    shaped = reshaped(controller)
+    out, reports = limited(shaped, reference)
+    expected = limited(controller, from_db(distance_db(250.0, 40.0)) * reference)[1]
+    for column, (report, other) in enumerate(zip(reports, expected, strict=True)):
+        assert report.max_reduction_db == pytest.approx(other.max_reduction_db, abs=0.7)
+        assert report.reduced_s == pytest.approx(other.reduced_s, abs=0.1)
+        changed = np.abs(out[part, column]) < np.abs(reference[part, column])
+        assert np.count_nonzero(changed) / RATE == pytest.approx(report.reduced_s, abs=0.01)
+    felt, *_, saturated = on_the_display(shaped, out, None)
+    assert 45.0 < db(np.abs(felt).max()) <= 55.0
+    assert not saturated
 
 
 @given(

@@ -15,8 +15,8 @@ from tactuator.synthesis.screening import Task
 from tests.synthesis.displays import channel
 from witnesses.loops.search import Judge, delivered, named
 
-MOST_DB = {"LRA 175 Hz Q 15": -55.5, "voice coil": -52.6, "piezo 250 Hz Q 50": -45.3}
-"""facts, section 16: the best loops that an outsider's search knew, less 1 dB."""
+MOST_DB = {"LRA 175 Hz Q 15": (-55.5, -93.5), "voice coil": (-52.6, -75.6), "piezo 250 Hz Q 50": (-45.3, -95.0)}
+"""facts, section 16: the best loops that an outsider's search knew, less 1 dB; and what the bound lies above."""
 
 
 @pytest.mark.parametrize("plant", named()[:3], ids=lambda plant: plant.name)
@@ -26,9 +26,9 @@ def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best
     mean, excess = judge.figures(zeros, poles, gain)
     assert excess < 2e-3
     assert judge.is_stable(zeros, poles, gain)
-    assert mean <= MOST_DB[plant.name]
+    assert mean <= MOST_DB[plant.name][0]
     assert bound is not None
-    assert bound < mean
+    assert MOST_DB[plant.name][1] < bound < mean
     assert judge.figures(zeros, poles, 2.0 * gain)[1] > 0.02
 
 

@@ -47,6 +47,7 @@ def test_monte_carlo__covariance__spread_of_the_gain_is_that_of_the_flatness() -
         replace(made, display=replace(display, channels=(one,)), channels=(open_loop,)), 4000, np.random.default_rng(2)
     )
     nominal = monte_carlo(replace(made, channels=(open_loop,)), 1, np.random.default_rng(2))
+    assert drawn[0].mode_shift == 0.0  # its covariance says how well the modes are known
     spread = float(np.quantile(drawn[0].flatness_db, 0.95) - nominal[0].flatness_db[0])
     assert spread == pytest.approx(20.0 * np.log10(1.0 + 1.645 * 0.05), abs=0.15)
     assert np.all(np.isnan(drawn[0].sensitivity_peak))

@@ -9,8 +9,8 @@ from tactuator.errors import NoDesign
 from tactuator.measure.error import ResponseLevels, error_db
 from tactuator.model.description import Strength, display_document
 from tactuator.model.verdict import FELT_LESS_ASKED, Outcome
-from tactuator.perception.contact import Contact
 from tactuator.perception.contours import Contours
+from tactuator.perception.curve import Contact
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.record import Response

@@ -6,10 +6,9 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_languages, shipped_words
-from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.store.store import Store
-from tactuator.verbs.clinic import sheet
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
+from tactuator.verbs.store import sheet
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, everything
 
 NORM = "# source: a made-up table, of no people\nfinger,age_low,age_high,frequency_hz,mean_db_re_1um,sd_db\n"
 AGE = '\n[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\n'
@@ -19,11 +18,7 @@ TEXT = PROTOCOL.replace('code = "S1"', 'code = "S1"\ndemographics = { age = 52 }
 
 def answered(tmp_path, text, answer=answer_one):
     store, clock = Store(tmp_path / "lab.db"), ObedientClock()
-    presented: PresentedSession = begin(store, clock, text)
-    while presented.session.stage != "done":
-        if presented.session.stage == "break":
-            presented.session.end_break()
-        answer(presented, clock)
+    everything(begin(store, clock, text), clock, answer)
     store.close()
     return tmp_path / "lab.db"
 

@@ -7,8 +7,7 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.io.csv_tables import write_curve
-from tactuator.perception.contact import Contact
-from tactuator.perception.curve import ThresholdCurve, curve_names
+from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.verbs.curves import curves
 
 MINE = ThresholdCurve(

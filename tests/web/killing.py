@@ -24,7 +24,7 @@ from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.study import run_seed
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, controller, response_of
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, controller, everything, response_of
 from tests.web.study import Server, started
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace("break_after_trials = 20", "break_after_trials = 100000")
@@ -180,9 +180,7 @@ def undisturbed(path: Path, text: str) -> list[tuple[Any, ...]]:
     """S1's trials and answers of a session that nothing disturbs, made once in a folder."""
     if not path.exists():
         clock, store = ObedientClock(), Store(path)
-        presented = begin(store, clock, text)
-        while presented.session.stage != "done":
-            answer_one(presented, clock)
+        everything(begin(store, clock, text), clock)
         store.close()
     return of_first(path)[3]
 

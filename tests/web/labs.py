@@ -1,6 +1,7 @@
 """Labs that are closed at the end of a test, and what their sockets and stores hold."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 from sqlalchemy import func, select
@@ -48,12 +49,24 @@ def until(socket: Socket, kind: str, heard: list[dict] | None = None) -> dict:
             heard.append(message)
 
 
+@contextmanager
+def at_page(lab: Lab) -> Iterator[Socket]:
+    """The connection of the first subject's page to the lab's server."""
+    with served(build_app(lab, TOKEN)) as made, made.websocket_connect("/ws/subject/token-S1") as socket:
+        yield socket
+
+
+def agreed(socket: Socket) -> None:
+    """Past consent, and ready for the first trial."""
+    stage(socket, "consent")
+    socket.send_json({"type": "consent"})
+    stage(socket, "trial")
+    socket.send_json({"type": "ready", "stage": "trial"})
+
+
 def begun(socket: Socket) -> dict:
     """Past consent, to the first answer that is asked for."""
-    until(socket, "stage")
-    socket.send_json({"type": "consent"})
-    until(socket, "stage")
-    socket.send_json({"type": "ready", "stage": "trial"})
+    agreed(socket)
     return until(socket, "answer-now")
 
 

@@ -6,12 +6,13 @@ import random
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
@@ -83,6 +84,30 @@ def started(folder: Path, text: str, controller: Controller) -> Server:
     made = Server(folder / "protocol.toml", folder / "lab.db", folder / "controller.json")
     made.start()
     return made
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[[str, Controller], Server]]:
+    """Starts a server for a protocol's text and a controller; killed at the end."""
+    made: list[Server] = []
+
+    def serve(text: str, controller: Controller) -> Server:
+        made.append(started(tmp_path, text, controller))
+        return made[-1]
+
+    yield serve
+    for one in made:
+        one.kill()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Page]:
+    """An empty page, closed at the end; what its scripts throw fails the test."""
+    made = browser.new_page()
+    errors = watch_errors(made)
+    yield made
+    made.close()
+    assert errors == []
 
 
 @dataclass

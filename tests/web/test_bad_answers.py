@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
-from tests.web.labs import TOKEN, begun, client, make_lab, response_count, until  # noqa: F401
+from tests.web.labs import TOKEN, agreed, answer, begun, client, make_lab, response_count, until  # noqa: F401
 
 
 class Running(ObedientClock):
@@ -27,6 +27,7 @@ BAD = [
     {"run": 2**63},
     {"number": 2**63},
     {"number": -1},
+    {"number": 7},
     {"number": 0.5},
     {"number": "0"},
     {"run": True},
@@ -35,6 +36,7 @@ BAD = [
     {"shown_ms": 500.0, "pressed_ms": 100.0},
     {"response": "x" * 201},
     {"response": "9"},
+    {"response": ""},
     {"lit_ms": [1.0] * 10},
     {"lit_ms": [-1.0]},
     {"type": "answers"},
@@ -45,7 +47,11 @@ RAW = [
     "[]",
     "null",
     "{",
+    "{}",
     '{"type":"answer"',
+    '{"type":"answer"}',
+    '{"type":"start"}',
+    '{"type":"answer","run":1e99}',
     '{"type":"answer","run":NaN,"number":0,"response":"1"}',
     "1" * 5000,
     "[" * 5000,
@@ -53,21 +59,20 @@ RAW = [
 
 
 def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_notices(client, lab) -> None:
+    """The other subject waits for the rig. All that its page is told meanwhile is read, up to a reply of its own."""
     with (
         client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/subject/token-S2") as other,
         client.websocket_connect("/ws/operator") as operator,
     ):
         stands = begun(socket)
+        agreed(other)
+        waits = until(other, "stage")
+        assert waits["waiting"]
         operator.send_text(TOKEN)
         until(operator, "snapshot")
-        good = {
-            "type": "answer",
-            "run": stands["run"],
-            "number": 0,
-            "response": "1",
-            "shown_ms": 10.0,
-            "pressed_ms": 400.0,
-        }
+        times = {"shown_ms": 10.0, "pressed_ms": 400.0}
+        good = {"type": "answer", "run": stands["run"], "number": 0, "response": "1", **times}
         texts = [json.dumps(good | change) for change in BAD] + RAW
         texts += [json.dumps(good).replace("400.0", amiss) for amiss in ("Infinity", "1e999", "NaN", "-Infinity")]
         for text in texts:
@@ -75,34 +80,6 @@ def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_
             until(socket, "refused")
         socket._connection.send(b"\x00\xff\x00")
         assert "binary" in until(socket, "refused")["message"]
-        assert response_count(lab) == 0
-        socket.send_json(good)
-        assert until(socket, "ack")["number"] == 0
-        assert (response_count(lab), lab.fault, lab.paused) == (1, None, False)
-        while (snapshot := until(operator, "snapshot"))["sessions"][0]["trials"] != 1:
-            pass
-        assert snapshot["fault"] is None
-
-
-def test_answer__that_cannot_be__is_not_noticed_by_another_subject(client, lab) -> None:
-    """The other subject waits for the rig. All that its page is told meanwhile is read, up to a reply of its own."""
-    with (
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-        client.websocket_connect("/ws/subject/token-S2") as other,
-    ):
-        stands = begun(socket)
-        until(other, "stage")
-        other.send_json({"type": "consent"})
-        until(other, "stage")
-        other.send_json({"type": "ready", "stage": "trial"})
-        waits = until(other, "stage")
-        assert waits["waiting"]
-        good = {"type": "answer", "run": stands["run"], "number": 0, "response": "1"}
-        for text in [json.dumps(good | change) for change in BAD] + RAW:
-            socket.send_text(text)
-            until(socket, "refused")
-        socket._connection.send(b"\x00\xff\x00")
-        until(socket, "refused")
         heard: list[dict] = []
         other.send_json({"type": "nothing"})
         until(other, "refused", heard)
@@ -110,29 +87,16 @@ def test_answer__that_cannot_be__is_not_noticed_by_another_subject(client, lab) 
         assert (response_count(lab), lab.active, lab.calls, lab.fault) == (0, 1, {}, None)
         socket.send_json(good)
         assert until(socket, "ack")["number"] == 0
+        assert (response_count(lab), lab.fault, lab.paused) == (1, None, False)
         other.send_json({"type": "nothing"})
         until(other, "refused", heard)
         assert {message["type"] for message in heard} <= {"stage"}
+        while (snapshot := until(operator, "snapshot"))["sessions"][0]["trials"] != 1:
+            pass
+        assert snapshot["fault"] is None
 
 
-def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_again(client, lab) -> None:
-    with client.websocket_connect("/ws/subject/token-S1") as socket:
-        until(socket, "stage")
-        socket.send_json({"type": "consent"})
-        until(socket, "stage")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        until(socket, "playing")
-        early = {"type": "answer", "run": 1, "number": 0, "response": "1"}
-        socket.send_json(early)
-        refused = until(socket, "refused")["message"]
-        assert "allowed: after it" in refused or "allowed: to the trial that stands" in refused
-        assert until(socket, "answer-now")["number"] == 0
-        assert response_count(lab) == 0
-        socket.send_json(early)
-        assert until(socket, "ack")["number"] == 0
-
-
-def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_ended(client, lab, monkeypatch) -> None:
+def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_again(client, lab, monkeypatch) -> None:
     """The answer waits in the queue while the trial plays; what counts is when it arrived."""
     stream = lab.apparatus.rig.stream
 
@@ -143,14 +107,14 @@ def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_
 
     monkeypatch.setattr(lab.apparatus.rig, "stream", slowly)
     with client.websocket_connect("/ws/subject/token-S1") as socket:
-        until(socket, "stage")
-        socket.send_json({"type": "consent"})
-        until(socket, "stage")
-        socket.send_json({"type": "ready", "stage": "trial"})
+        agreed(socket)
         until(socket, "interval")
-        socket.send_json({"type": "answer", "run": 1, "number": 0, "response": "1"})
+        early = {"type": "answer", "run": 1, "number": 0, "response": "1"}
+        socket.send_json(early)
         assert "before its last interval had ended" in until(socket, "refused")["message"]
         assert response_count(lab) == 0
+        socket.send_json(early)
+        assert until(socket, "ack")["number"] == 0
 
 
 def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(client, lab, monkeypatch) -> None:
@@ -164,8 +128,7 @@ def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(cl
             socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
             until(socket, "fault")
         assert (rested, lab.paused) == ([], False)
-        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
-        assert until(socket, "ack")["number"] == 0
+        answer(socket, stands)
         monkeypatch.undo()
 
 

@@ -1,5 +1,9 @@
 """The pages in a real Chromium: a whole session by keyboard, a phone, two tabs, and a server that dies."""
 
+import re
+import sqlite3
+from contextlib import closing
+
 import pytest
 from sqlalchemy import select
 
@@ -9,7 +13,8 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.trial import ForcedChoice
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, controller
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, controller, everything
+from tests.experiment.session.test_yes_no import YES_NO
 from tests.web.study import Subject, asked, kills_and_finish, started, visible, watch_errors
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
@@ -35,12 +40,10 @@ def shared(tmp_path_factory):
 def outcome(path):
     """Every stored trial, and the thresholds as commanded."""
     store = Store(path)
-    query = (
-        select(schema.run.c.position, schema.trial.c.number, schema.trial.c.level_db_sl, schema.response.c.response)
-        .select_from(schema.run.join(schema.trial).join(schema.response))
-        .order_by(schema.trial.c.id)
-    )
+    trial = schema.trial.c
+    columns = (schema.run.c.position, trial.number, trial.level_db_sl, schema.response.c.response)
     with store.read() as connection:
+        query = select(*columns).select_from(schema.ANSWERED).order_by(trial.id)
         rows = [tuple(row) for row in connection.execute(query)]
     found = [
         (one.frequency_hz, one.own_db_sl, one.refit_db_sl, one.refit_sd_db) for one in thresholds(detection_runs(store))
@@ -49,13 +52,9 @@ def outcome(path):
     return rows, found
 
 
-def undisturbed(path):
+def undisturbed(path, text=ONE):
     clock, store = ObedientClock(), Store(path)
-    presented = begin(store, clock, ONE)
-    while presented.session.stage != "done":
-        if presented.session.stage == "break":
-            presented.session.end_break()
-        answer_one(presented, clock)
+    everything(begin(store, clock, text), clock)
     store.close()
     return outcome(path)
 
@@ -89,14 +88,7 @@ def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, br
     assert kills_and_finish(server, subject, 50, seed=2) == 50
     server.kill()
     rows, found = outcome(server.store)
-    clock, store = ObedientClock(), Store(tmp_path / "whole.db")
-    presented = begin(store, clock, text)
-    while presented.session.stage != "done":
-        if presented.session.stage == "break":
-            presented.session.end_break()
-        answer_one(presented, clock)
-    store.close()
-    assert (rows, found) == outcome(tmp_path / "whole.db")
+    assert (rows, found) == undisturbed(tmp_path / "whole.db", text)
     assert len({row[:2] for row in rows}) == len(rows)
     assert {(run - 1, number) for run, number in subject.acknowledged} <= {row[:2] for row in rows}
 
@@ -201,3 +193,28 @@ def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, 
     assert operator.locator("#banner").is_visible()
     assert "Refused: S1 is enrolled already" in operator.locator("#banner").inner_text()
     operator.close()
+
+
+def test_held_key__answers_every_burst_by_its_state(tmp_path, browser) -> None:
+    text = YES_NO.replace("intervals = 1", "intervals = 1\nheld = true").replace("break_after_trials = 20", "")
+    server = started(tmp_path, text, controller())
+    try:
+        page = browser.new_page(bypass_csp=True)
+        page.goto(server.addresses["subject S1"])
+        visible(page, "Before we begin")
+        page.keyboard.press("Enter")
+        visible(page, "Hold 1 while you feel it")
+        assert page.locator(".choice").count() == 1
+        page.keyboard.down("1")
+        page.keyboard.press("Enter")
+        for trials, turn in ((4, page.keyboard.up), (9, page.keyboard.down), (14, page.keyboard.up)):
+            page.wait_for_function(f"Number((document.body.dataset.trial || '').split('/')[1]) >= {trials}")
+            assert page.locator(".choice").get_attribute("aria-pressed") == str(turn == page.keyboard.up).lower()
+            turn("1")
+        page.keyboard.press("Escape")
+        visible(page, "You have paused")
+    finally:
+        server.kill()
+    with closing(sqlite3.connect(server.store)) as store:
+        said = "".join(row[0] for row in store.execute("select response from response order by trial_id"))
+    assert re.match("1{3,}0{3,}1{3,}", said)

@@ -1,14 +1,15 @@
 """Tasks of judging in a real Chromium, by keyboard alone: matching, numbers for magnitudes, which finger was first."""
 
+import sqlite3
+from contextlib import ExitStack, closing
+
 import pytest
 from playwright.sync_api import Page, expect
-from sqlalchemy import select
 
+from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.store import schema
-from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import controller
-from tests.web.study import Server, started, watch_errors
+from tests.web.study import started, watch_errors
 
 HEAD = """
 [study]
@@ -47,26 +48,6 @@ OPEN_FIELD = ".number input:not([readonly])"
 OPEN_BUTTON = ".choice[aria-disabled=false]"
 
 
-@pytest.fixture
-def page(browser):
-    made = browser.new_page()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def serve(tmp_path):
-    made: list[Server] = []
-
-    def start(text: str) -> Server:
-        made.append(started(tmp_path, text, controller()))
-        return made[-1]
-
-    yield start
-    for one in made:
-        one.kill()
-
-
 def answered(page: Page, keys) -> int:
     """Answer by keys until the session is over; how many answers were given."""
     count, last = 0, None
@@ -83,16 +64,6 @@ def answered(page: Page, keys) -> int:
     raise AssertionError("the session does not end")
 
 
-def responses(server: Server) -> list[str]:
-    store = Store(server.store)
-    with store.read() as connection:
-        rows = list(
-            connection.execute(select(schema.response.c.response).order_by(schema.response.c.trial_id)).scalars()
-        )
-    store.close()
-    return rows
-
-
 def typed(page: Page, count: int) -> None:
     """A number by the keyboard, with a point or a comma; the first time something else comes before it."""
     if count == 0:
@@ -106,20 +77,26 @@ def typed(page: Page, count: int) -> None:
 
 @pytest.mark.parametrize(
     ("task", "language"),
-    [("matching", "en"), ("magnitude", "en"), ("magnitude", "de"), ("magnitude", "fr"), ("order", "fr")],
+    [("matching", "en"), *((task, language) for task in TASKS for language in ("de", "fr"))],
 )
-def test_judging__by_keyboard_alone__is_answered_to_the_end(page: Page, serve, task: str, language: str) -> None:
+def test_judging__by_keyboard_alone__is_answered_to_the_end(tmp_path, browser, task: str, language: str) -> None:
     text = HEAD.format(language=language) + TASKS[task]
-    protocol, errors = parse_any_protocol(text), watch_errors(page)
-    server = serve(text)
-    page.goto(server.addresses["subject S1"])
-    count = answered(
-        page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
-    )
-    given = responses(server)
+    keys = parse_any_protocol(text).task
+    with ExitStack() as closes:
+        server = started(tmp_path, text, controller())
+        closes.callback(server.kill)
+        page = closes.enter_context(closing(browser.new_page()))
+        errors = watch_errors(page)
+        page.goto(server.addresses["subject S1"])
+        expect(page.locator("body")).to_contain_text(keys.asked(shipped_words(language)).prompt)
+        count = answered(
+            page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
+        )
+        with closing(sqlite3.connect(server.store)) as store:
+            given = [response for (response,) in store.execute("select response from response order by trial_id")]
     assert len(given) == count == {"matching": 21, "magnitude": 5, "order": 6}[task]
     if task == "magnitude":
         assert given == ["1.5", "2,5", "3.5", "4,5", "5.5"]
     if task == "order":
-        assert set(given) == set(protocol.task.fingers)
+        assert set(given) == set(keys.fingers)
     assert errors == []

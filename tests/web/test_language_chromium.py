@@ -114,3 +114,19 @@ def test_keys__by_where_they_stand__answer_on_every_layout(server, browser) -> N
     page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', { key: '4', code: 'Digit4' }))")
     assert page.evaluate("said") == []
     page.close()
+
+
+@pytest.mark.parametrize("language", ["en", "de", "fr"])
+def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen(tmp_path, browser, language) -> None:
+    made = started(tmp_path, ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"'), controller())
+    try:
+        for wide in (390, 640, 195):  # a phone, and a screen of 1280 and the phone at 200 %
+            page = browser.new_page(viewport={"width": wide, "height": 800})
+            page.goto(made.addresses["operator"])
+            page.locator("[data-start]").wait_for()
+            assert page.evaluate("document.documentElement.scrollWidth") <= wide
+            boxes = [button.bounding_box() for button in page.locator("button:visible, #sessions a").all()]
+            assert len(boxes) == 11
+            assert all(box["x"] >= 0 and box["x"] + box["width"] <= wide for box in boxes)
+    finally:
+        made.kill()

@@ -7,7 +7,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, answer, at_page, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
@@ -27,7 +27,7 @@ def failed(lab, socket):
 def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> None:
     lab = make(PRACTISES, auto_start=False)
     lab.start(1)
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         stage(socket, "consent")
         socket.send_json({"type": "consent"})
         assert "2 of 2 right" in stage(socket, "introduction")["introduction"]

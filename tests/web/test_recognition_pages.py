@@ -12,7 +12,7 @@ from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
-from tests.web.labs import TOKEN, make_lab, response_count, until  # noqa: F401
+from tests.web.labs import TOKEN, at_page, make_lab, response_count, stage, until  # noqa: F401
 from tests.web.server import served
 
 
@@ -30,11 +30,10 @@ def make(make_lab, items, controller):
     return lab
 
 
-def go_on(socket, stage):
+def go_on(socket, name):
     """Up to the stage, and on from it."""
-    while until(socket, "stage")["stage"] != stage:
-        pass
-    socket.send_json({"type": "ready", "stage": stage})
+    stage(socket, name)
+    socket.send_json({"type": "ready", "stage": name})
 
 
 def begun(socket, heard=None):
@@ -48,15 +47,21 @@ def respond(socket, asked, response):
     socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": response})
 
 
+def block_answered(socket, asked, responses):
+    """Answer a block; what was told to be right of each."""
+    told = []
+    for response in responses:
+        respond(socket, asked if not told else until(socket, "answer-now"), response)
+        told.append(until(socket, "ack")["right"])
+    return told
+
+
 def planned(text, block):
     return block_trials(parse_recognition(text), 0, block)
 
 
 def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
-    with (
-        served(build_app(make(protocol_text(labels=THREE)), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+    with at_page(make(protocol_text(labels=THREE))) as socket:
         hello = until(socket, "hello")
         assert hello["prompt"] == "Which one was it?"
         offered = [
@@ -71,10 +76,7 @@ def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
 def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make, paradigm) -> None:
     text = protocol_text(paradigm, training=0, test=4, labels=THREE)
     trials = planned(text, 0)
-    with (
-        served(build_app(make(text), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+    with at_page(make(text)) as socket:
         told, asked = set(), begun(socket, first := [])
         for trial in trials[:9]:
             told.add(json.dumps(first))
@@ -91,16 +93,9 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
 
 def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(make) -> None:
     text = protocol_text(test=1)
-    with (
-        served(build_app(lab := make(text), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+    with at_page(lab := make(text)) as socket:
         asked = begun(socket)
-        for trial in planned(text, 0):
-            respond(socket, asked, "M-index")
-            assert until(socket, "ack")["right"] == trial.correct
-            if trial.number < 2:
-                asked = until(socket, "answer-now")
+        assert block_answered(socket, asked, ["M-index"] * 3) == [trial.correct for trial in planned(text, 0)]
         go_on(socket, "break")
         asked = begun(socket)
         respond(socket, asked, "M-index")
@@ -120,10 +115,7 @@ def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(
     ],
 )
 def test_subject__answer_that_is_no_choice__is_refused(make, paradigm, response) -> None:
-    with (
-        served(build_app(lab := make(protocol_text(paradigm, training=0, test=1)), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+    with at_page(lab := make(protocol_text(paradigm, training=0, test=1))) as socket:
         asked = begun(socket)
         respond(socket, asked, response)
         assert "allowed" in until(socket, "refused")["message"]
@@ -135,18 +127,11 @@ def test_subject__answer_that_is_no_choice__is_refused(make, paradigm, response)
 
 def test_subject__ready_said_twice__skips_no_break(make) -> None:
     text = protocol_text(test=1)
-    with (
-        served(build_app(make(text), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+    with at_page(make(text)) as socket:
         asked = begun(socket)
-        for stage in ("introduction", "trial", "trial"):
-            socket.send_json({"type": "ready", "stage": stage})
-        for number in range(3):
-            respond(socket, asked, "M-index")
-            until(socket, "ack")
-            if number < 2:
-                asked = until(socket, "answer-now")
+        for name in ("introduction", "trial", "trial"):
+            socket.send_json({"type": "ready", "stage": name})
+        block_answered(socket, asked, ["M-index"] * 3)
         assert until(socket, "stage")["stage"] == "break"
         socket.send_json({"type": "ready", "stage": "break"})
         socket.send_json({"type": "ready", "stage": "break"})
@@ -156,14 +141,11 @@ def test_subject__ready_said_twice__skips_no_break(make) -> None:
         assert until(socket, "stage")["stage"] == "trial"
 
 
-@pytest.mark.parametrize("stage", ["done", "consent", None])
-def test_subject__ready_for_what_cannot_be__is_refused(make, stage) -> None:
-    with (
-        served(build_app(make(protocol_text()), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-    ):
+@pytest.mark.parametrize("name", ["done", "consent", None])
+def test_subject__ready_for_what_cannot_be__is_refused(make, name) -> None:
+    with at_page(make(protocol_text())) as socket:
         until(socket, "stage")
-        socket.send_json({"type": "ready", "stage": stage})
+        socket.send_json({"type": "ready", "stage": name})
         assert "message" in until(socket, "refused")
 
 
@@ -234,11 +216,7 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
     ):
         operator.send_text(TOKEN)
         asked = begun(socket)
-        for trial in planned(text, 0):
-            respond(socket, asked, trial.correct)
-            until(socket, "ack")
-            if trial.number < 2:
-                asked = until(socket, "answer-now")
+        block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
         go_on(socket, "break")
         asked = begun(socket)
         first, second, _ = planned(text, 1)
@@ -277,11 +255,7 @@ def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
         second.send_json({"type": "results", "session": session})
         assert "no results yet" in until(second, "refused")["message"]
         asked = begun(socket)
-        for trial in planned(text, 0):
-            respond(socket, asked, trial.correct)
-            until(socket, "ack")
-            if trial.number < 2:
-                asked = until(socket, "answer-now")
+        block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
         second.send_json({"type": "results", "session": session})
         told = until(second, "results")
         assert told["subject"] == "S1"

@@ -5,21 +5,16 @@ from itertools import pairwise
 import pytest
 from sqlalchemy import select
 
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, response_of
-from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, agreed, answer, at_page, begun, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
-
-
-def begun(socket):
-    stage(socket, "consent")
-    socket.send_json({"type": "consent"})
-    stage(socket, "trial")
-    socket.send_json({"type": "ready", "stage": "trial"})
-    return until(socket, "answer-now")
 
 
 def session(lab, number=0):
@@ -34,7 +29,7 @@ def events(lab):
 
 def test_consent__given__is_stored_with_version_and_text(make) -> None:
     lab = make(PROTOCOL.replace('consent = "', 'consent_version = "2026-03"\nconsent = "'))
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         begun(socket)
         row = session(lab)
     assert (row.consent_version, len(row.consent_sha256), row.protocol_version_id) == ("2026-03", 64, lab.study.version)
@@ -42,7 +37,7 @@ def test_consent__given__is_stored_with_version_and_text(make) -> None:
 
 def test_consent__declined__ends_the_session_with_nothing_recorded(make) -> None:
     lab = make()
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         stage(socket, "consent")
         socket.send_json({"type": "decline"})
         assert stage(socket, "ended")["ended"] == "declined"
@@ -54,7 +49,7 @@ def test_consent__declined__ends_the_session_with_nothing_recorded(make) -> None
 
 def test_pause__while_a_trial_waits__plays_it_again_after(make) -> None:
     lab = make()
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         stands = begun(socket)
         socket.send_json({"type": "pause"})
         stage(socket, "paused")
@@ -84,11 +79,8 @@ def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, mon
 
     monkeypatch.setattr(rig, "stream", slowly)
     monkeypatch.setattr(rig, "rest", lambda: (rested.append(sum(pieces)), rest()))
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
-        stage(socket, "consent")
-        socket.send_json({"type": "consent"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
+    with at_page(lab) as socket:
+        agreed(socket)
         until(socket, "playing")
         socket.send_json({"type": "pause"})
         stage(socket, "paused")
@@ -101,7 +93,7 @@ def test_interruption__after_an_answer__plays_nothing_more(make, monkeypatch, wa
     lab, streamed = make(PROTOCOL.replace("feedback_s = 0.0", "feedback_s = 0.5")), []
     stream = lab.apparatus.rig.stream
     monkeypatch.setattr(lab.apparatus.rig, "stream", lambda blocks: streamed.append(1) or stream(blocks))
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         stands = begun(socket)
         socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": response_of_first(lab)})
         until(socket, "ack")
@@ -149,7 +141,7 @@ def test_withdrawal__at_any_time__ends_the_session_for_good(make, keep, how) -> 
 
 def test_withdrawal__while_paused__ends_the_session(make) -> None:
     lab = make()
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         begun(socket)
         for message, reached in (("pause", "paused"), ("stop", "stopped"), ("pause", "paused")):
             socket.send_json({"type": message})
@@ -162,7 +154,7 @@ def test_withdrawal__while_paused__ends_the_session(make) -> None:
 def test_break__is_kept_by_the_server_whatever_the_page_says(make) -> None:
     lab = make(RESTS)
     clock = lab.clock
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         answer(socket, begun(socket))
         answer(socket, until(socket, "answer-now"))
         assert stage(socket, "break")["break_left_s"] == 30.0
@@ -178,7 +170,7 @@ def test_break__is_kept_by_the_server_whatever_the_page_says(make) -> None:
 
 def test_break__server_begun_anew__lasts_from_the_last_answer(make) -> None:
     lab = make(RESTS)
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         answer(socket, begun(socket))
         answer(socket, until(socket, "answer-now"))
         stage(socket, "break")
@@ -192,9 +184,6 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
     presented = lab.study.session(lab.sessions[0])
     left = [presented.time_left_s]
     presented.give_consent()
-    from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.records import Answer
-
     at = PresentedSession(presented)
     while presented.stage != "done":
         if presented.stage == "break":
@@ -210,8 +199,6 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
 
 
 def test_time_left__of_trials_that_take_a_tenth_of_what_they_are_said_to__is_told_by_their_pace(make) -> None:
-    from tactuator.experiment.session.session import Pace
-
     pace = Pace()
     for _ in range(5):
         pace.answered(0.35, played_s=2.0)
@@ -220,9 +207,6 @@ def test_time_left__of_trials_that_take_a_tenth_of_what_they_are_said_to__is_tol
 
 
 def test_time_left__with_rests_between_trials__is_that_of_the_trials_alone(make) -> None:
-    from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.records import Answer
-
     left = []
     for rest_s in (0.0, 50.0):
         lab = make()
@@ -242,13 +226,10 @@ def test_time_left__with_rests_between_trials__is_that_of_the_trials_alone(make)
 
 def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_the_run(make) -> None:
     lab, heard = make(shown="seen or heard"), []
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_page(lab) as socket:
         hello = until(socket, "hello")
         assert (hello["simulated"], hello["shown"]) == (True, "seen or heard")
-        stage(socket, "consent")
-        socket.send_json({"type": "consent"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
+        agreed(socket)
         until(socket, "answer-now", heard)
         right = int(lab.opened(1).pending[0].trial.correct) - 1
     shapes = [max(one["envelope_db_sl"]) for one in heard if one["type"] == "shape"]

@@ -4,20 +4,37 @@ import ast
 import re
 from pathlib import Path
 
+from sphinx.domains.python import PythonDomain
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "tactuator"
 FOLDER = ROOT / "docs" / "python"
 LISTED_IN = "docs/reference"  # two clicks from the start page
-#: Rooms that a program of a laboratory may call; the faces and the study are programs themselves.
+#: What a program of a laboratory calls, or a package of its own builds on; the rest is read in the source.
 ROOMS = (
-    "verbs", "signals", "perception", "model", "io", "runtime", "identification", "synthesis", "wordlength",
-    "rig", "measure", "experiment", "speech", "report",
+    "verbs", "signals", "perception", "model", "io", "rig", "speech", "experiment.procedure", "experiment.task",
 )  # fmt: skip
+
+
+class FindsOnce(PythonDomain):
+    """Python's names, each looked for once: Sphinx goes through all of them at every name that it does not know."""
+
+    def find_obj(self, env, modname, classname, name, type, searchmode=0):
+        """Return what Sphinx finds, remembered for a name that is searched for by its end."""
+        if searchmode != 1:
+            return super().find_obj(env, modname, classname, name, type, searchmode)
+        unknown = self.__dict__.setdefault("_unknown", set())
+        if (len(self.objects), modname, name) in unknown:
+            return []
+        matches = super().find_obj(env, modname, classname, name, type, searchmode)
+        if not matches:
+            unknown.add((len(self.objects), modname, name))
+        return matches
 
 
 def room_page(room):
     """Return the page of one room: its modules in the order of their names, each with its docstrings."""
-    names = [_dotted(path) for path in sorted((PACKAGE / room).rglob("*.py"))]
+    names = [_dotted(path) for path in sorted(_folder(room).rglob("*.py"))]
     names = [name for name in names if not any(part.startswith("_") for part in name.split("."))]
     lines = [f"# tactuator.{room}", ""]
     for name in names:
@@ -36,8 +53,12 @@ def _list_rooms(app, page, source):
 
 def _head(room):
     """Return the first sentence of the docstring of a room."""
-    text = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8"))) or ""
+    text = ast.get_docstring(ast.parse((_folder(room) / "__init__.py").read_text(encoding="utf-8"))) or ""
     return " ".join(text.split("\n\n")[0].split())
+
+
+def _folder(room):
+    return PACKAGE.joinpath(*room.split("."))
 
 
 def _dotted(path):
@@ -78,6 +99,9 @@ def _process(app, what, name, thing, options, lines):
 
 def _write_pages(app):
     FOLDER.mkdir(exist_ok=True)
+    for page in FOLDER.glob("*.md"):
+        if page.stem not in ROOMS:
+            page.unlink()
     for room in ROOMS:
         page, text = FOLDER / f"{room}.md", room_page(room)
         if not page.exists() or page.read_text(encoding="utf-8") != text:
@@ -86,6 +110,7 @@ def _write_pages(app):
 
 def setup(app):
     """Write the rooms' pages before the pages are read, and make their docstrings readable to Sphinx."""
+    app.add_domain(FindsOnce, override=True)
     app.connect("config-inited", lambda app, config: _write_pages(app))
     app.connect("source-read", _list_rooms, priority=100)
     app.connect("autodoc-process-docstring", _process)

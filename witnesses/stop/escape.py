@@ -36,7 +36,7 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store
 from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import paper_display
-from tactuator.rig import paced
+from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app

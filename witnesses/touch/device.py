@@ -19,8 +19,7 @@ from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
 from tactuator.runtime._core import ffi
-from tactuator.runtime.tables import controller_table
-from tactuator.runtime.touch_table import touch_table
+from tactuator.runtime.tables import controller_table, touch_table
 
 HERE = Path(__file__).resolve().parent
 CORE = HERE.parents[1] / "core"

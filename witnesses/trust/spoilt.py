@@ -4,7 +4,8 @@ The mechanisms (a motor on a spring, a voice coil, a resonator), the excitations
 and SciPy alone; nothing of the project is in them. The held command drives an exact discretisation in sub-steps, which
 another clock reads between its steps. A record is wrong where it is trusted and its response departs from the truth by
 more than the band and 0.1 dB at a frequency that the model calls valid; it is refused without need where it is not
-trusted though it departs by less than 0.1 dB over the whole of the excited band. Truth is the response at small
+trusted though it departs by less than 0.1 dB, of the complex response, over the whole of the excited band: a model of a
+chirp at two clocks had its size within 0.08 dB and was 58 degrees late at 300 Hz. Truth is the response at small
 commands, at the record's beginning and at its end: where the gain falls, both count. Seen to fail on the rules
 before: 15 of the 40 were wrong or refused without need.
 """
@@ -294,13 +295,14 @@ RECORDS = (
 
 @dataclass(frozen=True)
 class Judged:
-    """How a record came out: status, the largest error inside the valid range, in dB and beyond the band, what was told
-    of mending."""
+    """How a record came out: status, the largest error inside the valid range, in dB and beyond the band, that of the
+    complex response over the whole band, dB, the phase's beyond its band, degrees, and what was told of mending."""
 
     status: int
     error_db: float
     beyond_db: float
     whole_db: float
+    beyond_deg: float
     said: str
 
     @property
@@ -320,20 +322,23 @@ def judge(record: Spoilt, seed: int, folder: Path) -> Judged:
     try:
         found = tt.identify(path)
     except BadInput as error:  # a refusal is an answer too
-        return Judged(2, np.nan, np.nan, np.nan, str(error))
+        return Judged(2, np.nan, np.nan, np.nan, np.nan, str(error))
     assert isinstance(found, IdentificationResult)
     low, high = found.model.valid_hz or found.model.band_hz
     whole = np.geomspace(2.0, 300.0, 300)
     inside = np.geomspace(low, high, 300)
 
-    def off(hertz: Array) -> Array:
-        true = np.abs(record.mechanism.response(hertz))
-        here = np.abs(found.model.response(hertz))
-        return np.asarray(np.max([np.abs(20.0 * np.log10(here / (gain * true))) for gain in taken.gains], axis=0))
+    def ratios(hertz: Array) -> NDArray[np.complex128]:
+        own = np.outer(taken.gains, record.mechanism.response(hertz))
+        return np.asarray(found.model.response(hertz) / own)
 
-    beyond = off(inside) - found.model.band_db(inside)
+    off = np.abs(20.0 * np.log10(np.abs(ratios(inside)))).max(axis=0)
+    turned = np.abs(np.degrees(np.angle(ratios(inside)))).max(axis=0) - np.degrees(found.model.band_rad(inside))
+    departs = 20.0 * np.log10(1.0 + np.abs(ratios(whole) - 1.0))
     said = "; ".join([*found.distrust, *found.remarks])
-    return Judged(int(not found.holds), float(off(inside).max()), float(beyond.max()), float(off(whole).max()), said)
+    beyond = float((off - found.model.band_db(inside)).max())
+    whole_db, beyond_deg = float(departs.max()), float(turned.max())
+    return Judged(int(not found.holds), float(off.max()), beyond, whole_db, beyond_deg, said)
 
 
 def main() -> int:
@@ -355,7 +360,8 @@ def main() -> int:
             print(
                 f"{k:2d} {record.name:32} {record.mechanism.name:9} status {judged.status} "
                 f"error {judged.error_db:7.3f} dB, beyond its band {judged.beyond_db:7.3f}, 2 to 300 Hz "
-                f"{judged.whole_db:7.3f} {judged.verdict:8} {took:4.1f} s  {judged.said[: asked.width]}",
+                f"{judged.whole_db:7.3f}, phase beyond {judged.beyond_deg:7.2f} {judged.verdict:8} {took:4.1f} s  "
+                f"{judged.said[: asked.width]}",
                 flush=True,
             )
     print(f"{bad} of {len(RECORDS)} wrong or refused without need")

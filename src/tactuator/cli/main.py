@@ -6,7 +6,6 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
-from difflib import get_close_matches
 from itertools import pairwise
 from types import FrameType
 from typing import NoReturn
@@ -15,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator.cli.commands import build_app
-from tactuator.errors import BadInput, TactuatorError
+from tactuator.errors import BadInput, TactuatorError, likely
 from tactuator.verbs.table import parts_of, top_verbs
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -46,9 +45,7 @@ def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
         if len(arguments) == 1 and parts_of(first):
             raise BadInput(f"{first}: no part of it is named", ", ".join(parts_of(first)))
         return (first,)
-    likely = get_close_matches(first, verbs, n=1)
-    meant = f"did you mean {likely[0]!r}? " if likely else ""
-    raise BadInput(f"no verb {first!r}; {meant}there are {', '.join(verbs)}")
+    raise BadInput(f"no verb {first!r}{likely(first, verbs)}; there are {', '.join(verbs)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -30,6 +30,7 @@ from tactuator.console.requests import (
 from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
+from tactuator.table import picked
 from tactuator.verbs.controller import check
 from tactuator.web.sockets import first_to_end, send
 
@@ -54,18 +55,12 @@ class Open(ViewRequest):
         """Return what the page shows of the display."""
         display = state.open(self.display)
         return {
-            "name": display.name,
-            "rate_hz": display.rate_hz,
-            "delay_samples": display.delay_samples,
+            **picked(display, "name", "rate_hz", "delay_samples"),
             "file": state.command_name(self.display),
             "channels": [
-                {
-                    "name": channel.name,
-                    "finger": channel.finger,
-                    "loop": channel.feedback.structure != "none",
-                    "loads": [load.name for load in channel.loads],
-                    "models": 1 + len(channel.family),
-                }
+                picked(channel, "name", "finger")
+                | {"loop": channel.feedback.structure != "none", "loads": [load.name for load in channel.loads]}
+                | {"models": 1 + len(channel.family)}
                 for channel in display.channels
             ],
         }

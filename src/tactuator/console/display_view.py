@@ -21,6 +21,7 @@ from tactuator.io.text import parse_toml, read_text
 from tactuator.model.description import SHARED_TABLES, Channel, keys_of
 from tactuator.model.plausibility import channel_reasons
 from tactuator.parameters import choices, default, parameters
+from tactuator.table import picked
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")
@@ -165,9 +166,7 @@ class DisplayJudge(ViewRequest):
             return judged | {"fault": str(error), "line": line_of(self.text, error)}
         display = state.display(key)
         sketch = {
-            "name": display.name,
-            "rate_hz": display.rate_hz,
-            "delay_samples": display.delay_samples,
+            **picked(display, "name", "rate_hz", "delay_samples"),
             "channels": [_channel(channel) for channel in display.channels],
         }
         reasons = {channel.name: channel_reasons(channel, display.rate_hz) for channel in display.channels}
@@ -233,15 +232,12 @@ def _words(quoted: str) -> str:
 def _channel(channel: Channel) -> Answer:
     low, high = channel.threshold.band_hz
     return {
-        "name": channel.name,
-        "finger": channel.finger,
+        **picked(channel, "name", "finger", "quantity", curve="threshold.curve.name"),
         "loop": channel.feedback.structure != "none",
         "converter": f"{channel.converter.bits} bits, ±{channel.converter.range_v:g} V",
         "plant": f"{channel.plant.poles.size} poles, {channel.plant.zeros.size} zeros",
-        "quantity": channel.quantity,
         "travel": f"±{channel.travel_mm:g} mm",
         "sensor": f"{channel.sensor_gain_v_per_mm:g} V/mm",
-        "curve": channel.threshold.curve.name,
         "band": f"{low:g} to {high:g} Hz",
         "prefilter": f"{channel.prefilter.poles} poles",
         "loads": [load.name for load in channel.loads],

@@ -31,6 +31,7 @@ from tactuator.perception.curve import AMPLITUDE_JND_DB, check_level
 from tactuator.signals.decibels import db
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v
+from tactuator.table import picked
 
 _CURVE_POINTS = 120
 _OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
@@ -160,16 +161,10 @@ class RigSession:
         display = self._display
         return {
             "rig": self.rig.spec,
-            "display": display.name,
-            "rate_hz": display.rate_hz,
+            **picked(display, "rate_hz", display="name"),
             "channels": [
-                {
-                    "name": channel.name,
-                    "loads": [load.name for load in channel.loads],
-                    "band_hz": list(channel.threshold.band_hz),
-                    "range_v": channel.converter.range_v,
-                    "loop": channel.feedback.structure != "none",
-                }
+                picked(channel, "name", band_hz="threshold.band_hz", range_v="converter.range_v")
+                | {"loads": [load.name for load in channel.loads], "loop": channel.feedback.structure != "none"}
                 for channel in display.channels
             ],
             "signals": SIGNALS,
@@ -243,9 +238,9 @@ class RigSession:
         low = min(channel.threshold.band_hz[0] for channel in self._display.channels)
         high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
-        curves = expected_curves(self.loaded_controller(), level_db_sl, frequency_hz)
-        asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB}
         controller = self.loaded_controller()
+        curves = expected_curves(controller, level_db_sl, frequency_hz)
+        asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB}
         hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
         return {"frequency_hz": frequency_hz.tolist(), "curves": curves, "hum": hum} | asked
 
@@ -270,13 +265,8 @@ class RigSession:
         band_hz = (max(low for low, _ in bands), min(high for _, high in bands))
         played = settings.frequency_hz or tuple(over_the_band(band_hz, settings.mains_hz))
         self.rig.points = None
-        order = replace(
-            settings,
-            channels=channels,
-            frequency_hz=played,
-            band_hz=band_hz,
-            controller_hash=controller.content_hash,
-        )
+        full: dict[str, Any] = {"channels": channels, "frequency_hz": played, "band_hz": band_hz}
+        order = replace(settings, **full, controller_hash=controller.content_hash)
         self.rig.order(orders.MeasureOrder(controller, order))
         set_here = {name: getattr(settings, name) for name in _OPTIONS}
         usual = {name: getattr(MeasurementOptions, name) for name in _OPTIONS} | {"rig": "simulated", "seed": 0}

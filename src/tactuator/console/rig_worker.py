@@ -30,13 +30,14 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
-from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig, Trace, WrappedRig, touch_all
+from tactuator.rig.simulated import PacedRig
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
 from tactuator.synthesis.felt import felt_db_sl
+from tactuator.table import picked
 
 BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""
@@ -44,6 +45,7 @@ _GUARD_S = 0.5
 _PATIENCE_S = 5.0
 """Time in which the rig has to be at rest after the end of whoever orders; then the process ends without it."""
 _LAST_S = 1.0
+_ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
@@ -438,21 +440,13 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
     channels = [order.controller.display.channel(response.channel) for response in responses]
     shown = [
         {
-            "channel": response.channel,
-            "load": response.load,
-            "frequency_hz": response.frequency_hz.tolist(),
-            "asked_db_sl": response.level_db_sl,
-            "level_db_sl": _finite(level.felt_db_sl),
-            "error_db": _finite(level.error_db),
-            "error_jnd": _finite(level.error_jnd),
-            "model_db": _finite(level.model_db),
-            "unpredicted_db": _finite(level.unpredicted_db),
+            **picked(response, "channel", "load", asked_db_sl="level_db_sl"),
+            **{name: getattr(response, name).tolist() for name in ("frequency_hz", "saturated", "reached")},
+            **{name: _finite(values) for name, values in picked(level, *_ERRORS, level_db_sl="felt_db_sl").items()},
             "worst_first": level.worst_first,
             "confidence_db": _finite(response.confidence_db),
             "noise_db_sl": _finite(felt_db_sl(channel, response.noise_v, response.frequency_hz)),
             "within": _within(response, level),
-            "saturated": response.saturated.tolist(),
-            "reached": response.reached.tolist(),
         }
         for response, level, channel in zip(responses, levels, channels, strict=True)
     ]

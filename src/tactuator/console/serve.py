@@ -38,8 +38,7 @@ def console(
     """
     import secrets  # which takes a fifth of a help
 
-    from tactuator.console.app import build_console
-    from tactuator.console.ending import ConsoleServer
+    from tactuator.console.app import ConsoleServer, build_console
     from tactuator.console.state import ConsoleState
     from tactuator.web.server import Address
 

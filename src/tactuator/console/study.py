@@ -44,8 +44,7 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.model.controller import Controller
-from tactuator.rig.finger import Finger
-from tactuator.rig.rig import Rig, Trace, join_traces
+from tactuator.rig.rig import Finger, Rig, Trace, join_traces
 from tactuator.verbs.experiment import export
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, send

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.speech.options import CODING, LEVEL_DB_SL
-from tactuator.table import ResultTable
+from tactuator.table import ResultTable, picked
 from tactuator.verbs.chosen import chosen_controller
 from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, Seed
 from tactuator.verbs.progress import working
@@ -38,14 +38,8 @@ class RenderedCorpus(Result):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "out": self.out,
-            "manifest": self.manifest,
-            "rendered": self.corpus.done,
-            "kept": self.corpus.kept,
-            "failures": self.corpus.failures,
-            "duration_s": self.corpus.manifest["duration_s"],
-        }
+        figures = picked(self.corpus, "kept", "failures", rendered="done")
+        return {"out": self.out, "manifest": self.manifest, **figures, "duration_s": self.corpus.manifest["duration_s"]}
 
     def tables(self) -> Sequence[ResultTable | str]:
         table = ResultTable("Corpus", ("what", "files"), tuple(self.headline().items()))

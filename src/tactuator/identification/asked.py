@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
@@ -162,9 +162,9 @@ class Asked:
         ),
     ] = "auto"
     quantity: Annotated[
-        Literal["displacement", "velocity", "acceleration"],
-        Field(description="What the position is: displacement, velocity, acceleration."),
-    ] = "displacement"
+        Literal["auto", "displacement", "velocity", "acceleration"],
+        Field(description="What the position is: displacement, velocity, acceleration, or auto: the record says it."),
+    ] = "auto"
     friction: Annotated[bool, Field(description="Estimate friction.")] = True
     fixed: Annotated[
         tuple[Fixed, ...],
@@ -187,7 +187,7 @@ class Asked:
                 TypeAdapter(annotation).validate_python(value, strict=True)
             except ValidationError:
                 raise BadInput(f"{value!r}", _allowed(annotation), key=name) from None
-        origin_zeros, most = DERIVATIVES[self.quantity], MOST_POLES if self.order is None else self.order
+        origin_zeros, most = DERIVATIVES.get(self.quantity, 0), MOST_POLES if self.order is None else self.order
         if self.zeros is not None and not origin_zeros <= self.zeros <= most:
             raise BadInput(f"{self.zeros}", f"{origin_zeros} to {most}", key="zeros")
         if self.integrators > most:
@@ -198,11 +198,18 @@ class Asked:
         if self.method != "refined" and self.fixed:
             raise BadInput(f"fixed values with the method {self.method!r}", "with 'refined' alone")
 
+    def of(self, about: Mapping[str, str]) -> Asked:
+        """Return the same for a record of which that is told: its quantity, where none was asked for."""
+        if self.quantity != "auto":
+            return self
+        stated = about.get("quantity", "")
+        return replace(self, quantity=stated if stated in DERIVATIVES else "displacement")  # type: ignore[arg-type]
+
     def known(self, ratio: float) -> Known:
         """Return what this says of the form of responses in units of `ratio`; a velocity has a zero at s = 0."""
         pins = tuple(pin for pin in (value.pin(ratio) for value in self.fixed) if pin is not None)
         sections = tuple(value.section for value in self.fixed if value.section)
-        origin_zeros = DERIVATIVES[self.quantity]
+        origin_zeros = DERIVATIVES.get(self.quantity, 0)
         return Known(self.order, self.zeros, self.integrators, origin_zeros, self.delay_s, sections, pins)
 
     @property

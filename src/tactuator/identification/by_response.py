@@ -51,6 +51,7 @@ def identify_response(
     given: FrequencyResponse, asked: Asked, note: Callable[[str], None] = lambda _: None
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
+    asked = asked.of(given.about)
     with single_threaded():
         if given.assumed and given.phase_rad is not None:
             given = _with_own_noise(given, asked, note)

@@ -12,24 +12,9 @@ from tactuator.identification.distortion import Distortion
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.nonlinear import distortion_left
-from tactuator.identification.prepared import (
-    Prepared,
-    Signals,
-    check_length,
-    check_polarity,
-    moved_range,
-    valid_range,
-)
-from tactuator.identification.residual import (
-    Residual,
-    along_record,
-    feedback_seen,
-    fit_percent,
-    judged_residual,
-)
-from tactuator.identification.residual_tests import (
-    ResidualTests,
-)
+from tactuator.identification.prepared import Prepared, Signals, check_length, check_polarity, moved_range, valid_range
+from tactuator.identification.residual import Residual, along_record, feedback_seen, fit_percent, judged_residual
+from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
 from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate

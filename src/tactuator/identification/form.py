@@ -241,12 +241,13 @@ def denominator_polynomial(theta: FloatArray, form: Form) -> FloatArray:
 
 
 def without_cancelled(poles: ComplexArray, zeros: NDArray[Any]) -> ComplexArray | None:
-    """Return the poles without the real one that lies nearest to a zero; None where none is real."""
-    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
-    if not real.size or not zeros.size:
+    """Return the poles without the one that lies nearest to a zero, or its pair; None where there is no zero."""
+    if not poles.size or not zeros.size:
         return None
-    apart = np.min(np.abs(poles[real, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles[real]), 1e-12)
-    return np.delete(poles, real[np.argmin(apart)])
+    apart = np.min(np.abs(poles[:, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles), 1e-12)
+    nearest = poles[np.argmin(apart)]
+    kept: ComplexArray = poles[np.minimum(abs(poles - nearest), abs(poles - nearest.conj())) > 1e-9 * abs(nearest)]
+    return kept
 
 
 def fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:

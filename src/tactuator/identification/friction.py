@@ -273,18 +273,15 @@ class _FrictionLines:
 
         columns: states of every record; further ones are other parts of friction beside them.
         """
-        gain, level, powers, moves, _ = self._together(columns)
+        gain, level, powers, moves, _ = self._together([self._pull(states) for states in columns])
         if not level[0] > 0.0 or not powers[0] > 0.0:
             return 0.0, 0.0, 0.0, moves[:, 0]
         return gain, float(level[0]), float(powers[0]), moves[:, 0]
 
-    def _together(
-        self, columns: Sequence[Sequence[FloatArray]]
-    ) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return by how much the sum of squares falls with states (n,) of k columns, the level of each, their powers,
+    def _together(self, pulls: Sequence[FloatArray]) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return by how much the sum of squares falls with k columns' pulls, the level of each, their powers,
         what of the fit's parameters makes up for one unit of each, (parameters, k), and how these then move.
         """
-        pulls = [self._pull(states) for states in columns]
         rows = pulls[0].reshape(1, -1) if len(pulls) == 1 else np.stack(pulls)
         beside = np.column_stack([self._rows @ rows.T, self._along])
         across = rows @ self._rest
@@ -292,7 +289,7 @@ class _FrictionLines:
         weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
         moves = self._free @ weights
         powers, along = rest[:-1, :-1], rest[:-1, -1]
-        level, remaining = eliminated(rest, len(columns))
+        level, remaining = eliminated(rest, len(pulls))
         gain = float(rest[-1, -1] - remaining[0, 0]) if np.any(along) else 0.0
         return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
 
@@ -309,22 +306,23 @@ class _FrictionLines:
         """
         free = [dahl_state(path, level.presliding) for path in level.paths]
         speed = [np.abs(np.gradient(path)) for path in level.paths]
-        plain, *uneven = (_acting(part, level.held) for part in (free, [np.abs(state) for state in free], speed))
-        falling = []
+        plain, *uneven = (
+            self._pull(_acting(part, level.held)) for part in (free, [np.abs(state) for state in free], speed)
+        )
+        solved = [self._together([plain]), self._together([plain, *uneven])]
         for shape in (1, 2):
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
-            parts = [
+            falling = (
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
                 for fading in FADING
-            ]
-            falling.append(max(parts, key=lambda part: self._together([plain, *uneven, part])[0]))
-        laws = [[plain], [plain, *uneven], *([plain, *uneven, part] for part in falling)]
-        solved = [self._together(law) for law in laws]
-        scores = np.array([float(np.log(self._rest.size)) * len(law) for law in laws])
+            )
+            tried = (self._together([plain, *uneven, self._pull(part)]) for part in falling)
+            solved.append(max(tried, key=lambda law: law[0]))
+        scores = np.array([float(np.log(self._rest.size)) * law[1].size for law in solved])
         scores -= 2.0 * np.array([gain for gain, *_ in solved])
         evidence = np.exp(-0.5 * (scores - scores.min()))
         reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
-        solved.append(self._together([_acting(free, not level.held)]))
+        solved.append(self._together([self._pull(_acting(free, not level.held))]))
         moves = np.stack([law[4] - solved[0][4] for law in solved])
         levels = np.array([law[1][0] - solved[0][1][0] for law in solved])
         return reach[:, None] * moves, reach * levels

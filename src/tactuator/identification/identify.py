@@ -11,13 +11,7 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_spectrum import identification
-from tactuator.identification.constancy import (
-    LostBlock,
-    of_one_clock,
-    parts_between,
-    told_of_clocks,
-    without_images,
-)
+from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, told_of_clocks, without_images
 from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
@@ -140,20 +134,33 @@ def _ranges(model: PlantModel, common: Prepared) -> list[Weighed]:
     ]
 
 
+def _unheard(_: str) -> None:
+    pass
+
+
 def identify(
-    record: Record | Sequence[Record], *, note: Callable[[str], None] = lambda _: None, **wishes: Any
+    record: Record | Sequence[Record],
+    *,
+    note: Callable[[str], None] = _unheard,
+    warn: Callable[[str], None] = _unheard,
+    **wishes: Any,
 ) -> Identification:
     """Return a continuous model of a record, or of several records of one mechanism at one rate.
 
+    note: told what is at hand; warn: why the model will not be trusted, known before it is fitted.
     wishes: the fields of `Asked`. Several records are for the method "refined" alone. Raises BadInput for a record that
     cannot tell this.
     """
-    records, asked = [record] if isinstance(record, Record) else list(record), Asked(**wishes)
+    records = [record] if isinstance(record, Record) else list(record)
+    asked = Asked(**wishes).of(records[0].about)
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     # threads of BLAS wait for each other over matrices of a dozen columns
     with single_threaded():
         common = prepared(records, asked)
+        for row in common.weighed:
+            if row.refuses:
+                warn(f"{row.name}, {row.where.partition(':')[0]}".rstrip(", "))
         if asked.method == "rls":
             return judged(recursive(common), common)
         common, result = _without_knocks(common, _refined(common, note), note)

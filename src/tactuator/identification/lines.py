@@ -13,7 +13,7 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
@@ -181,15 +181,11 @@ def equations(taken: Spectrum) -> Equations:
     by_response = np.zeros((count, 2 * NODES, NODES), dtype=np.complex128)
     by_transient, by_goal = np.zeros_like(by_response), np.zeros((count, 2 * NODES), dtype=np.complex128)
     rest, lines, nodes = np.zeros(count), np.zeros(count), np.zeros((count, NODES))
-    for i, (begin, end) in enumerate(bands):
-        middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
-        shape = _lagrange(np.asarray((np.arange(begin, end) - middle) / half, dtype=np.float64))
-        u, y = taken.command[begin:end, None], taken.position[begin:end, None]
-        triangle: ComplexArray = np.asarray(np.linalg.qr(np.hstack([u * shape, shape, y]), mode="r"))
+    for i, ((begin, end), triangle) in enumerate(zip(bands, _triangles(taken, bands, _lagrange), strict=True)):
         by_response[i], by_transient[i] = triangle[: 2 * NODES, :NODES], triangle[: 2 * NODES, NODES : 2 * NODES]
         by_goal[i] = triangle[: 2 * NODES, 2 * NODES]
-        rest[i] = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2)
-        lines[i], nodes[i] = end - begin, (middle + half * _PLACES) * taken.spacing_hz
+        rest[i], lines[i] = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2), end - begin
+        nodes[i] = (0.5 * (begin + end - 1) + 0.5 * (end - 1 - begin) * _PLACES) * taken.spacing_hz
     frequency = np.concatenate([kept * taken.spacing_hz, nodes.ravel()])
     centre = nodes[:, NODES // 2].copy()
     return Equations(
@@ -235,7 +231,7 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
     bands = [band for band in band_edges(taken, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
     rows = []
-    for (begin, end), triangle in zip(bands, _triangles(taken, bands), strict=True):
+    for (begin, end), triangle in zip(bands, _triangles(taken, bands, _powers), strict=True):
         r, share_of = triangle[: 2 * NODES, : 2 * NODES], triangle[: 2 * NODES, 2 * NODES]
         size = np.abs(np.diag(r))
         if size[:NODES].min() <= 1e-9 * size.max() or size.min() <= 1e-13 * size.max():
@@ -258,13 +254,19 @@ _AT_ONCE = 1 << 14
 """Lines of bands of one width that are worked on together."""
 
 
-def _triangles(taken: Spectrum, bands: Sequence[tuple[int, int]]) -> Iterator[ComplexArray]:
-    """Yield the triangle of each band's columns: command and a transient, each with a polynomial of second degree, and
+def _powers(place: FloatArray) -> FloatArray:
+    """Return the polynomials 1, x, x^2, (n, NODES), over -1 .. 1."""
+    return np.stack([np.ones_like(place), place, place * place], axis=1)
+
+
+def _triangles(
+    taken: Spectrum, bands: Sequence[tuple[int, int]], shape_of: Callable[[FloatArray], FloatArray]
+) -> Iterator[ComplexArray]:
+    """Yield the triangle of each band's columns: command and a transient, each with polynomials of second degree, and
     the position. What lies beyond the columns' triangle is the position's share of them, and what they leave of it.
     """
     for width, alike in groupby(bands, lambda band: band[1] - band[0]):
-        place = (np.arange(width) - 0.5 * (width - 1)) / (0.5 * (width - 1))
-        shape = np.stack([np.ones_like(place), place, place * place], axis=1)
+        shape = shape_of((np.arange(width) - 0.5 * (width - 1)) / (0.5 * (width - 1)))
         begins = np.array([begin for begin, _ in alike])
         for some in np.array_split(begins, -(-begins.size * width // _AT_ONCE)):
             lines = some[:, None] + np.arange(width)

@@ -91,11 +91,13 @@ def propose(
         best = min(best, now)
         if stale >= 2:
             break
-    if proposals.least_cost() > _POOR * local.frequency_hz.size:
+    # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
+    if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:
         late = proposals.leading()[1].form.dead_time
         for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
             note(f"{poles} poles and as many zeros")
-            if np.isfinite(proposals.add_full_forms(poles, late)) and proposals.nothing_left():
+            is_tried = np.isfinite(proposals.add_full_forms(poles, late))
+            if is_tried and poles >= proposals.leading()[1].form.poles and proposals.nothing_left():
                 break
     for hold, fits in near.items():
         for fit in fits:
@@ -345,8 +347,9 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
     form = fit.form
     zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, form))
     cancelled = without_cancelled(free_poles(fit.theta, form), zeros)
-    if cancelled is not None and form.zeros > form.origin_zeros and form.poles > 1:
-        yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(cancelled)
+    fewer = 0 if cancelled is None else form.free - cancelled.size
+    if cancelled is not None and form.zeros - fewer >= form.origin_zeros and form.poles > fewer > 0:
+        yield replace(form, poles=form.poles - fewer, zeros=form.zeros - fewer), sections_of(cancelled)
     without_far, without_slow = fewer_poles(free_poles(fit.theta, form))
     if without_far is not None and without_slow is not None and form.poles > 1:
         if form.zeros < form.poles:

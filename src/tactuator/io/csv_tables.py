@@ -13,14 +13,14 @@ from typing import cast
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_text, table_rows
 from tactuator.parameters import from_table, parameters
-from tactuator.perception.contact import Contact
 from tactuator.perception.contours import REFERENCE_HZ, Contours
 from tactuator.perception.curve import (
+    Contact,
     Provenance,
     RelativeCurve,
     ThresholdCurve,
@@ -36,14 +36,12 @@ _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
 @contextmanager
 def _read(kind: str, path: Path) -> Iterator[tuple[list[str], list[list[str]]]]:
     """Yield the lines and the rows of a CSV; what is refused within tells the kind and the file."""
-    try:
+    with within(f"{kind} {path}"):
         try:
             lines = read_text(path).split("\n")
         except BadInput as error:
             raise BadInput(f"{error}", "a CSV file that can be read") from None
         yield lines, table_rows([line for line in lines if line.strip() and not line.lstrip().startswith("#")])
-    except BadInput as error:
-        raise error.within(f"{kind} {path}") from None
 
 
 def _number(cell: str) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -12,12 +13,11 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from tactuator import __version__
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
-from tactuator.io.coupling import read_coupling
 from tactuator.io.csv_tables import read_contours, resolve_curve
 from tactuator.io.kinds import require_kind
-from tactuator.io.model import FORMAT, parse_model
+from tactuator.io.model import FORMAT, parse_model, read_coupling
 from tactuator.io.record import is_response, read_foreign_response
 from tactuator.io.text import parse_toml, read_finite_json, read_text
 from tactuator.model.coupling import Coupling
@@ -48,8 +48,7 @@ from tactuator.model.requirements import (
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
 from tactuator.model.trust import Weighed, reasons
 from tactuator.parameters import Number, allowed, from_table, in_file, parameters, require_known
-from tactuator.perception.contact import Contact
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.curve import Contact, ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
 ENVIRONMENT_FORMAT = "tactuator-environment/1"
@@ -107,10 +106,8 @@ def channel_environment(
         if stated:
             raise BadInput(f"environment: both measured and {stated[0]} are given", "one of them", where=(where,))
         path = beside / file.measured
-        try:
+        with within(where, f"measured {path}"):
             values |= read_environment(path, channel)
-        except BadInput as error:
-            raise error.within(where, f"measured {path}") from None
     known = {_STATES[key] for key in values if key in _STATES}
     if friction is not None and "friction" not in known:
         known.add("friction")
@@ -136,13 +133,22 @@ def read_display(path: str | Path) -> Display:
     path = Path(path)
     require_kind(path, "display")
     try:
-        document = parse_toml(read_text(path))
+        text = read_text(path)
+        document = parse_toml(text)
     except BadInput as error:
         raise BadInput(f"display file {path}: {error}", "a TOML file that can be read") from None
-    try:
-        return parse_display(document, path.parent)
-    except BadInput as error:
-        raise error.within(f"display file {path}") from None
+    with within(f"display file {path}"):
+        return parse_display(_with_unchanged(document, text), path.parent)
+
+
+def _with_unchanged(document: Document, text: str) -> Document:
+    """Return the document whose channels tell which of their keys still say that they are to be changed."""
+    channels = document.get("channel")
+    parts = re.split(r"(?m)^\s*\[\[\s*channel\s*\]\]", text)[1:]
+    if not isinstance(channels, list) or len(parts) != len(channels) or "CHANGE THIS" not in text:
+        return document
+    keys = [re.findall(r"(?m)^\s*(\w+)\s*=.*#\s*CHANGE THIS", part) for part in parts]
+    return {**document, "channel": [{"unchanged": mine, **entry} for entry, mine in zip(channels, keys, strict=True)]}
 
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:
@@ -175,10 +181,8 @@ def _table(document: Document, name: str) -> Document:
 def _coupling(table: Document, beside: Path) -> Coupling:
     measured = table.get("measured")
     if isinstance(measured, str):
-        try:
+        with within("[coupling]", "measured"):
             table = {**table, "measured": read_coupling(beside / measured)}
-        except BadInput as error:
-            raise error.within("[coupling]", "measured") from None
     return from_table(Coupling, table, "[coupling]")
 
 
@@ -303,19 +307,15 @@ def _merged(table: Document, entry: Document, name: str, where: str) -> tuple[di
 
 def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
     curve = (in_file(Threshold) | keys)["curve"]
-    try:
+    with within(where, "curve"):
         resolved = resolve_curve(curve, beside) if isinstance(curve, str) else curve
-    except BadInput as error:
-        raise error.within(where, "curve") from None
     return from_table(Threshold, keys | {"curve": resolved}, where)
 
 
 def _strength(keys: dict[str, Any], where: str, beside: Path) -> Strength:
     contours = keys.get("contours")
-    try:
+    with within(where, "contours"):
         resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
-    except BadInput as error:
-        raise error.within(where, "contours") from None
     return from_table(Strength, keys | {"contours": resolved}, where)
 
 
@@ -359,10 +359,8 @@ def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
     if not isinstance(plant, str):
         return _Plant(system_of(plant, where, "plant"), _leading(plant))
     path = beside / plant
-    try:
+    with within(where, "plant"):
         require_kind(path, "model", "response")
-    except BadInput as error:
-        raise error.within(where, "plant") from None
     if path.suffix.lower() != ".json" and is_response(path):
         return _of_response(path, where, looped)
     document = _model_document(path, where)
@@ -441,10 +439,8 @@ def _of_response(path: Path, where: str, looped: bool) -> _Plant:
             'structure = "none", or the model that `identify` makes of it',
             where=(where, f"plant {path}"),
         )
-    try:
+    with within(where, f"plant {path}"):
         fit = _fitted(path, path.stat().st_mtime_ns)
-    except BadInput as error:
-        raise error.within(where, f"plant {path}") from None
     recorded = Recorded(distrust=fit.doubts) if fit.doubts else None
     return _Plant(
         fit.system,
@@ -478,15 +474,13 @@ def _model_document(path: Path, where: str) -> dict[str, Any]:
         raise BadInput(
             f"{error}", "a model or response file that can be read", where=(where, f"plant {path}")
         ) from None
-    try:
+    with within(where, f"plant {path}"):
         if not isinstance(document, dict) or not {"num", "den"} <= set(document):
             raise BadInput("num and den are not in it", "a file that `identify` wrote")
         if document.get("format") == FORMAT:
             parse_model(document)
         for key, kind in (("friction", _FRICTION), ("covariance", _COVARIANCE)):
             _require_kind(document, key, kind)
-    except BadInput as error:
-        raise error.within(where, f"plant {path}") from None
     return document
 
 

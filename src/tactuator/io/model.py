@@ -1,5 +1,5 @@
 """The file model.json: an identified plant with its uncertainty, as `identify` writes it and a display file
-names it.
+names it; and the file of a coupling: the matrix of responses of several channels that `identify` found.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from tactuator import __version__
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_finite_json
+from tactuator.model.coupling import CoupledResponse, measured_of
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.parameters import from_table, plain
 from tactuator.signals.systems import ContinuousSystem
@@ -66,10 +67,8 @@ def read_model(path: str | Path) -> PlantModel:
         raise BadInput(f"model {path}: {error}", "a file that `identify` wrote") from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise BadInput(f"model {path}: format is not {FORMAT!r}", "a file that `identify` wrote")
-    try:
+    with within(f"model {path}"):
         return parse_model(document)
-    except BadInput as error:
-        raise error.within(f"model {path}") from None
 
 
 def parse_model(document: dict[str, Any]) -> PlantModel:
@@ -104,3 +103,22 @@ def _sound(model: PlantModel) -> PlantModel:
     if np.any(excess[0] <= 0.0) or np.any(np.diff(excess[0]) < 0.0):
         raise BadInput("excess has frequencies that do not ascend", "ascending, above zero")
     return model
+
+
+COUPLING_FORMAT = "tactuator-coupling/1"
+
+
+def write_coupling(path: str | Path, response: CoupledResponse) -> None:
+    """Write the coupling file, whole or not at all."""
+    document = {"format": COUPLING_FORMAT, "tool": __version__, **plain(response)}
+    write_text(path, json.dumps(document, allow_nan=False) + "\n")
+
+
+def read_coupling(path: str | Path) -> CoupledResponse:
+    """Read a coupling file. Raises BadInput for a file that cannot be read, or is none."""
+    require_kind(Path(path), "coupling")
+    document = read_finite_json(Path(path))
+    if not isinstance(document, dict) or document.get("format") != COUPLING_FORMAT:
+        raise BadInput(f"coupling {path}: format is not {COUPLING_FORMAT!r}", "a file that `identify` wrote")
+    with within(f"coupling {path}"):
+        return measured_of({key: value for key, value in document.items() if key not in ("format", "tool")})

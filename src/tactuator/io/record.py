@@ -10,7 +10,7 @@ import scipy
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
@@ -133,10 +133,8 @@ def is_response(path: Path) -> bool:
 def read_foreign_response(path: Path) -> FrequencyResponse:
     """Return the response in a file; points that are no number are left out and told. Raises BadInput."""
     columns = read_columns(path)
-    try:
+    with within(f"response {path}"):
         return _assembled(path, columns)
-    except BadInput as error:
-        raise error.within(f"response {path}") from None
 
 
 def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
@@ -223,10 +221,8 @@ def read_record(
     path = Path(path)
     require_kind(path, "record", "response", "sound")
     columns = read_columns(path)
-    try:
+    with within(f"record {path}"):
         return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
-    except BadInput as error:
-        raise error.within(f"record {path}") from None
 
 
 def _assemble(
@@ -362,10 +358,8 @@ def read_joint_record(path: Path) -> JointRecord | None:
         raise BadInput(f"record {path}: there is no rate", "an attribute rate_hz")
     command, position = (np.stack(list(each.values()), axis=1) for each in (commands, positions))
     about = {"file": path.name} | {key: value for key, value in columns.attributes.items() if key != "channels"}
-    try:
+    with within(f"record {path}"):
         return JointRecord(rate_hz, tuple(names), command, position, about=about, remarks=columns.remarks)
-    except BadInput as error:
-        raise error.within(f"record {path}") from None
 
 
 def write_record(path: str | Path, record: Record | JointRecord) -> None:

@@ -71,8 +71,8 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     """Return the text of a display file whose plant is the model in the file `path`.
 
     The band is narrowed to the frequencies (Hz) of which the model says something. Loads, which are in the units of a
-    plant, what is learnt of them, and the friction, which the model brings, become comments. Raises BadInput where no
-    band is left.
+    plant, what is learnt of them, friction, which the model brings, hum and noise, which nobody measured, become
+    comments. Raises BadInput where no band is left.
     """
     low, high = _band(text, model)
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
@@ -81,7 +81,7 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
         (r"^plant = \{[^}]*\}.*$", lambda line: plant),
         (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
         (r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)#", lambda line: f"{line[1]}# CHANGE THIS:"),
-        (r"^(loads|adaptive|friction_v|presliding_v) = ", lambda line: f"# {line[1]} = "),
+        (r"^(loads|adaptive|friction_v|presliding_v|hum_hz|hum_v_peak|noise_v_rms) = ", lambda line: f"# {line[1]} = "),
     )
     for pattern, change in changes:
         text = re.sub(pattern, change, text, flags=re.MULTILINE)

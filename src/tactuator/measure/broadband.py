@@ -22,6 +22,7 @@ from tactuator.model.response_plant import plant_of_response
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
 
@@ -32,25 +33,11 @@ _CREST_ROUNDS = 30
 _OFF_MAINS_HZ = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Wave:
-    """One period of a command of unit peak, (n,), with all lines between two frequencies; each line's power falls with
-    frequency. bins: the excited lines.
-    """
-
-    samples: FloatArray
-    bins: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-    rate_hz: float
-
-    @property
-    def frequency_hz(self) -> FloatArray:
-        """Return the frequencies of the excited lines, hertz."""
-        return np.asarray(self.bins * self.rate_hz / self.samples.size)
-
-
-def broadband(rate_hz: float, band_hz: tuple[float, float], mains_hz: float | None, rng: np.random.Generator) -> Wave:
-    """Return a period of 4 s with every line from half the band's lower edge to 1.6 times its upper one, but those
-    within 1 Hz of a multiple of mains_hz; amplitudes fall as 1/f, and random phases are made less peaked by clipping.
+def broadband(
+    rate_hz: float, band_hz: tuple[float, float], mains_hz: float | None, rng: np.random.Generator
+) -> Multisine:
+    """Return a period of 4 s, of unit peak, with every line from half the band's lower edge to 1.6 times its upper one,
+    but those within 1 Hz of a multiple of mains_hz; amplitudes fall as 1/f.
     """
     count = round(PERIOD_S * rate_hz)
     spacing = rate_hz / count
@@ -58,18 +45,8 @@ def broadband(rate_hz: float, band_hz: tuple[float, float], mains_hz: float | No
     if mains_hz:
         hertz = bins * spacing
         bins = bins[np.abs(hertz - mains_hz * np.maximum(np.round(hertz / mains_hz), 1.0)) > _OFF_MAINS_HZ]
-    size = 1.0 / bins
-    phase = rng.uniform(0.0, 2.0 * np.pi, bins.size)
-    best, least = np.zeros(count), np.inf
-    for _ in range(_CREST_ROUNDS):
-        spectrum = np.zeros(count // 2 + 1, dtype=np.complex128)
-        spectrum[bins] = size * np.exp(1j * phase)
-        wave = np.fft.irfft(spectrum, count)
-        peak = float(np.max(np.abs(wave)))
-        if peak < least:
-            best, least = wave / peak, peak
-        phase = np.angle(np.fft.rfft(np.clip(wave, -0.85 * peak, 0.85 * peak))[bins])
-    return Wave(best, bins, rate_hz)
+    wave = multisine(rate_hz, count, bins, 1.0 / bins, rng, rounds=_CREST_ROUNDS)
+    return replace(wave, amplitude=wave.amplitude / float(np.max(np.abs(wave.one_period()))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +55,7 @@ class Heard:
     sensor the rms of what follows the command, (channels,).
     """
 
-    wave: Wave
+    wave: Multisine
     volts: float
     command: FloatArray
     position: FloatArray
@@ -110,12 +87,12 @@ class Heard:
         return float(np.max(np.abs(np.fft.irfft(moved, self.position.shape[1]))))
 
 
-def hear(rig: Rig, name: str, wave: Wave, volts: float, periods: int) -> Heard:
+def hear(rig: Rig, name: str, wave: Multisine, volts: float, periods: int) -> Heard:
     """Drive one channel with a wave of `volts` for a period that settles and `periods` that are kept."""
     column = rig.channels.index(name)
-    count = wave.samples.size
+    count = wave.period
     command = np.zeros(((periods + 1) * count, len(rig.channels)))
-    command[:, column] = volts * np.tile(wave.samples, periods + 1)
+    command[:, column] = volts * wave.samples(periods + 1)
     trace = rig.drive(command)
     kept = trace.position_v[count:].reshape(periods, count, len(rig.channels))
     spectra = np.fft.rfft(kept.mean(axis=0), axis=0)[wave.bins]
@@ -141,7 +118,7 @@ _WANTED_DB, _LEAST_DB = 30.0, 3.0
 _TRAVEL_SHARE, _RANGE_SHARE, _INPUT_SHARE = 0.4, 0.8, 0.5
 
 
-def find_level(rig: Rig, channel: Channel, wave: Wave, input_range_v: float) -> Level:
+def find_level(rig: Rig, channel: Channel, wave: Multisine, input_range_v: float) -> Level:
     """Raise the command from a hundredth of the range until 19 of 20 lines stand 30 dB above the noise, or until
     travel, range or the input (input_range_v) would be passed.
 
@@ -284,9 +261,9 @@ def _bulk_delay_s(heard: Heard) -> float:
     Between lines of even distance in log frequency a card's delay of 100 ms turns the phase by more than half a turn.
     """
     response, _ = heard.response()
-    spectrum = np.zeros(heard.wave.samples.size // 2 + 1, dtype=np.complex128)
+    spectrum = np.zeros(heard.wave.period // 2 + 1, dtype=np.complex128)
     spectrum[heard.wave.bins] = response
-    impulse = np.abs(np.fft.irfft(spectrum, heard.wave.samples.size))
+    impulse = np.abs(np.fft.irfft(spectrum, heard.wave.period))
     begun = int(np.flatnonzero(impulse > 0.5 * np.max(impulse))[0])
     return max(0.0, begun / heard.wave.rate_hz - _MARGIN_S)
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy
@@ -18,7 +17,7 @@ from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Finger, Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.excitation import ramps
@@ -28,14 +27,6 @@ from tactuator.table import brief
 
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
-
-
-class Presser(Protocol):
-    """A finger port: takes a force for the coming samples, in volts of command that would push as hard."""
-
-    def press(self, force_v: ArrayLike) -> None:
-        """Press with a force (n,) for the n samples to come."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +81,7 @@ class DisturbanceReport:
 
 def disturbance(
     rig: Rig,
-    port: Presser,
+    port: Finger,
     controller: Controller,
     channel: str,
     frequency_hz: ArrayLike,
@@ -133,7 +124,7 @@ class _Bench:
     def __init__(
         self,
         rig: Rig,
-        port: Presser,
+        port: Finger,
         column: int,
         channel: Channel,
         plant: SampledSystem,

@@ -95,9 +95,9 @@ def shaping_basis(pairs_hz: FloatArray, damping: float, frequency_hz: ArrayLike,
     """
     turn = pair_turns(pairs_hz, rate_hz)
     back = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None] / rate_hz)
-    low_of_band = turn / (1.0 - back)
-    band = turn / (1.0 - back + turn * back * (low_of_band + damping))
-    pairs = np.stack((band, low_of_band * band), axis=-1).reshape(*band.shape[:-1], -1)
+    change = 1.0 - back
+    whole = change**2 + turn * back * (turn + damping * change)
+    pairs = np.stack((turn * change / whole, turn**2 / whole), axis=-1).reshape(*whole.shape[:-1], -1)
     return np.concatenate((np.ones_like(back), pairs), axis=-1)
 
 

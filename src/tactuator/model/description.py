@@ -37,9 +37,8 @@ from tactuator.parameters import (
     plain,
     table,
 )
-from tactuator.perception.contact import Contact
 from tactuator.perception.contours import Contours
-from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
+from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve
 from tactuator.signals.decibels import from_db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import brief
@@ -92,6 +91,7 @@ _WHERE_SAID = (
     "controller",
     "models",
     "recorded",
+    "unchanged",
 )
 """Keys of a channel that are left out where nothing is said."""
 
@@ -330,8 +330,8 @@ class Channel:
         Wording("a list of tables"),
         Field(
             description="what may touch it: `name`, `mass`, `damping`, `stiffness` of an impedance (mass·s² + "
-            "damping·s + stiffness)/num[0] that turns P into P/(1 + PZ); for a second-order motor they are "
-            "added to `den`"
+            "damping·s + stiffness)/num[0] that turns P into P/(1 + PZ): of a motor what is added to `den`, so kg, "
+            "N·s/m and N/m over the moving mass in kg (1, 1/s, 1/s²)"
         ),
     ] = ()
     converter: Converter = field(default_factory=Converter)
@@ -379,6 +379,11 @@ class Channel:
             "`position_unit`, and `distrust`: why the plant is not to be trusted; a `model.json` brings its own"
         ),
     ] = None
+    unchanged: Annotated[
+        tuple[str, ...],
+        Wording(default="the keys whose line says CHANGE THIS"),
+        Field(description="keys that still have what a template gave them: told"),
+    ] = ()
 
     __repr__ = brief
 

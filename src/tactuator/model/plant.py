@@ -40,12 +40,11 @@ class PlantTable:
             return ContinuousSystem.from_polynomials(self.num or (), self.den or (), self.delay_s)
         if self.gain == 0.0:
             raise BadInput("0", "any other number", key="gain")
-        zeros, poles = (np.array([_complex(root) for root in roots or ()]) for roots in (self.zeros, self.poles))
+        zeros, poles = (
+            np.array([complex(*root) if isinstance(root, tuple) else root for root in roots or ()])
+            for roots in (self.zeros, self.poles)
+        )
         return ContinuousSystem(zeros, poles, float(self.gain or 0.0), self.delay_s)
-
-
-def _complex(root: float | tuple[float, float]) -> complex:
-    return complex(*root) if isinstance(root, tuple) else complex(root)
 
 
 def system_of(value: Any, *where: str) -> ContinuousSystem:

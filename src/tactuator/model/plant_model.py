@@ -95,7 +95,8 @@ class PlantModel:
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
         """Return the complex response at `frequency_hz` (any shape)."""
-        return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return np.asarray(np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s))
 
     def band_db(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,).
@@ -153,14 +154,11 @@ class PlantModel:
         return tuple(systems)
 
     def _append(self, systems: list[ContinuousSystem], change: FloatArray, count: int) -> None:
-        theta = self._theta() + change * self._sizes()
+        theta = np.concatenate([self.num, self.den[1:], [self.delay_s]]) + change * self._sizes()
         m = self.num.size
         system = ContinuousSystem.from_polynomials(theta[:m], np.append(1.0, theta[m:-1]), max(float(theta[-1]), 0.0))
         if len(systems) < count and system.is_stable == self.system.is_stable:
             systems.append(system)
-
-    def _theta(self) -> FloatArray:
-        return np.concatenate([self.num, self.den[1:], [self.delay_s]])
 
     def _sizes(self) -> FloatArray:
         errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
@@ -186,8 +184,3 @@ class PlantModel:
         by_num = [s ** (m - k) / numerator for k in range(m + 1)]
         by_den = [-(s ** (n - 1 - k)) / denominator for k in range(n)]
         return np.stack([*by_num, *by_den, -s], axis=-1)
-
-    @staticmethod
-    def _evaluate(num: FloatArray, den: FloatArray, delay_s: float, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        s = 2j * np.pi * frequency_hz
-        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * delay_s))

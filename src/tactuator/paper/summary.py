@@ -13,6 +13,8 @@ from tactuator.paper.plan import LEVELS_DB_SL
 from tactuator.paper.response import LOADED, UNLOADED, Spoken, worst_error_db
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
+from tactuator.parameters import plain
+from tactuator.table import picked
 
 Row = tuple[str, str, str]
 """A row of the table: what is compared, as the paper has it, as it came out here."""
@@ -25,7 +27,7 @@ _ERRORS = ("poles", "max_error_db", "rms_error_db")
 def summary(study: PaperStudy) -> dict[str, Any]:
     """Return the figures as plain numbers, strings and lists; the same seed gives the same."""
     first = study.plan.display.channels[0].name
-    prefilters, continuous, error = study.prefilters, study.loop.continuous_margins, study.curve.standard_error_db
+    prefilters, continuous = study.prefilters, study.loop.continuous_margins
     sampled_db = prefilters.paper_sampled.max_error_db
     fitted_db = {name: fit.max_error_db for name, fit in prefilters.fitted.items()}
     bias_db, spread_db = bias_and_spread_db(study.thresholds)
@@ -34,21 +36,17 @@ def summary(study: PaperStudy) -> dict[str, Any]:
         "seed": study.plan.seed,
         "calibration": {
             "sensor_gain_v_per_mm": study.calibration[first].gain_v_per_mm,
-            "channels": {name: _of(line, _CALIBRATED) for name, line in study.calibration.items()},
+            "channels": {name: picked(line, *_CALIBRATED) for name, line in study.calibration.items()},
         },
         "plant": {
-            name: {
-                "num": motor.estimate.num.tolist(),
-                "den": motor.estimate.den.tolist(),
-                "frf_error_db_max": motor.frf_error_db_max,
-            }
+            name: plain(picked(motor, "frf_error_db_max", num="estimate.num", den="estimate.den"))
             for name, motor in study.motors.items()
         },
-        "loop": _of(continuous, _CONTINUOUS)
-        | {"disk_margin": continuous.disk.alpha, "sampled": _of(study.loop.sampled_margins, _SAMPLED)},
+        "loop": picked(continuous, *_CONTINUOUS)
+        | {"disk_margin": continuous.disk.alpha, "sampled": picked(study.loop.sampled_margins, *_SAMPLED)},
         "prefilter": {
-            "paper": _of(prefilters.paper, _ERRORS) | {"sampled_max_error_db": sampled_db},
-            "fitted": _of(prefilters.worst_fitted, _ERRORS) | {"channels": fitted_db},
+            "paper": picked(prefilters.paper, *_ERRORS) | {"sampled_max_error_db": sampled_db},
+            "fitted": picked(prefilters.worst_fitted, *_ERRORS) | {"channels": fitted_db},
         },
         "resolution_bits": {
             name: {form: {f"{rate:g}": asdict(bits) for rate, bits in rates.items()} for form, rates in forms.items()}
@@ -60,11 +58,7 @@ def summary(study: PaperStudy) -> dict[str, Any]:
         "friction": {"response_without_friction": [asdict(point) for point in study.without_friction]},
         "objectives": study.verdict.document()["objectives"],
         "thresholds": _thresholds(study),
-        "curve": {
-            "frequency_hz": study.curve.frequency_hz.tolist(),
-            "level_db_re_1um": study.curve.level_db_re_1um.tolist(),
-            "standard_error_db": None if error is None else error.tolist(),
-        },
+        "curve": plain(picked(study.curve, "frequency_hz", "level_db_re_1um", "standard_error_db")),
         "threshold_bias_db": bias_db,
         "threshold_spread_db": spread_db,
         "reshaped": {
@@ -89,10 +83,6 @@ def _speech(spoken: Spoken) -> dict[str, Any]:
 def summary_text(study: PaperStudy) -> str:
     """Return the text of the summary as it is written to summary.json."""
     return json.dumps(summary(study), indent=1, allow_nan=False, default=float) + "\n"
-
-
-def _of(result: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: getattr(result, name) for name in names}
 
 
 def _noise(study: PaperStudy) -> list[dict[str, Any]]:
@@ -131,11 +121,7 @@ def _plant_rows(study: PaperStudy) -> list[Row]:
     estimate = study.motors[first].estimate
     worst = max(motor.frf_error_db_max for motor in study.motors.values())
     return [
-        (
-            "sensor gain (V/mm)",
-            "0.19898",
-            f"{gain.gain_v_per_mm:.5f} ± {gain.gain_confidence_v_per_mm:.5f}",
-        ),
+        ("sensor gain (V/mm)", "0.19898", f"{gain.gain_v_per_mm:.5f} ± {gain.gain_confidence_v_per_mm:.5f}"),
         (
             "motor P(s)",
             "2875/(s² + 94s + 290)",

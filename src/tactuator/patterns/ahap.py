@@ -7,14 +7,14 @@ it does not know; so does this. A continuous event has to have a duration, of 30
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, likely
 from tactuator.io.text import parse_finite_json
 from tactuator.patterns.clip import (
     LONGEST_S,
@@ -32,6 +32,8 @@ INTENSITY_CONTROL, SHARPNESS_CONTROL = "HapticIntensityControl", "HapticSharpnes
 LONGEST_EVENT_S = 30.0
 _DEFAULTS = {"HapticIntensity": 1.0, "HapticSharpness": 0.5}
 _SHAPING = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
+_MISSPELT = 0.85
+"""Likeness of a word to a known one from which on it is taken for that, misspelt."""
 _EVENT_KEYS = {"Event", "EventType", "Time", "EventDuration", "Duration", "EventParameters"}
 
 
@@ -61,8 +63,12 @@ class _Notes:
         self.clamped += int(np.count_nonzero((values < 0.0) | (values > 1.0)))
         return np.clip(values, 0.0, 1.0)
 
-    def pass_over(self, keys: Iterable[str], known: Iterable[str], where: str) -> None:
-        self.ignored += [f"{where}{str(key)[:40]}" for key in keys if key not in known]
+    def pass_over(self, keys: Iterable[object], known: Collection[str], where: str) -> None:
+        """Note what is not known; raise BadInput for what is likely a misspelt word of those that are."""
+        for key in (str(key)[:40] for key in keys if key not in known):
+            if meant := likely(key, known, _MISSPELT):
+                raise BadInput(f"not known{meant}", ", ".join(sorted(known)), where=(where,) if where else (), key=key)
+            self.ignored.append(f"{where}.{key}".removeprefix("."))
 
 
 def parse_ahap(text: str) -> Clip:
@@ -83,7 +89,7 @@ def parse_ahap(text: str) -> Clip:
         if not kinds:
             got = ", ".join(map(str, entry))[:60] or "nothing"
             raise BadInput(got, "Event, ParameterCurve, Parameter", where=(f"Pattern[{k}]",))
-        notes.pass_over(entry, kinds, f"Pattern[{k}].")
+        notes.pass_over(entry, kinds, f"Pattern[{k}]")
         for kind in kinds:
             where = f"Pattern[{k}].{kind}"
             if kind != "Event":
@@ -141,7 +147,7 @@ def _event(event: Mapping[str, Any], where: str, notes: _Notes) -> _Event | floa
     if str(kind).startswith("Audio"):
         notes.ignored.append(where)
         return time_s + notes.clamp(lasts_s, 0.0, LONGEST_S - time_s)
-    notes.pass_over(event, _EVENT_KEYS, f"{where}.")
+    notes.pass_over(event, _EVENT_KEYS, where)
     values = dict(_DEFAULTS)
     for k, parameter in enumerate(rows_of(event.get("EventParameters", []), where, "EventParameters")):
         name, place = parameter.get("ParameterID"), f"{where}.EventParameters[{k}]"
@@ -151,7 +157,7 @@ def _event(event: Mapping[str, Any], where: str, notes: _Notes) -> _Event | floa
         elif name in _SHAPING:
             notes.unrendered.append(str(name))
         else:
-            notes.ignored.append(f"{where}.{str(name)[:40]}")
+            notes.pass_over([name], (*_DEFAULTS, *_SHAPING), where)
     whole_s = notes.clamp(lasts_s, 0.0, LONGEST_EVENT_S) if is_continuous else None
     return _Event(time_s, whole_s, values["HapticIntensity"], values["HapticSharpness"])
 
@@ -165,8 +171,10 @@ def _control_points(
     start_s = number_of(control, "Time", 0.0, LONGEST_S, where, missing=0.0)
     points = [control] if kind == "Parameter" else rows_of(part_of(control, "ParameterCurveControlPoints"), where)
     if name not in stretches:
-        felt = isinstance(name, str) and name.startswith("Haptic") and name.endswith("TimeControl")
-        (notes.unrendered if felt else notes.ignored).append(str(name)[:40] if felt else f"{where}.{str(name)[:40]}")
+        if isinstance(name, str) and name.startswith("Haptic") and name.endswith("TimeControl"):
+            notes.unrendered.append(name[:40])
+        else:
+            notes.pass_over([name], stretches, where)
         return
     low = 0.0 if name == INTENSITY_CONTROL else -1.0
     stretch = []

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.text import read_text, table_rows
 from tactuator.parameters import Numbers, table
 from tactuator.patterns.clip import LONGEST_S, MOST_POINTS, Breakpoints, Clip, Format, Tone, number_of, whole_of
@@ -107,12 +107,6 @@ class FrequencyProfile:
         wanted = from_db(asked * self.full_db_sl + threshold_db_g(frequency_hz))
         return np.where(asked > 0.0, np.minimum(1.0, wanted / self.greatest_g(frequency_hz)), 0.0)
 
-    def shortfall_db(self, intensity: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
-        """Return by how many dB the device stays below what an intensity asks for; arguments broadcast."""
-        asked = np.asarray(intensity, dtype=np.float64)
-        missing = asked * self.full_db_sl - self.headroom_db_sl(frequency_hz)
-        return np.where(asked > 0.0, np.maximum(missing, 0.0), 0.0)
-
 
 def threshold_db_g(frequency_hz: ArrayLike) -> FloatArray:
     """Return the platform's threshold, dB re 1 g, at frequencies of any shape: straight in hertz, held beyond."""
@@ -126,7 +120,7 @@ def read_profile(path: str | Path) -> FrequencyProfile:
     """Return the frequency profile in a CSV of frequency_hz and acceleration_g, in any order of frequencies. Raises
     BadInput for a file that is none, within it.
     """
-    try:
+    with within(str(path)):
         rows = table_rows([line for line in read_text(Path(path)).split("\n") if not line.startswith("#")])
         if not rows or sorted(rows[0]) != sorted(_COLUMNS) or any(len(row) != 2 for row in rows):
             raise BadInput(f"columns {', '.join(rows[0])[:60] if rows else 'nothing'}", " and ".join(_COLUMNS))
@@ -137,8 +131,6 @@ def read_profile(path: str | Path) -> FrequencyProfile:
         frequency, acceleration = (cells[:, rows[0].index(name)] for name in _COLUMNS)
         order = np.argsort(frequency, kind="stable")
         return FrequencyProfile(frequency[order], acceleration[order])
-    except BadInput as error:
-        raise error.within(str(path)) from None
 
 
 def profile_text(profile: FrequencyProfile, head: Sequence[str] = ()) -> str:

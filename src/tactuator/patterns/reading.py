@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.text import parse_finite_json, read_text
 from tactuator.patterns.ahap import parse_ahap
 from tactuator.patterns.android import parse_vibration_effect
@@ -41,14 +41,12 @@ def read_clip(path: str | Path, legacy: bool = False) -> Clip:
     comes after the end is not played.
     """
     path = Path(path)
-    try:
+    with within(str(path)):
         if not is_clip(path):
             raise BadInput(f"ending {path.suffix!r}", ", ".join(SUFFIXES))
         text, suffix = read_text(path), path.suffix.lower()
         clip = parse_haptic(text, legacy) if suffix == ".haptic" else _PARSERS[suffix](text)
         check_amount(clip)
-    except BadInput as error:
-        raise error.within(str(path)) from None
     return replace(clip, name=path.name)
 
 

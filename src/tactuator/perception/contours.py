@@ -9,15 +9,16 @@ from __future__ import annotations
 import hashlib
 from dataclasses import field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput
 from tactuator.parameters import Numbers, Positive, table
-from tactuator.perception.contact import Contact
-from tactuator.perception.curve import Provenance
+from tactuator.perception.curve import Contact, Provenance
 from tactuator.table import brief
 
 REFERENCE_HZ = 100.0
@@ -94,31 +95,17 @@ class Contours:
             raise BadInput(got, f"within {_OFF_DB:g} dB: the strength level is the level there")
 
     def level_db_sl_at(self, strength_db_sl: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
-        """Return the sensation level (dB SL) at `frequency_hz` of a tone of that strength level; arguments
-        broadcast.
-        """
+        """Return the sensation level (dB SL) at `frequency_hz` of a tone of that strength; arguments broadcast."""
         strength, frequency = np.broadcast_arrays(
             np.asarray(strength_db_sl, dtype=np.float64), np.asarray(frequency_hz, dtype=np.float64)
         )
-        knots, slopes = self._knots(frequency.ravel())
-        return _cubic(self._strengths, knots, slopes, strength.ravel()).reshape(strength.shape)
-
-    def strength_db_sl_at(self, level_db_sl: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
-        """Return the strength level (dB SL at the reference frequency) of a tone of `level_db_sl` at `frequency_hz`;
-        arguments broadcast. The inverse of `level_db_sl_at`.
-        """
-        level, frequency = np.broadcast_arrays(
-            np.asarray(level_db_sl, dtype=np.float64), np.asarray(frequency_hz, dtype=np.float64)
-        )
-        wanted = level.ravel()
-        knots, slopes = self._knots(frequency.ravel())
-        low = np.minimum(wanted, 0.0) - 1.0
-        high = self._strengths[-1] + np.maximum(wanted - knots[-1], 0.0) + 1.0
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            above = _cubic(self._strengths, knots, slopes, middle) > wanted
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        return np.asarray((0.5 * (low + high)).reshape(level.shape))
+        level, asked = strength.ravel(), np.log(np.clip(frequency.ravel(), *self.frequency_hz[[0, -1]]))
+        knots = np.concatenate((np.zeros((1, asked.size)), np.cumsum(self._steps(asked), axis=0)))
+        inside = np.clip(level, 0.0, self._strengths[-1])
+        row, _ = _place(self._strengths, inside)
+        terms = scipy.interpolate.PchipInterpolator(self._strengths, knots).c[:, row, np.arange(level.size)]
+        value = np.polyval(terms, inside - self._strengths[row]) + (level - inside)
+        return np.asarray(value).reshape(strength.shape)
 
     def band_db_sl_at(self, strength_db_sl: ArrayLike, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the low and the high end of the 95 % band; NaN where the contours have none. Arguments broadcast."""
@@ -161,72 +148,18 @@ class Contours:
         return np.concatenate(([0.0], self.level_db_sl))
 
     @cached_property
-    def _steps(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return log frequency, the steps from contour to contour (m, n), and their slopes along log frequency."""
-        along = np.log(self.frequency_hz)
-        steps = np.diff(self.db_sl, axis=0, prepend=0.0)
-        return along, steps, np.array([_slopes(along, row[:, None])[:, 0] for row in steps])
-
-    def _knots(self, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the levels at each strength of `_strengths` at the frequencies, and their slopes along the strength,
-        (m + 1, points) each. The steps between contours are interpolated, which keeps them above 0.
+    def _steps(self) -> Any:
+        """Return the steps from contour to contour, (m, points), as a function of log frequency: a cubic that is
+        monotone where the points are (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300), and so stays above 0.
         """
-        along, steps, slopes = self._steps
-        asked = np.log(np.clip(frequency_hz, *self.frequency_hz[[0, -1]]))
-        risen = np.array(
-            [_cubic(along, row[:, None], slope[:, None], asked) for row, slope in zip(steps, slopes, strict=True)]
-        )
-        knots = np.concatenate((np.zeros((1, asked.size)), np.cumsum(risen, axis=0)))
-        return knots, _slopes(self._strengths, knots)
+        steps = np.diff(self.db_sl, axis=0, prepend=0.0)
+        return scipy.interpolate.PchipInterpolator(np.log(self.frequency_hz), steps, axis=1)
 
 
 _OFF_DB = 0.5
-_HALVINGS = 60
-
-
-def _slopes(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return slopes at the points x (n,) of y (n, k) that keep a cubic between them monotone where y is: harmonic means
-    of the neighbours' (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300), at the ends a parabola's, cut to what
-    keeps the cubic monotone.
-    """
-    width = np.diff(x)[:, None]
-    secant = np.diff(y, axis=0) / width
-    if x.size == 2:
-        return np.repeat(secant, 2, axis=0)
-    before, after = secant[:-1], secant[1:]
-    first, second = 2.0 * width[1:] + width[:-1], width[1:] + 2.0 * width[:-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (first + second) / (first / before + second / after)
-    inner = np.where(before * after > 0.0, mean, 0.0)
-    ends = [
-        _end(width[0], width[1], secant[0], secant[1]),
-        _end(width[-1], width[-2], secant[-1], secant[-2]),
-    ]
-    return np.concatenate((ends[0][None], inner, ends[1][None]))
-
-
-def _end(width: FloatArray, next_width: FloatArray, secant: FloatArray, next_secant: FloatArray) -> FloatArray:
-    slope = ((2.0 * width + next_width) * secant - width * next_secant) / (width + next_width)
-    most = np.where(secant * next_secant < 0.0, 3.0 * np.abs(secant), np.inf)
-    slope = np.clip(slope, -most, most)
-    return np.asarray(np.where(slope * secant > 0.0, slope, 0.0))
 
 
 def _place(x: FloatArray, at: FloatArray) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.intp]], FloatArray]:
     """Return the interval of x that each value lies in, and where in it (0 to 1 within x)."""
     row = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
     return row, np.asarray((at - x[row]) / (x[row + 1] - x[row]))
-
-
-def _cubic(x: FloatArray, y: FloatArray, slopes: FloatArray, at: FloatArray) -> FloatArray:
-    """Return, for each of the values (k,), the cubic through the points x (n,), y (n, k) or (n, 1), with those slopes;
-    beyond x it rises by 1 for 1 where y has a column for each value, and is never asked otherwise.
-    """
-    inside = np.clip(at, x[0], x[-1])
-    row, t = _place(x, inside)
-    column = np.arange(at.size) if y.shape[1] == at.size else np.zeros(at.size, dtype=np.intp)
-    width = x[row + 1] - x[row]
-    y0, y1 = y[row, column], y[row + 1, column]
-    d0, d1 = slopes[row, column] * width, slopes[row + 1, column] * width
-    value = y0 + t * (d0 + t * (3.0 * (y1 - y0) - 2.0 * d0 - d1 + t * (2.0 * (y0 - y1) + d0 + d1)))
-    return np.asarray(value + (at - inside))

@@ -1,22 +1,79 @@
-"""Human detection thresholds against frequency, the curves that come with tactuator, and levels as they are felt."""
+"""Human detection thresholds against frequency, where they were felt, the curves that come with tactuator, and levels
+as they are felt.
+"""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput
-from tactuator.parameters import Numbers, table
-from tactuator.perception.contact import Contact
+from tactuator.parameters import Band, Numbers, Positive, parameters, table, unit
 from tactuator.signals.decibels import db, from_db
 from tactuator.table import brief
+
+
+@table("contact")
+class Contact:
+    """What touches the skin, and where. None and "" say that nobody stated it.
+
+    A threshold, and an equal-strength contour, hold for the contact they were measured at: a small contactor, one
+    without a surround, another site or an older person feels another one.
+    """
+
+    site: Annotated[str, Field(description='where the skin is touched, as "index fingertip" or "thenar"')] = ""
+    area_mm2: Annotated[Positive | None, Field(description="of the contactor that moves")] = None
+    surround: Annotated[
+        str, Field(description='what stands still around the contactor, as "rigid, gap 1 mm" or "none"')
+    ] = ""
+    preload_n: Annotated[Positive | None, Field(description="the force that presses skin and contactor together")] = (
+        None
+    )
+    age_years: Annotated[Band | None, Field(description="of the people, the youngest and the oldest")] = None
+
+    @property
+    def said(self) -> dict[str, str]:
+        """Return what is stated, by key, as a person reads it: with units."""
+        stated = {key: getattr(self, key) for key in parameters(Contact) if getattr(self, key) not in (None, "")}
+        return {key: _words(key, value) for key, value in stated.items()}
+
+    def differences(self, other: Contact) -> Iterator[tuple[str, str, str]]:
+        """Yield key, this one's words and the other's, where both state it and they differ.
+
+        Sites are the same where one's words are among the other's: "fingertip" and "index fingertip". Areas and forces
+        are within a factor of 1.5, ages where they overlap.
+        """
+        for key in self.said.keys() & other.said.keys():
+            if not _alike(getattr(self, key), getattr(other, key)):
+                yield key, self.said[key], other.said[key]
+
+
+_FACTOR = 1.5
+
+
+def _alike(mine: object, theirs: object) -> bool:
+    if isinstance(mine, float) and isinstance(theirs, float):
+        return 1.0 / _FACTOR <= mine / theirs <= _FACTOR
+    if isinstance(mine, tuple) and isinstance(theirs, tuple):
+        return bool(mine[0] <= theirs[1] and theirs[0] <= mine[1])
+    words = [set(str(each).lower().replace(",", " ").split()) for each in (mine, theirs)]
+    return words[0] <= words[1] or words[1] <= words[0]
+
+
+def _words(key: str, value: object) -> str:
+    if isinstance(value, tuple):
+        return f"{value[0]:g} to {value[1]:g} {unit(key)}"
+    return f"{value:g} {unit(key)}" if isinstance(value, float) else str(value)
+
 
 Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
 
@@ -54,7 +111,7 @@ class ThresholdCurve:
         frequency, level = self.frequency_hz, self.level_db_re_1um
         if frequency.ndim != 1 or frequency.shape != level.shape:
             raise BadInput(f"{frequency.size} frequencies and {level.size} levels", "as many of each")
-        if frequency.size < 3:
+        if frequency.size < POINTS_MIN:
             raise BadInput(f"{frequency.size} points", "three or more")
         if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
             raise BadInput("a frequency or level is not a finite number")
@@ -97,6 +154,8 @@ class ThresholdCurve:
         return hash((self.name, self.content_hash))
 
 
+POINTS_MIN = 3
+"""Number of points that a curve has at least."""
 AMPLITUDE_JND_DB = 1.65
 """Smallest just-noticeable difference of amplitude at an index fingerpad on this kind of display, dB: the least of the
 1.65 to 2.98 dB of Israr, Tan and Reed (2006), JASA 120:2789."""

@@ -98,7 +98,7 @@ def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike)
 class Psychometric:
     """Psychometric function psi: the probability of a correct response against level in dB re threshold.
 
-    Raises BadInput unless 0 <= guess < target < 1 - lapse.
+    Raises BadInput unless 0 <= guess < target < 1 - lapse <= 1.
     """
 
     shape: Shape
@@ -107,11 +107,10 @@ class Psychometric:
     target: float = TARGET_3_DOWN_1_UP
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.guess < self.target < 1.0 - self.lapse <= 1.0:
-            raise BadInput(
-                f"psychometric function: guess {self.guess:g}, target {self.target:g}, lapse {self.lapse:g}",
-                "0 <= guess < target < 1 - lapse <= 1",
-            )
+        if not 0.0 <= self.guess < self.target < 1.0:
+            raise BadInput(f"guess {self.guess:g}, target {self.target:g}", "0 <= guess < target < 1")
+        if not 0.0 <= self.lapse < 1.0 - self.target:
+            raise BadInput(f"{self.lapse:g}", f"0 up to, not with, {1.0 - self.target:.4g}", key="lapse")
 
     @property
     def at_threshold(self) -> float:

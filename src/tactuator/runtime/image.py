@@ -1,4 +1,6 @@
-"""The image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31."""
+"""The image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31; with what it
+feeds forward for a finger (core/touch/feed_forward.h).
+"""
 
 from __future__ import annotations
 
@@ -6,13 +8,14 @@ import struct
 import zlib
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.model.controller import ChannelController, Controller, pair_turns
+from tactuator.model.controller import ChannelController, Controller, FeedForward, pair_turns
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import (
     FEEDBACK_SECTIONS_MAX,
@@ -24,8 +27,8 @@ from tactuator.runtime.coefficients import (
     q31_conditioning,
     q31_row,
 )
-from tactuator.runtime.touch_table import touch_bytes
 from tactuator.signals.decibels import from_db
+from tactuator.signals.discretise import matrix_exponential
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
@@ -42,40 +45,34 @@ its reference is reshaped by its strength, command limit in volts."""
 
 
 class ImageRefusal(IntEnum):
-    """Reasons for which the core refuses an image (tact_image_refusal)."""
+    """Reasons for which the core refuses an image (tact_image_refusal), each with what was got and what is allowed."""
+
+    got: str
+    allowed: str
+
+    def __new__(cls, code: int, got: str = "", allowed: str = "") -> Self:
+        """Return the reason of that code."""
+        reason = int.__new__(cls, code)
+        reason._value_, reason.got, reason.allowed = code, got, allowed
+        return reason
 
     GOOD = 0
-    TRUNCATED = 1
-    NOT_AN_IMAGE = 2
-    VERSION_UNKNOWN = 3
-    CHECKSUM = 4
-    FORMAT = 5
-    RATE = 6
-    DELAY = 7
-    CHANNELS = 8
-    SECTIONS = 9
-    COEFFICIENT = 10
-    UNSTABLE_SECTION = 11
-    LIMIT = 12
+    TRUNCATED = 1, "it is truncated, or longer than it says", "a file as `build` wrote it"
+    NOT_AN_IMAGE = 2, "it is no image", "a file that `build` wrote"
+    VERSION_UNKNOWN = 3, "its version is not known here", f"{_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger"
+    CHECKSUM = 4, "its checksum does not fit its contents", "a file as `build` wrote it"
+    FORMAT = 5, "its number format is not known here", f"{', '.join(FORMATS)}"
+    RATE = 6, "it is for another rate than the board runs at", "the rate of the safety table"
+    DELAY = 7, "it is for another computing delay than the board has", "that of the safety table"
+    CHANNELS = 8, "it is for another number of channels than the board has", "as many"
+    SECTIONS = 9, "it has no prefilter or too many sections", "1 to 8 for F, at most 4 for C"
+    COEFFICIENT = 10, "a coefficient is not a number or out of range", "finite ones"
+    UNSTABLE_SECTION = 11, "a section has a pole outside the unit circle", "stable sections"
+    LIMIT = 12, "its command limit is out of range", "above 0 and below 31 V"
 
-
-REASONS: dict[ImageRefusal, tuple[str, str]] = {
-    ImageRefusal.TRUNCATED: ("it is truncated, or longer than it says", "a file as `build` wrote it"),
-    ImageRefusal.NOT_AN_IMAGE: ("it is no image", "a file that `build` wrote"),
-    ImageRefusal.VERSION_UNKNOWN: (
-        "its version is not known here",
-        f"{_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger",
-    ),
-    ImageRefusal.CHECKSUM: ("its checksum does not fit its contents", "a file as `build` wrote it"),
-    ImageRefusal.FORMAT: ("its number format is not known here", f"{', '.join(FORMATS)}"),
-    ImageRefusal.RATE: ("it is for another rate than the board runs at", "the rate of the safety table"),
-    ImageRefusal.DELAY: ("it is for another computing delay than the board has", "that of the safety table"),
-    ImageRefusal.CHANNELS: ("it is for another number of channels than the board has", "as many"),
-    ImageRefusal.SECTIONS: ("it has no prefilter or too many sections", "1 to 8 for F, at most 4 for C"),
-    ImageRefusal.COEFFICIENT: ("a coefficient is not a number or out of range", "finite ones"),
-    ImageRefusal.UNSTABLE_SECTION: ("a section has a pole outside the unit circle", "stable sections"),
-    ImageRefusal.LIMIT: ("its command limit is out of range", "above 0 and below 31 V"),
-}
+    def error(self, *where: str) -> BadInput:
+        """Return the refusal as an error."""
+        return BadInput(self.got, self.allowed, where=where)
 
 
 @dataclass(frozen=True)
@@ -143,11 +140,11 @@ def check_image(image: bytes, rate_hz: float, delay_samples: int, channels: int)
 def read_image_header(image: bytes) -> ImageHeader:
     """Return the head of an image, once the core has checked all of it. Raises BadInput, one line, if it is refused."""
     if len(image) < 20:
-        raise BadInput(*REASONS[ImageRefusal.TRUNCATED], where=("image",))
+        raise ImageRefusal.TRUNCATED.error("image")
     code, _, rate_hz, delay, channels, _ = struct.unpack_from("<HIfBBH", image, 6)
     refusal = check_image(image, rate_hz, delay, channels)
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(*REASONS[refusal], where=("image",))
+        raise refusal.error("image")
     if not (0.0 < rate_hz < float("inf") and 1 <= delay <= lib.TACT_BOARD_DELAY_MAX):
         raise BadInput(
             f"image: it is for {rate_hz:g} Hz and a delay of {delay}",
@@ -247,4 +244,100 @@ def _require_range(channel: ChannelController, body: bytes, number_format: str) 
     head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
     refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(*REASONS[refusal], where=(f"channel {channel.name!r}",))
+        raise refusal.error(f"channel {channel.name!r}")
+
+
+FORGETTING_MAX = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
+"""Share of the memory that is forgotten in a turn, at most: the level beside it follows that many times sooner."""
+
+
+def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> tuple[bytes, dict[str, Any]]:
+    """Return the counts of `tact_touch` (delay, turns, turn, lines of hum), and its figures by name in the order of an
+    image, rounded to float32. Raises BadInput for what the core cannot hold.
+    """
+    model = channel.feed_forward
+    assert model is not None
+    where = f"controller, channel {channel.name!r}: touch: "
+    if channel.feedback_sos is None:
+        raise BadInput(f"{where}there is no feedback", "a controller with a loop")
+    if len(model.hum_hz) > lib.TACT_TOUCH_HUM_MAX:
+        raise BadInput(f"{where}{len(model.hum_hz)} lines of hum", f"at most {lib.TACT_TOUCH_HUM_MAX}")
+    sections = delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, f"{where}feedback")
+    if not 1 <= model.turns <= 255:
+        raise BadInput(f"{where}turns is {model.turns}", "1 to 255")
+    period_s, turn_s = 1.0 / rate_hz, model.turns * (1.0 / rate_hz)
+    figures = _poles(model, period_s) | {
+        "slow": 2.0 * np.pi * model.slow_hz * turn_s,
+        "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),
+        "gate": model.gate_v**2,
+        "ridge": model.ridge_v**2,
+        "shape": model.shape,
+        "fading": turn_s / model.fading_s,
+        "slew": turn_s / model.slew_s,
+        "weight_max": model.weight_max,
+        "push_max_v": model.push_max_v,
+        "hum_gain": 4.0 * np.pi * model.hum_band_hz * turn_s,
+    }
+    if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
+        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
+    angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
+    hum = np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
+    counts = bytes([model.delay_samples, model.turns, place % model.turns, len(hum)])
+    return counts, {name: np.float32(value) for name, value in figures.items()} | {"feedback": sections, "hum": hum}
+
+
+def _pushes(model: FeedForward, period_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return what the designed finger's two pushes are, volts for a volt of command, of change in a sample, of place.
+
+    The place is taken half a sample on, in the middle of a change.
+    """
+    mass, damping, stiffness = model.load
+    drag, spring = model.damping / model.gain / period_s, model.stiffness / model.gain
+    rest = np.array([damping / model.gain / period_s + 0.5 * stiffness / model.gain, stiffness / model.gain])
+    return mass * np.array([1.0, drag + 0.5 * spring, spring]), rest
+
+
+def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
+    """Return how the three poles G = c/(d + c), d = z - 1, are fed and summed.
+
+    Of the held plant B/A with B = b1 d + b, the balance is G^3 (B u - A y)/b. Since d G = c (1 - G), B G^3 and A G^3
+    are sums of G, G^2 and G^3: u and y are fed into the third, second and first pole with these shares. The model's
+    position yd passes G^3; the pushes are sums of its c^2 (1 - G)^2 G, c (1 - G) G^2 and G^3, since A yd = B ud.
+    """
+    b1, b, a1, a2 = held_second_order(model, period_s)
+    corner = 2.0 * np.pi * model.corner_hz * period_s
+    lead = corner * b1 / b
+    inverse = np.array([corner * corner, corner * a1, a2]) / b
+    inverted = np.array([inverse[0], inverse[1] - 2.0 * inverse[0], inverse[0] - inverse[1] + inverse[2]])
+    change = np.array([lead, 1.0, 0.0]) * corner
+    place = np.array([0.0, lead, 1.0])
+    mass, rest = _pushes(model, period_s)
+    return {
+        "plant": np.array([b1, b, a1, a2]),
+        "corner": corner,
+        "command": corner * np.array([lead, 1.0 - lead]),
+        "position": corner * inverted,
+        "mass": model.mass_fed * mass,
+        "rest": rest,
+        "first": mass[0] * inverse - mass[1] * change - mass[2] * place,
+        "second": rest[0] * change + rest[1] * place,
+    }
+
+
+def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
+    """Return b1, b1 + b0, a1', a2' of the held plant (b1 z + b0)/(d^2 + a1' d + a2') with d = z - 1, shape (4,)."""
+    a = np.array([[0.0, 1.0, 0.0], [-model.stiffness, -model.damping, model.gain], [0.0, 0.0, 0.0]]) * period_s
+    less_one = matrix_exponential(a) - np.eye(3)
+    m, b = less_one[:2, :2], less_one[:2, 2]
+    return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])
+
+
+def touch_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
+    """Return the part of an image that says how a channel feeds forward; nothing where it does not.
+
+    place: the channel's, so that the channels learn in turn. Raises BadInput for what the core cannot hold.
+    """
+    if channel.feed_forward is None:
+        return b""
+    counts, figures = touch_figures(channel, rate_hz, place)
+    return counts + np.concatenate([np.ravel(value) for value in figures.values()]).astype("<f4").tobytes()

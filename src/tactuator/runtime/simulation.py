@@ -13,8 +13,14 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import controller_table, display_table, frame_table, load_names, strength_table
-from tactuator.runtime.touch_table import touch_table
+from tactuator.runtime.tables import (
+    controller_table,
+    display_table,
+    frame_table,
+    load_names,
+    strength_table,
+    touch_table,
+)
 
 REFERENCE_MAX = 1000.0
 """Threshold units: 60 dB SL, the full scale of a reference in a WAV and in Q31."""
@@ -42,14 +48,6 @@ class SimulatedBlock(Block):
     """Signals of a block of the simulation. broken: the controller's arithmetic had overflowed, and it gave zero."""
 
     broken: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class SimulationState:
-    """Everything that a simulation will go on from; opaque."""
-
-    loops: bytes
-    frame: bytes = b""
 
 
 class Simulation:
@@ -125,25 +123,6 @@ class Simulation:
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
         """Drive the converters with a command (n, channels) in volts, without controller and computing delay."""
         return self._run("drive", command_v, "command", force_v)
-
-    def save(self) -> SimulationState:
-        """Return the state of device and controller, to be restored later into this simulation."""
-        return SimulationState(bytes(ffi.buffer(self._loops)), b"" if self._frame is None else bytes(self._shaken()))
-
-    def restore(self, state: SimulationState) -> None:
-        """Go on from a state that this simulation saved, with the controller that is loaded now."""
-        if len(state.loops) != ffi.sizeof(self._loops):
-            raise BadInput("the state is another simulation's", "one that this simulation saved")
-        pointers = [(loop.controller, loop.display, loop.touch, loop.strength) for loop in self._loops]
-        ffi.buffer(self._loops)[:] = state.loops
-        for loop, pointer in zip(self._loops, pointers, strict=True):
-            loop.controller, loop.display, loop.touch, loop.strength = pointer
-        if self._frame is not None:
-            self._shaken()[:] = state.frame
-
-    def _shaken(self) -> Any:
-        """Return the frame's memory, its states in it."""
-        return ffi.buffer(self._frame)
 
     def _run(self, way: str, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
         check_arithmetic()

@@ -24,7 +24,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes
+from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes, touch_figures
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import held_state_space, matrix_exponential
 from tactuator.signals.systems import ContinuousSystem
@@ -232,6 +232,26 @@ def strength_table(controller: ChannelController, rate_hz: float) -> Any:
         table.gain[row][0:gains] = rest[pairs + row * gains :][:gains]
     if not lib.tact_strength_is_valid(table):
         raise BadInput("a figure is out of range", "as designed", where=(f"channel {controller.name!r}", "strength"))
+    return table
+
+
+def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
+    """Return the `tact_touch` of a channel; one whose feedback_count is zero where nothing is fed forward.
+
+    Raises as `touch_bytes` does.
+    """
+    table = ffi.new("tact_touch *")
+    if channel.feed_forward is None:
+        return table
+    (table.delay, table.turns, table.turn, table.hum_count), figures = touch_figures(channel, rate_hz, place)
+    table.feedback_count = len(figures["feedback"])
+    _fill_sections(table.feedback, figures.pop("feedback"))
+    for line, row in zip(table.hum, figures.pop("hum").tolist(), strict=False):
+        line[0], line[1] = row
+    for name, value in figures.items():
+        setattr(table, name, value.tolist())
+    if not lib.tact_touch_settle(table):
+        raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run", "as designed")
     return table
 
 

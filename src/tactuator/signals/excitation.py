@@ -33,9 +33,8 @@ def tone(
     rate_hz: float,
     *,
     ramp_s: float = 0.0,
-    phase_rad: float = 0.0,
 ) -> FloatArray:
-    """Return the sinusoid amplitude * sin(2 pi f t + phase), shape (n,), with ramps at both ends.
+    """Return the sinusoid amplitude * sin(2 pi f t), shape (n,), with ramps at both ends.
 
     Raises BadInput for a frequency outside 0 < f < rate/2 or a duration of less than one sample.
     """
@@ -45,7 +44,7 @@ def tone(
     if count < 1:
         raise BadInput(f"tone of {duration_s:g} s at {rate_hz:g} Hz", "one sample or more")
     time = np.arange(count) / rate_hz
-    wave = amplitude * np.sin(2.0 * np.pi * frequency_hz * time + phase_rad)
+    wave = amplitude * np.sin(2.0 * np.pi * frequency_hz * time)
     return wave * ramps(count, rate_hz, ramp_s)
 
 

@@ -210,7 +210,7 @@ class TwoDegreeLoop:
         return ahead if self.feedback is None else ahead * self.feedback.command_sensitivity(frequency_hz)
 
 
-_NEAR = 0.9
+_NEAR, _GRID = 0.9, 1500
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ def margins(loop: FeedbackLoop) -> Margins:
     return Margins(crossover, phase, gain_up, gain_down, at, delay, samples, sense, complement, disk, bandwidth)
 
 
-def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> FloatArray:
+def analysis_grid_hz(loop: FeedbackLoop) -> FloatArray:
     """Return the frequencies (hertz) on which a loop is examined: even in log frequency over every root's decade, and
     dense around each open- and closed-loop pole, in proportion to its damping.
     """
@@ -331,7 +331,7 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> FloatArray:
         top = max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
     sizes = np.abs(s)[np.abs(s) > 1e-6 * np.max(np.abs(s), initial=0.0)] / (2.0 * np.pi)
     low = min(np.min(sizes, initial=top / 1e3) / 30.0, top / 1e3)
-    parts = [np.geomspace(low, top, points)]
+    parts = [np.geomspace(low, top, _GRID)]
     for root in s[np.abs(s.imag) > 3.0 * np.abs(s.real)]:
         around = (np.abs(root.imag) + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi)
         parts.append(around[(around > low) & (around < top)])

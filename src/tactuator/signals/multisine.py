@@ -19,7 +19,7 @@ from tactuator.errors import BadInput
 
 Bins = NDArray[np.int64]
 _KEYS = ("period_samples", "periods", "realisations", "excited_lines")
-_ONE_SILENT_OF = 4
+_ONE_SILENT_OF, _KEEP_OFF_HZ = 4, 2.0
 _MAINS_HZ = (50.0, 60.0)
 
 
@@ -27,7 +27,7 @@ _MAINS_HZ = (50.0, 60.0)
 class Multisine:
     """A sum of amplitude * cos(2 pi bin k / period + phase) over `period` samples at rate_hz.
 
-    bins: excited lines, multiples of rate_hz/period, shape (m,); odd_detection, even_detection: lines left silent.
+    bins: excited lines, multiples of rate_hz/period, shape (m,).
     """
 
     rate_hz: float
@@ -35,8 +35,6 @@ class Multisine:
     bins: Bins
     amplitude: FloatArray
     phase_rad: FloatArray
-    odd_detection: Bins
-    even_detection: Bins
 
     @property
     def frequency_hz(self) -> FloatArray:
@@ -58,10 +56,8 @@ def _synthesise(period: int, bins: Bins, amplitude: FloatArray, phase: FloatArra
     return np.asarray(np.fft.irfft(spectrum, period))
 
 
-def place_lines(
-    frequency_hz: ArrayLike, rate_hz: float, period: int, *, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0
-) -> Bins:
-    """Return the odd lines of a period nearest to `frequency_hz` (m,), each used once, `keep_off_hz` off multiples of
+def place_lines(frequency_hz: ArrayLike, rate_hz: float, period: int, *, mains_hz: float | None = 60.0) -> Bins:
+    """Return the odd lines of a period nearest to `frequency_hz` (m,), each used once, 2 Hz off multiples of
     mains.
 
     Odd lines alone leave every even line free to show even-order distortion. The lowest may be line 1. Raises BadInput
@@ -71,7 +67,7 @@ def place_lines(
     odd = np.arange(1, period // 2, 2)
     if mains_hz:
         off = np.abs(odd * spacing - mains_hz * np.round(odd * spacing / mains_hz))
-        near = (off < keep_off_hz - 1e-9) & (odd * spacing > 0.5 * mains_hz)
+        near = (off < _KEEP_OFF_HZ - 1e-9) & (odd * spacing > 0.5 * mains_hz)
         odd = odd[~near]
     chosen: list[int] = []
     for hertz in np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))):
@@ -90,12 +86,10 @@ def multisine(
     rng: np.random.Generator,
     *,
     rounds: int = 60,
-    detection_band: tuple[int, int] | None = None,
 ) -> Multisine:
     """Return a multisine with random phases, improved by `rounds` of clipping (Van der Ouderaa et al., 1988).
 
-    bins: lines, (m,); amplitude: peak of each, (m,) or one number. Detection lines are the unexcited odd and even lines
-    within detection_band (default: from the lowest to the highest excited line).
+    bins: lines, (m,); amplitude: peak of each, (m,) or one number.
     """
     lines = np.asarray(bins, dtype=np.int64)
     if lines.size == 0 or lines.min() < 1 or lines.max() >= period // 2 or np.unique(lines).size != lines.size:
@@ -110,9 +104,7 @@ def multisine(
             best, best_peak = phase, peak
         clipped = np.clip(wave, -0.85 * peak, 0.85 * peak)
         phase = np.angle(np.fft.rfft(clipped)[lines])
-    low, high = detection_band or (int(lines.min()), int(lines.max()))
-    silent = np.setdiff1d(np.arange(max(1, low), high + 1), lines)
-    return Multisine(rate_hz, period, lines, peaks, best, silent[silent % 2 == 1], silent[silent % 2 == 0])
+    return Multisine(rate_hz, period, lines, peaks, best)
 
 
 def orthogonal_multisines(

@@ -82,17 +82,18 @@ def mains_multiples(mains_hz: float | None, high_hz: float) -> FloatArray:
     return mains_hz * np.arange(1.0, int(high_hz / mains_hz) + 1.0)
 
 
-def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> FloatArray:
-    """Return the frequencies (m,); those nearer than keep_off_hz to a multiple of mains are moved to that distance from
-    it.
-    """
+_KEEP_OFF_HZ = 2.0
+
+
+def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0) -> FloatArray:
+    """Return the frequencies (m,); those nearer than 2 Hz to a multiple of mains are moved to that distance from it."""
     frequency = np.array(np.atleast_1d(frequency_hz), dtype=np.float64)
     if not mains_hz:
         return frequency
     nearest = mains_hz * np.maximum(np.round(frequency / mains_hz), 1.0)
     away = frequency - nearest
-    moved = nearest + np.where(away >= 0.0, keep_off_hz, -keep_off_hz)
-    return np.where(np.abs(away) < keep_off_hz, moved, frequency)
+    moved = nearest + np.where(away >= 0.0, _KEEP_OFF_HZ, -_KEEP_OFF_HZ)
+    return np.where(np.abs(away) < _KEEP_OFF_HZ, moved, frequency)
 
 
 @dataclass(frozen=True)

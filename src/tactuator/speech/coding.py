@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import parse_toml, read_text, toml_text
@@ -81,10 +81,8 @@ def coding_of(name_or_path: str) -> Coding:
 def read_coding(path: Path) -> Coding:
     """Read a coding; BadInput, one line, for a file that cannot be read or lacks, doubles or mistypes a parameter."""
     require_kind(path, "coding")
-    try:
+    with within(f"coding file {path}"):
         return parse_coding(parse_toml(read_text(path)))
-    except BadInput as error:
-        raise error.within(f"coding file {path}") from None
 
 
 def parse_coding(document: Mapping[str, Any]) -> Coding:

@@ -31,7 +31,7 @@ from tactuator.speech.coding import Coding, coding_document
 from tactuator.speech.limiter import FingerLimiting, Limiter
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.reading import SpeechFile, scan_speech, speech_blocks
-from tactuator.table import brief
+from tactuator.table import brief, picked
 
 FRAME_S = 0.025
 FRAMES_WITHIN_DB = 30.0
@@ -213,20 +213,14 @@ class Rendered:
 
     def document(self) -> dict[str, Any]:
         """Return the figures in plain JSON."""
+        limiter = {each.finger: {k: v for k, v in asdict(each).items() if k != "finger"} for each in self.limiting}
         return {
             "speech": str(self.speech.path),
+            **picked(self.speech, "encoding", "duration_s"),
+            **picked(self, "rate_hz", "frames", "peak_db_sl", "sha256", threshold_units_per_full_scale="gain"),
             "notes": list(self.speech.notes),
-            "encoding": self.speech.encoding,
-            "duration_s": self.speech.duration_s,
-            "rate_hz": self.rate_hz,
-            "frames": self.frames,
             "channels": list(self.channels),
-            "threshold_units_per_full_scale": self.gain,
-            "peak_db_sl": self.peak_db_sl,
-            "limiter": {
-                entry.finger: {k: v for k, v in asdict(entry).items() if k != "finger"} for entry in self.limiting
-            },
-            "sha256": self.sha256,
+            "limiter": limiter,
             "felt": None if self.felt is None else self.felt.figures(),
         }
 
@@ -275,17 +269,8 @@ def render_file(
             deque(written(), maxlen=0)
     with np.errstate(divide="ignore"):
         peak_db_sl = dict(zip(making.channels, (20.0 * np.log10(peaks)).tolist(), strict=True))
-    return Rendered(
-        speech=making.speech,
-        frames=making.frames,
-        rate_hz=controller.rate_hz,
-        channels=making.channels,
-        gain=making.gain,
-        peak_db_sl=peak_db_sl,
-        limiting=making.limiting,
-        sha256=writer.sha256,
-        felt=felt,
-    )
+    same = picked(making, "speech", "frames", "channels", "gain", "limiting")
+    return Rendered(rate_hz=controller.rate_hz, peak_db_sl=peak_db_sl, sha256=writer.sha256, felt=felt, **same)
 
 
 def _head(making: Rendering, job: RenderJob) -> ReferenceHead:

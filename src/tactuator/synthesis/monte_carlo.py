@@ -31,6 +31,8 @@ QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
 _AT_ONCE = 2000
 _LIGHT = 0.5
+SHIFT = 0.02
+"""Relative standard deviation of the frequency of a mode where no record tells it."""
 _MOST = 1_000_000
 
 
@@ -77,17 +79,20 @@ class DrawnPlants:
 
 
 def monte_carlo(
-    controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02
+    controller: Controller, count: int, rng: np.random.Generator, mode_shift: float | None = None
 ) -> list[DrawnPlants]:
     """Return what becomes of `count` plants of every channel and load; mode_shift: relative standard deviation of the
-    frequency of each lightly damped pole and zero pair. Raises BadInput for a count or a shift that cannot be."""
+    frequency of each lightly damped pole and zero pair, None for what a model's covariance says of it, and 2 % without
+    one. Raises BadInput for a count or a shift that cannot be."""
     if not 1 <= count <= _MOST:
         raise BadInput(f"--monte-carlo is {count}", f"1 to {_MOST}")
-    if not 0.0 <= mode_shift < 0.3:
+    if mode_shift is not None and not 0.0 <= mode_shift < 0.3:
         raise BadInput(f"a shift of modes of {mode_shift:g}", "0 to 0.3")
     display = controller.display
+    shifts = {each.name: 0.0 if each.covariance else SHIFT for each in display.channels}
+    shifts = shifts if mode_shift is None else dict.fromkeys(shifts, mode_shift)
     return [
-        _drawn_plants(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
+        _drawn_plants(controller.channel(channel.name), channel, display, load, count, rng, shifts[channel.name])
         for channel in display.channels
         for load in (None, *channel.loads)
     ]

@@ -106,6 +106,7 @@ def assumptions(display: Display) -> tuple[str, ...]:
         sentences += [
             f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed
         ]
+        sentences += [f"{channel.name}: {key} as in the template (CHANGE THIS)" for key in channel.unchanged]
     return tuple(sentences)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.verbs.parameters import Place
 from tactuator.verbs.progress import say, working
 
@@ -52,10 +52,8 @@ def chosen_controller(display: "Display | Place | None", controller: "Controller
         if display is None:
             return loaded
         shown = chosen_display(display)
-        try:
+        with within(f"{controller} was not designed for {display}"):
             loaded.require_runs(shown)
-        except BadInput as error:
-            raise error.within(f"{controller} was not designed for {display}") from None
         return replace(loaded, display=shown)
     if display is None:
         raise BadInput("neither --display nor --controller", "one of them")
@@ -113,7 +111,7 @@ def opened_apparatus(
     """
     from tactuator.experiment.session.outlet import Outlet
     from tactuator.experiment.session.task import Apparatus
-    from tactuator.rig.paced import PacedRig
+    from tactuator.rig.simulated import PacedRig
 
     if speed is not None and not speed > 0.0:
         raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")

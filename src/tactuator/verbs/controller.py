@@ -1,16 +1,16 @@
 """The verbs from models to images: design, check, wordlength, build, image."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import chosen_display, read
 from tactuator.verbs.parameters import CONTROLLER_HELP, Argument, Curve, Figures, Option, Place, Seed
-from tactuator.verbs.progress import working
+from tactuator.verbs.progress import say, working
 from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
@@ -59,15 +59,29 @@ def design(
 
         save_design_plates(controller, Path(figures))
     if out is not None:
+        _keep_met(Path(out), controller)
         controller.write(out)
     return controller
+
+
+def _keep_met(out: Path, by: "ControllerResult") -> None:
+    """Copy the controller of a file aside if it is met, or was not judged, and the one to replace it is not met."""
+    from tactuator.synthesis.verdict import whole_verdict
+
+    with suppress(BadInput, OSError):
+        if not by.holds and whole_verdict(read(out)).outcome is not by.verdict.outcome:
+            aside = out.with_suffix(f".before{out.suffix}")
+            aside.write_bytes(out.read_bytes())
+            say(f"the new controller is not met; the one that was in {out} is kept as {aside}")
 
 
 def check(
     controller: Annotated["Controller | Place", Argument("Controller file.", file=True)],
     display: Annotated["Display | Place | None", Option("Display file to judge it for.", file=True)] = None,
     monte_carlo: Annotated[int, Option("Plants to draw for each channel and load; 0 for none.", ge=0)] = 0,
-    mode_shift: Annotated[float, Option("Relative standard deviation of the frequency of a mode.")] = 0.02,
+    mode_shift: Annotated[
+        float | None, Option("Relative standard deviation of the frequency of a mode; else as the model says, or 0.02.")
+    ] = None,
     seed: Seed = 0,
 ) -> "VerdictResult":
     """Judge a controller by the paper's four objectives. What a board takes is judged, too; exit status 1 if one fails.
@@ -306,22 +320,20 @@ def image(
     """
     from tactuator.io.kinds import require_kind
     from tactuator.io.text import read_content
-    from tactuator.runtime.image import REASONS, ImageRefusal, check_image
+    from tactuator.runtime.image import ImageRefusal, check_image
 
     require_kind(Path(file), "image")
     try:
         content = read_content(Path(file))
     except BadInput as error:
         raise BadInput(f"image {file}: {error}", "a file that `build` wrote") from None
-    try:
+    with within(f"{file}"):
         read_of = _image(content, file)
-    except BadInput as error:
-        raise error.within(f"{file}") from None
     if controller is None:
         return read_of
     loaded = read(controller)
     refusal = check_image(content, loaded.rate_hz, loaded.delay_samples, len(loaded.channels))
     if refusal is not ImageRefusal.GOOD:
-        raise BadInput(*REASONS[refusal], where=(f"{file}", "image"))
+        raise refusal.error(f"{file}", "image")
     asked = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
     return replace(read_of, asked=asked, is_of_controller=loaded.content_hash == read_of.controller)

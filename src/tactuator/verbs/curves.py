@@ -33,7 +33,7 @@ class CurvesResult(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         from tactuator.parameters import parameters
-        from tactuator.perception.contact import Contact
+        from tactuator.perception.curve import Contact
 
         keys = tuple(parameters(Contact))
         columns = ("curve", "provenance", "band", *(key.rsplit("_", 1)[0] if "_" in key else key for key in keys))

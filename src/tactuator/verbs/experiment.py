@@ -1,7 +1,7 @@
 """The parts of the verb `experiment` on detection: enrol, correct, observe, thresholds, export, simulate."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from getpass import getuser
 from pathlib import Path
@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 from tactuator.verbs.chosen import opened_apparatus
-from tactuator.verbs.declared import Fields
 from tactuator.verbs.parameters import (
     Argument,
     ControllerOption,
     DisplayOption,
+    Fields,
     Figures,
     Lsl,
     Option,
@@ -26,11 +26,11 @@ from tactuator.verbs.progress import say, working
 from tactuator.verbs.result import Result, columns_of, plain
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
+    from sqlalchemy import Connection
 
-    from tactuator.experiment.protocol.judging import JudgingProtocol
     from tactuator.experiment.protocol.study import SubjectPart
     from tactuator.experiment.result.store_results import GroupCurve, StoreResults
+    from tactuator.experiment.session.studies import Books
     from tactuator.experiment.session.task import Apparatus
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
@@ -73,16 +73,13 @@ def enrol(
     operator: OperatorName = None,
 ) -> EnrolledResult:
     """Add a subject, or a further visit of one. The links of all visits are shown."""
-    from tactuator.experiment.session.studies import add_visit, books_of, fresh_token
+    from tactuator.experiment.session.studies import add_visit
     from tactuator.experiment.session.studies import enrol as enrol_subject
-    from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store import records
-    from tactuator.experiment.store.store import Store, sessions_of
 
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
         raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
-    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
-        books = books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
+    with _opened_books(store, study, operator) as (connection, books):
         if visit:
             add_visit(connection, books, code)
         else:
@@ -122,10 +119,8 @@ def correct(
     operator: OperatorName = None,
 ) -> CorrectedResult:
     """Write correct data of a subject or a visit. What stood there stays in the store and in exports."""
-    from tactuator.experiment.session.studies import Correction, books_of, fresh_token
+    from tactuator.experiment.session.studies import Correction
     from tactuator.experiment.session.studies import correct as correct_subject
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.store.store import Store, sessions_of
 
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
@@ -133,10 +128,20 @@ def correct(
     facts = dict(_pairs("--fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
-    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
-        books = books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
+    with _opened_books(store, study, operator) as (connection, books):
         changes = correct_subject(connection, books, code, correction, reason)
     return CorrectedResult(books.protocol.study.name, code, tuple(map(asdict, changes)))
+
+
+@contextmanager
+def _opened_books(store: Place, study: str | None, operator: str | None) -> "Iterator[tuple[Connection, Books]]":
+    """Yield a transaction of a store in which no session runs, and the books of a study there."""
+    from tactuator.experiment.session.studies import books_of, fresh_token
+    from tactuator.experiment.session.task import SystemClock
+    from tactuator.experiment.store.store import Store, sessions_of
+
+    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
+        yield connection, books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
 
 
 def _part(
@@ -226,93 +231,59 @@ def observe(
     from tactuator.experiment.protocol.file import read_any_protocol, read_protocol
     from tactuator.experiment.protocol.judging import JudgingProtocol
     from tactuator.experiment.session.task import SystemClock
+    from tactuator.experiment.simulated.judging_sitting import run_judging
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
+    from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.io.csv_tables import read_relative_curve
     from tactuator.rig.rig import usual_load
 
     any_study, text = read_any_protocol(Path(protocol))
-    if isinstance(any_study, JudgingProtocol):
-        if truth:
-            raise BadInput("--truth where tones are judged", "--law and --lapse")
-        opened = opened_apparatus(rig, display, controller, seed, None, lsl)
-        return _observed_judging(any_study, text, store, opened, load, law or [], lapse or [], seed)
-    if law:
+    study = any_study if isinstance(any_study, JudgingProtocol) else read_protocol(Path(protocol))[0]
+    if truth and isinstance(study, JudgingProtocol):
+        raise BadInput("--truth where tones are judged", "--law and --lapse")
+    if law and not isinstance(study, JudgingProtocol):
         raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
-    study, text = read_protocol(Path(protocol))
     codes = [subject.code for subject in study.subject]
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
-    lapses = _lapses(lapse or [])
+    laws, lapses = dict(_pairs("--law", "SUBJECT=LAW", law or [])), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
-        _make_ready(place)
-        curve = place.controller.display.channels[0].threshold.curve
-        drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
-        observers = with_truths(drawn, codes, curve, truths, lapses)
-        at = {observer.name: index for index, observer in enumerate(observers)}
-        touching = load or usual_load(place.controller.display.channels)
-        named = None if touching == "none" else touching
-        with working("observers", 1000 * len(observers)) as step, opened_store(store) as database:
-
-            def show(name: str, share: float) -> None:
-                step(round(1000 * (at[name] + share)))
-
-            run_study(database, study, text, place, observers, SystemClock(), named, show)
-    frequencies_hz = study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3).tolist()
-    rows = [
-        (code, hertz, float(observer.curve.level_db_re_1um_at(hertz)))
-        for code, observer in zip(codes, observers, strict=True)
-        for hertz in frequencies_hz
-    ]
-    return ObservedResult(store, tuple(rows))
-
-
-def _observed_judging(
-    protocol: "JudgingProtocol",
-    text: str,
-    store: Place,
-    opened: "AbstractContextManager[Apparatus]",
-    load: str | None,
-    law: Sequence[str],
-    lapse: Sequence[str],
-    seed: int,
-) -> ObservedResult:
-    """Let people with laws of strength judge. The truth of each is the level that is as strong as 30 dB SL."""
-    import numpy as np
-
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.judging_sitting import run_judging
-    from tactuator.experiment.simulated.strength_people import people_of
-    from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.rig.rig import usual_load
-
-    codes = [subject.code for subject in protocol.subject]
-    laws = dict(_pairs("--law", "SUBJECT=LAW", law))
-    with sessions_of(store), opened as place:
-        _make_ready(place)
+        _make_ready(place, study.warning)
         channels = place.controller.display.channels
-        people = people_of(codes, laws, _lapses(lapse), channels[0].threshold.curve, seed)
-        touching = load or usual_load(channels)
-        with working("people", 1000 * len(people)) as step, opened_store(store) as database:
+        curve, touching = channels[0].threshold.curve, load or usual_load(channels)
+        how = (SystemClock(), None if touching == "none" else touching)
+        with working("people", 1000 * len(codes)) as step, opened_store(store) as database:
 
-            def show(subject: int, share: float) -> None:
-                step(round(1000 * (subject + share)))
+            def show(at: int, share: float) -> None:
+                step(round(1000 * (at + share)))
 
-            named = None if touching == "none" else touching
-            run_judging(database, protocol, text, place, people, SystemClock(), named, show)
-    hertz = np.array([10.0, 30.0, 60.0, 100.0, 160.0, 250.0])
-    rows = [
-        (code, float(at), float(level))
-        for code, person in zip(codes, people, strict=True)
-        for at, level in zip(hertz, person.equal_to(30.0, hertz), strict=True)
-    ]
-    return ObservedResult(store, tuple(rows), "as strong as 30 dB SL at 100 Hz (dB SL)")
+            if isinstance(study, JudgingProtocol):
+                people = people_of(codes, laws, lapses, curve, seed)
+                run_judging(database, study, text, place, people, *how, show)
+                hertz = np.array([10.0, 30.0, 60.0, 100.0, 160.0, 250.0])
+                levels = [person.equal_to(30.0, hertz) for person in people]
+            else:
+                drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
+                observers = with_truths(drawn, codes, curve, truths, lapses)
+                order = [observer.name for observer in observers]
+                run_study(
+                    database, study, text, place, observers, *how, lambda name, share: show(order.index(name), share)
+                )
+                hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
+                levels = [observer.curve.level_db_re_1um_at(hertz) for observer in observers]
+    each = zip(codes, levels, strict=True)
+    rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
+    what = "as strong as 30 dB SL at 100 Hz (dB SL)" if isinstance(study, JudgingProtocol) else ObservedResult.what
+    return ObservedResult(store, tuple(rows), what)
 
 
-def _make_ready(place: "Apparatus") -> None:
-    """Wait for a recorder, where there is an outlet. Raises BadInput where no simulated person can sit."""
+def _make_ready(place: "Apparatus", warning: str) -> None:
+    """Tell the warning; wait for a recorder, if any is to come. Raises BadInput where nobody simulated can sit."""
     from tactuator.rig.rig import require_finger_ports
 
     require_finger_ports(place.rig, place.name)
+    if warning:
+        say(warning)
     if place.outlet is not None:
         say("waiting for a recorder of the streams tactuator-markers and tactuator-levels")
         place.outlet.wait_for_recorder()
@@ -331,10 +302,7 @@ def _lapses(texts: Sequence[str]) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoreThresholds(Result):
-    """Thresholds of the finished runs of an experiment's store, and the curve across subjects.
-
-    is_curve_asked: whether a file or figures of the curve were asked for.
-    """
+    """Thresholds of a store's finished runs, and the curve across subjects; is_curve_asked: a file of it was."""
 
     results: "StoreResults"
     is_curve_asked: bool = False
@@ -453,16 +421,17 @@ def thresholds(
         results = store_results(store, group, reference, leave_out or [])
     if results.group is not None and curve_out is not None:
         write_curve(Path(curve_out), results.group.curve, results.circumstances)
-    if results.group is not None and figures is not None:
+    if figures is not None:
         from tactuator.report.felt import psychometric_plate, thresholds_plate
 
         folder = Path(figures)
         folder.mkdir(parents=True, exist_ok=True)
+        new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
-        thresholds_plate(results.people, results.reference, results.group.curve, others).save(folder)
+        thresholds_plate(results.people, results.reference, new, others).save(folder)
         for subject, trials in results.psychometric.items():
             psychometric_plate(subject, trials).save(folder)
-    return StoreThresholds(results, curve_out is not None or figures is not None)
+    return StoreThresholds(results, curve_out is not None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
 from tactuator.verbs.chosen import paper_display, read
-from tactuator.verbs.declared import constant
-from tactuator.verbs.parameters import ControllerOption, Option, Place
+from tactuator.verbs.parameters import ControllerOption, Option, Place, constant
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result
 

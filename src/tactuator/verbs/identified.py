@@ -15,8 +15,7 @@ from tactuator.identification.coupling import CoupledPair
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
 from tactuator.identification.standing import FixedAgainstOwn
-from tactuator.io.coupling import write_coupling
-from tactuator.io.model import write_identified
+from tactuator.io.model import write_coupling, write_identified
 from tactuator.model.coupling import RADIUS, CoupledResponse
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
@@ -24,7 +23,7 @@ from tactuator.model.trust import Weighed
 from tactuator.parameters import plain
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable, picked
 from tactuator.verbs.nouns import coefficients, response_chart
 from tactuator.verbs.parameters import Place
 from tactuator.verbs.result import Result, figure
@@ -46,6 +45,12 @@ class _FittedResult(Result):
     def frequency_hz(self, count: int = 500) -> Any:
         """Return frequencies even in log over the model's band, (count,)."""
         return np.geomspace(*self.model.band_hz, count)
+
+    def _with_trust(self, fit: Mapping[str, str]) -> Mapping[str, str]:
+        """Return the headline: the polynomials, how they fit, and whether they are to be trusted."""
+        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
+        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
+        return {**model, **fit, "trusted": trusted}
 
     def notices(self) -> Sequence[str]:
         return [
@@ -82,7 +87,7 @@ class _FittedResult(Result):
         confidence = model.confidence()
         n, m = model.den.size - 1, model.num.size - 1
         return {
-            "model": _model_document(model),
+            "model": picked(model, *_POLYNOMIALS),
             "damping": [vars(resonance) for resonance in resonances(model.den)],
             "confidence": {
                 "gain": confidence["gain"],
@@ -117,9 +122,7 @@ class IdentificationResult(_FittedResult, Identification):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
-        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
-        return {**model, "fit": figure(self.fit_percent, "%", 5), "trusted": trusted}
+        return self._with_trust({"fit": figure(self.fit_percent, "%", 5)})
 
     def chart(self) -> Chart:
         hertz, value, error = self.shown()
@@ -132,29 +135,13 @@ class IdentificationResult(_FittedResult, Identification):
         return [ResultTable(title, ("what", "value", "±95 %"), rows), trust_table(self.model)]
 
     def to_dict(self) -> dict[str, Any]:
-        about, between, excitation, tests = self.about or {}, self.between, self.excitation, self.tests
+        about, excitation = self.about or {}, self.excitation
+        other = None if self.other is None else picked(self.other, *_POLYNOMIALS)
+        band_hz = [excitation.low_hz, excitation.high_hz]
         return self._document() | {
-            "hold": {
-                "taken": between.hold,
-                "source": between.source,
-                "certain": between.certain,
-                "advantage": between.advantage,
-                "other": None if self.other is None else _model_document(self.other),
-            },
-            "excitation": {
-                "order": excitation.order,
-                "needed": excitation.needed,
-                "band_hz": [excitation.low_hz, excitation.high_hz],
-                "sufficient": excitation.sufficient,
-            },
-            "residuals": {
-                "white": tests.white,
-                "white_p": tests.white_p,
-                "uncorrelated_with_input": tests.uncorrelated_with_input,
-                "uncorrelated_p": tests.uncorrelated_p,
-                "unexplained": tests.unexplained,
-                "closed_loop": tests.feedback,
-            },
+            "hold": picked(self.between, "source", "certain", "advantage", taken="hold") | {"other": other},
+            "excitation": picked(excitation, "order", "needed", "sufficient") | {"band_hz": band_hz},
+            "residuals": picked(self.tests, *_TESTS, "white", "uncorrelated_with_input", closed_loop="feedback"),
             "fit_percent": self.fit_percent,
             "validation": [_validation_document(validation) for validation in self.validations],
             "friction": self._friction_document(),
@@ -168,26 +155,14 @@ class IdentificationResult(_FittedResult, Identification):
     def _mechanism_document(self) -> dict[str, float] | None:
         if self.mass_and_viscous is None:
             return None
-        (mass, mass_half), (viscous, viscous_half) = self.mass_and_viscous
-        return {
-            "mass": mass,
-            "mass_confidence": mass_half,
-            "viscous": viscous,
-            "viscous_confidence": viscous_half,
-        }
+        names = ("mass", "mass_confidence", "viscous", "viscous_confidence")
+        return dict(zip(names, np.ravel(self.mass_and_viscous).tolist(), strict=True))
 
     def _friction_document(self) -> dict[str, Any]:
-        friction = self.friction
-        if friction is None:
+        if self.friction is None:
             return {"coulomb": 0.0, "confidence": None, "presliding": None, "offset": None, "command_for_1_db": None}
-        return {
-            "coulomb": friction.coulomb,
-            "confidence": friction.confidence,
-            "presliding": friction.presliding,
-            "offset": friction.offset,
-            "offset_confidence": friction.offset_confidence,
-            "command_for_1_db": friction.small_command,
-        }
+        names = ("coulomb", "confidence", "presliding", "offset", "offset_confidence")
+        return picked(self.friction, *names, command_for_1_db="small_command")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -197,9 +172,7 @@ class ResponseModelResult(_FittedResult, ResponseFit):
     out: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
-        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
-        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
-        return {**model, "departure": figure(self.largest_db, "dB", 3), "trusted": trusted}
+        return self._with_trust({"departure": figure(self.largest_db, "dB", 3)})
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
@@ -299,8 +272,8 @@ class CoupledModels(Result):
         write_coupling(place, self.response)
 
 
-def _model_document(model: PlantModel) -> dict[str, Any]:
-    return {"num": model.num, "den": model.den, "delay_s": model.delay_s}
+_POLYNOMIALS = ("num", "den", "delay_s")
+_TESTS = ("white_p", "uncorrelated_p", "unexplained")
 
 
 def _trust_document(row: Weighed) -> dict[str, Any]:
@@ -325,20 +298,8 @@ def _distortion_document(seen: Distortion) -> dict[str, Any]:
 
 
 def _validation_document(validation: Validation) -> dict[str, Any]:
-    tests = validation.tests
-    return {
-        "record": validation.name,
-        "holds": not validation.failures,
-        "failures": validation.failures,
-        "fit_percent": validation.fit_percent,
-        "inside_band": validation.inside,
-        "points": validation.points,
-        "residuals": {
-            "white_p": tests.white_p,
-            "uncorrelated_p": tests.uncorrelated_p,
-            "unexplained": tests.unexplained,
-        },
-    }
+    document = picked(validation, "failures", "fit_percent", "points", record="name", inside_band="inside")
+    return document | {"holds": not validation.failures, "residuals": picked(validation.tests, *_TESTS)}
 
 
 class CalibrationResult(Result, Calibration):
@@ -367,18 +328,12 @@ class CalibrationResult(Result, Calibration):
         return [ResultTable(title, ("what", "value", "±95 %"), rows)]
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "sensor_gain_v_per_mm": self.gain_v_per_mm,
-            "sensor_gain_confidence_v_per_mm": self.gain_confidence_v_per_mm,
-            "offset_v": self.offset_v,
-            "offset_confidence_v": self.offset_confidence_v,
-            "linearity_percent": self.linearity_percent,
-            "pairs": self.displacement_mm.size,
-            "refused": [vars(pair) for pair in self.refused],
-        }
+        gains = {f"sensor_{name}": getattr(self, name) for name in ("gain_v_per_mm", "gain_confidence_v_per_mm")}
+        rest = picked(self, "offset_v", "offset_confidence_v", "linearity_percent", pairs="displacement_mm.size")
+        return gains | rest | {"refused": [vars(pair) for pair in self.refused]}
 
     def columns(self) -> Mapping[str, Any]:
-        return {"displacement_mm": self.displacement_mm, "voltage_v": self.voltage_v, "residual_v": self.residual_v}
+        return picked(self, "displacement_mm", "voltage_v", "residual_v")
 
     def chart(self) -> Chart:
         x = np.concatenate([self.displacement_mm, [pair.displacement_mm for pair in self.refused]])

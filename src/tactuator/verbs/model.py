@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
 from tactuator.verbs.chosen import chosen_display, opened, paths
-from tactuator.verbs.declared import Fields
-from tactuator.verbs.parameters import Argument, Figures, Load, Option, Place, RigOption, Seed
+from tactuator.verbs.parameters import Argument, Fields, Figures, Load, Option, Place, RigOption, Seed
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, promoted
 
@@ -132,6 +131,8 @@ def record(
     about = {"rig": spec, "load": load, "display": described.name, "excitation": how[1]}
     # a sound card's converters are band-limited, every other rig's hold the command between its samples
     about |= plan | {"hold": "band-limited" if spec.startswith("sound:") else "zero-order"}
+    if len({each.quantity for each in driven}) == 1:
+        about["quantity"] = driven[0].quantity
     if spec != "simulated":
         about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     whole = JointRecord(trace.rate_hz, names, trace.command_v[:, columns], trace.position_v[:, columns], about=about)
@@ -331,14 +332,14 @@ def identify(
             return source
         return read_record(Path(source), time_name=time_name, rate_hz=rate_hz, **names)
 
-    parts = [_part_of(read(source), from_s, to_s) for source in given]
+    parts, doubts = [_part_of(read(source), from_s, to_s) for source in given], ["identifying"]
     checks = [("record" if isinstance(source, Record) else str(source), read(source)) for source in unseen]
     with working("identifying") as step:
 
         def note(text: str) -> None:
-            step(text=f"identifying: {text}")
+            step(text=f"{', not to be trusted for '.join(doubts)}: {text}")
 
-        fit = identified(parts, note=note, **vars(asked))
+        fit = identified(parts, note=note, warn=doubts.append, **vars(asked))
         note("validating")
         fit = validated(fit, checks)
     model = promoted(IdentificationResult, fit, about=parts[0].about, out=None if out is None else Path(out))

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ChartLine, ResultTable
-from tactuator.verbs.declared import Fields
-from tactuator.verbs.parameters import Figures, Option, Place, Seed
+from tactuator.verbs.parameters import Fields, Figures, Option, Place, Seed
 from tactuator.verbs.progress import working
 from tactuator.verbs.result import Result, plain
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.table import NOBODY_FELT_IT, ResultTable
+from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
 from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.experiment import StoreFile
 from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, RigOption, Seed
@@ -161,18 +161,9 @@ class StoreInformation(Result):
         return {_title(each): next(iter(_bits(each.information).values())) for each in self.subjects}
 
     def to_dict(self) -> dict[str, Any]:
+        names = ("study", "paradigm", "subject", "labels", "seconds_per_stimulus", "simulated")
         results = [
-            {
-                "study": each.study,
-                "paradigm": each.paradigm,
-                "subject": each.subject,
-                "labels": each.labels,
-                "matrix": each.counts,
-                "seconds_per_stimulus": each.seconds_per_stimulus,
-                "simulated": each.simulated,
-                **_information_document(each.information),
-            }
-            for each in self.subjects
+            picked(each, *names, matrix="counts") | _information_document(each.information) for each in self.subjects
         ]
         return {"results": results, "abx": [asdict(each) for each in self.abx]}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import degrees, inf, isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +18,7 @@ from tactuator.measure.options import (
     REJECTION_HZ,
     MeasurementOptions,
 )
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable, picked
 from tactuator.verbs.chosen import chosen_controller, numbers, opened, put_on, require_stable
 from tactuator.verbs.parameters import (
     Channels,
@@ -122,11 +122,8 @@ class FeltLevels(Result):
 
 
 def _felt_document(felt: "FeltNoise") -> dict[str, Any]:
-    return vars(felt) | {
-        "sensor": None if felt.sensor is None else vars(felt.sensor),
-        "worst_line_db_sl": felt.worst_line_db_sl,
-        "worst_noise_db_sl": felt.worst_noise_db_sl,
-    }
+    sensor = {"sensor": None if felt.sensor is None else vars(felt.sensor)}
+    return vars(felt) | sensor | picked(felt, "worst_line_db_sl", "worst_noise_db_sl")
 
 
 def _felt_row(felt: "FeltNoise") -> tuple[str, ...]:
@@ -285,18 +282,12 @@ class MeasuredResponses(Result):
             *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
             *("reached", "averaged_s"),
         )
+        others = {
+            "sensation_level_db": "felt_db_sl", "model_error_db": "model_db", "prefilter_error_db": "prefilter_db",
+            "load_error_db": "load_db", "rest_error_db": "unpredicted_db", "expected_level_db_sl": "predicted_db_sl",
+        }  # fmt: skip
         responses = [
-            {name: getattr(response, name) for name in names}
-            | {
-                "sensation_level_db": levels.felt_db_sl,
-                "error_db": levels.error_db,
-                "error_jnd": levels.error_jnd,
-                "model_error_db": levels.model_db,
-                "prefilter_error_db": levels.prefilter_db,
-                "load_error_db": levels.load_db,
-                "rest_error_db": levels.unpredicted_db,
-                "expected_level_db_sl": levels.predicted_db_sl,
-            }
+            picked(response, *names) | picked(levels, "error_db", "error_jnd", **others)
             for response, levels in self._levels()
         ]
         return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
@@ -305,55 +296,36 @@ class MeasuredResponses(Result):
         from tactuator.perception.curve import AMPLITUDE_JND_DB
         from tactuator.verbs.designed import verdict_tables
 
-        columns = (
-            "channel",
-            "Hz",
-            "felt",
-            "error dB",
-            "± dB",
-            "JND",
-            "prefilter",
-            "load",
-            "rest",
-            "phase °",
-            "delay ms",
-            "dist.",
-            "cut",
-        )
         note = (
             "felt: dB SL; error: felt less asked, the largest first; JND: the error in just-noticeable differences of "
             f"{AMPLITUDE_JND_DB:g} dB; prefilter, load: what of the error the controller's own model expects of each; "
             "rest: what it does not expect: friction, noise, another plant or load; delay: of the phase; dist.: "
             "distortion against the fundamental, dB; cut: a limit was reached"
         )
-        rows = tuple(row for response, levels in self._levels() for row in self._rows(response, levels))
-        learnt = map(_learnt_line, self.learnt)
-        return [ResultTable("", columns, rows, (note,)), *learnt, *verdict_tables(self.verdict)]
+        cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
+        table = ResultTable("", tuple(cells[0]), tuple(tuple(row.values()) for row in cells), (note,))
+        return [table, *map(_learnt_line, self.learnt), *verdict_tables(self.verdict)]
 
-    def _rows(self, response: "Response", levels: "ResponseLevels") -> list[tuple[str, ...]]:
-        import numpy as np
 
-        rows: list[tuple[str, ...]] = []
-        for k in levels.worst_first:
-            magnitude_v = response.magnitude_v[k]
-            ratio = response.distortion_v[k] / magnitude_v if magnitude_v > 0.0 else np.inf
-            cells = (
-                response.channel,
-                f"{response.frequency_hz[k]:.4g}",
-                f"{levels.felt_db_sl[k]:.2f}",
-                f"{levels.error_db[k]:+.2f}",
-                f"{response.confidence_db[k]:.2g}",
-                f"{levels.error_jnd[k]:.1f}",
-                f"{levels.prefilter_db[k]:+.2f}",
-                f"{levels.load_db[k]:+.2f}",
-                f"{levels.unpredicted_db[k]:+.2f}",
-                f"{np.degrees(response.phase_rad[k]):.1f}",
-                f"{1e3 * response.latency_s[k]:.2f}",
-                f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",
-                "yes" if response.saturated[k] else "",
-            )
-            rows.append(cells)
-        return rows
+def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, str]:
+    """Return the cells of a measured point, by the head of their column."""
+    magnitude_v = response.magnitude_v[k]
+    ratio = float(response.distortion_v[k] / magnitude_v) if magnitude_v > 0.0 else inf
+    return {
+        "channel": response.channel,
+        "Hz": f"{response.frequency_hz[k]:.4g}",
+        "felt": f"{levels.felt_db_sl[k]:.2f}",
+        "error dB": f"{levels.error_db[k]:+.2f}",
+        "± dB": f"{response.confidence_db[k]:.2g}",
+        "JND": f"{levels.error_jnd[k]:.1f}",
+        "prefilter": f"{levels.prefilter_db[k]:+.2f}",
+        "load": f"{levels.load_db[k]:+.2f}",
+        "rest": f"{levels.unpredicted_db[k]:+.2f}",
+        "phase °": f"{degrees(response.phase_rad[k]):.1f}",
+        "delay ms": f"{1e3 * response.latency_s[k]:.2f}",
+        "dist.": f"{20.0 * log10(ratio):.0f}" if ratio > 0.0 else "none",
+        "cut": "yes" if response.saturated[k] else "",
+    }
 
 
 def _learnt_line(learnt: "Learnt") -> str:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput, NoDesign
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.table import Chart, ChartLine, ResultTable, picked
 from tactuator.verbs.chosen import chosen_display, numbers
-from tactuator.verbs.declared import Fields
-from tactuator.verbs.parameters import Argument, Curve, Option, Place, Seed
+from tactuator.verbs.parameters import Argument, Curve, Fields, Option, Place, Seed
 from tactuator.verbs.progress import say, working
 from tactuator.verbs.result import Result, columns_of
 
@@ -216,21 +215,7 @@ class EqualisedResult(Result):
             "flat": self.calibrated.flat,
             "gaps": self.gaps,
             "channels": [
-                {
-                    "channel": channel.name,
-                    "usable_band_hz": channel.usable.band_hz,
-                    "shortfall": shortfalls[channel.name],
-                    "ends": channel.usable.ends,
-                    "worst_error_db": channel.last.worst_db,
-                    "first_worst_error_db": channel.first.worst_db,
-                    "frequency_hz": channel.last.frequency_hz,
-                    "error_db": channel.last.error_db,
-                    "confidence_db": channel.last.confidence_db,
-                    "plant": channel.followed.by,
-                    "departure_db": channel.followed.departure_db,
-                    "recorded_at_v": channel.level.volts,
-                    "rounds": channel.rounds,
-                }
+                picked(channel, **_KEYS) | {"shortfall": shortfalls[channel.name]}
                 for channel in self.calibrated.channels
             ],
         }
@@ -247,6 +232,15 @@ class EqualisedResult(Result):
         columns = ("channel", "usable (Hz)", "felt less asked (dB)", "plant", "corrected")
         files = (f"written: {self.out / name}" for name in FILES)
         return [ResultTable("", columns, tuple(rows)), *files, *(short or ["felt flat"])]
+
+
+_KEYS = {
+    "channel": "name", "usable_band_hz": "usable.band_hz", "ends": "usable.ends", "worst_error_db": "last.worst_db",
+    "first_worst_error_db": "first.worst_db", "frequency_hz": "last.frequency_hz", "error_db": "last.error_db",
+    "confidence_db": "last.confidence_db", "plant": "followed.by", "departure_db": "followed.departure_db",
+    "recorded_at_v": "level.volts", "rounds": "rounds",
+}  # fmt: skip
+"""Keys of a calibrated channel in JSON, each with its place."""
 
 
 def calibrate_display(
@@ -339,8 +333,7 @@ def demo(
     import numpy as np
 
     from tactuator.measure.open_loop import CalibrationRequest
-    from tactuator.rig.sound.exciter import demo_display, demo_exciter
-    from tactuator.rig.sound.simulated_card import simulated_card
+    from tactuator.rig.sound.simulated_card import demo_display, demo_exciter, simulated_card
 
     exciter = demo_exciter(np.random.default_rng(seed))
     with simulated_card([exciter], seed=seed) as card:

@@ -49,7 +49,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment enrol": "verbs.experiment:enrol",
         "experiment correct": "verbs.experiment:correct",
         "experiment observe": "verbs.experiment:observe",
-        "experiment sheet": "verbs.clinic:sheet",
+        "experiment sheet": "verbs.store:sheet",
         "experiment thresholds": "verbs.experiment:thresholds",
         "experiment contours": "verbs.strength:contours",
         "experiment judged": "verbs.strength:judged",

@@ -13,6 +13,7 @@ from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.session import RunTally, Session
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.records import Found
+from tactuator.table import picked
 from tactuator.web.lab import Lab, LabFault
 from tactuator.web.messages import FROM_OPERATOR, Command, Correct, Day, Enrol, NewVisit, OperatorMessage, message_of
 from tactuator.web.sockets import first_to_end, receive_text, send
@@ -70,13 +71,7 @@ class OperatorPage:
         if isinstance(message, Enrol | Correct):
             self._free(message)
         if isinstance(message, Enrol):
-            facts: dict[str, str | float] = dict(message.demographics)
-            part = SubjectPart(
-                code=message.code,
-                group=message.group,
-                participant_id=message.participant_id,
-                demographics=facts,
-            )
+            part = SubjectPart(**picked(message, "code", "group", "participant_id", "demographics"))
             await self.lab.work(lambda: study.enrol(part, self.who))
         elif isinstance(message, NewVisit):
             await self.lab.work(lambda: study.add_visit(message.subject, self.who))
@@ -155,26 +150,16 @@ class OperatorPage:
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the page shows."""
         lab = self.lab
-        apparatus = lab.apparatus
         active = None if lab.active is None else lab.opened(lab.active)
         course = None if active is None else active.session.course
         return {
+            **picked(lab, "paused", "fault", "active"),
+            **picked(lab.study.task.protocol, study="study.name", posture="gates.posture"),
             "type": "snapshot",
-            "study": lab.study.task.protocol.study.name,
             "control": lab.control is self,
-            "paused": lab.paused,
-            "fault": lab.fault,
-            "active": lab.active,
             "calls": list(lab.calls.values()),
-            "posture": lab.study.task.protocol.gates.posture,
             "demographics": [asdict(item) for item in lab.study.task.protocol.demographic],
-            "rig": {
-                "name": apparatus.name,
-                "display": apparatus.controller.display.name,
-                "rate_hz": apparatus.rig.rate_hz,
-                "channels": list(apparatus.rig.channels),
-                "simulated": apparatus.simulated,
-            },
+            "rig": picked(lab.apparatus, "name", "simulated", **_RIG),
             "sessions": [self._session(row) for row in lab.sessions],
             "runs": [] if active is None else [_run(run) for run in active.session.tally],
             "picture": None if course is None else course.picture(),
@@ -183,20 +168,16 @@ class OperatorPage:
     def _session(self, row: Found) -> dict[str, Any]:
         presented = self.lab.opened(row.id)
         return {
-            "id": row.id,
-            "subject": row.subject_code,
-            "group": row.subject_group,
-            "visit": row.visit,
-            "participant_id": row.participant_id,
+            **picked(row, *_OF_ROW, subject="subject_code", group="subject_group"),
             "demographics": self.lab.facts.get(row.subject_id, {}),
-            "skin_temperature_c": row.skin_temperature_c,
-            "preload_n": row.preload_n,
             "link": f"/s/{row.link_token}",
             "here": row.id in self.lab.tabs,
             **(_NOT_OPENED if presented is None else _standing(presented.session)),
         }
 
 
+_RIG = {"display": "controller.display.name", "rate_hz": "rig.rate_hz", "channels": "rig.channels"}
+_OF_ROW = ("id", "visit", "participant_id", "skin_temperature_c", "preload_n")
 _NOT_OPENED = {"stage": None, "progress": 0.0, "left_s": None, "trials": 0, "share_correct": None}
 
 
@@ -207,23 +188,14 @@ def _standing(session: Session) -> dict[str, Any]:
     """
     counted = [run for run in session.tally if not run.planned.practice]
     answered, right = sum(run.answered for run in counted), sum(run.correct for run in counted)
-    return {
-        "stage": session.stage,
-        "progress": session.progress,
-        "left_s": round(session.time_left_s),
-        "trials": session.trials,
-        "share_correct": right / answered if answered else None,
-    }
+    share = right / answered if answered else None
+    standing = picked(session, "stage", "progress", "trials")
+    return standing | {"left_s": round(session.time_left_s), "share_correct": share}
 
 
 def _run(run: RunTally) -> dict[str, Any]:
-    return {
-        "title": run.planned.title,
-        "state": run.state,
-        "answered": run.answered,
-        "of": run.planned.trials,
-        "share_correct": run.correct / run.answered if run.answered else None,
-    }
+    share = run.correct / run.answered if run.answered else None
+    return picked(run, "state", "answered", title="planned.title", of="planned.trials") | {"share_correct": share}
 
 
 def _session(command: Command) -> int:

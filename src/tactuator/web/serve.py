@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.experiment import ProtocolFile, StoreFile
 from tactuator.verbs.parameters import (
@@ -129,8 +129,7 @@ def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str
     named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
     lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
     lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
-    if address.warning:
-        lines.append(address.warning)
+    lines += [warning for warning in (address.warning, lab.study.task.protocol.warning) if warning]
     sys.stderr.write("\n".join(lines) + "\n")
     sys.stderr.flush()
 
@@ -141,10 +140,8 @@ def _operator_token(path: Path | None, line: int = 0) -> str:
     """
     from tactuator.io.text import read_text
 
-    try:
+    with within(f"token file {path}"):
         tokens = [os.environ.get(TOKEN_VARIABLE)] if path is None else [*read_text(path).splitlines(), ""]
-    except BadInput as error:
-        raise error.within(f"token file {path}") from None
     given = tokens[line] if line < len(tokens) else "" if path else None
     if given is None:
         import secrets  # which takes a fifth of a help

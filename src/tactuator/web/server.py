@@ -1,4 +1,4 @@
-"""."""
+"""A listener of few connections, a gate before the application, and heads that must come in time."""
 
 from __future__ import annotations
 

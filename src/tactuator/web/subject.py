@@ -17,6 +17,7 @@ from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
+from tactuator.table import picked
 from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (
     FROM_SUBJECT,
@@ -350,15 +351,10 @@ class SubjectTab:
         task = presented.session.task
         study, question = task.protocol.study, task.question
         return {
-            "subject": self.row.subject_code,
-            "study": study.name,
-            "consent": study.consent,
-            "consent_by": study.consent_by,
-            "consent_witness": study.consent_witness,
-            "instructions": study.instructions,
-            "prompt": question.prompt,
+            **picked(study, "consent", "consent_by", "consent_witness", "instructions", study="name"),
+            **picked(question, "prompt", "intervals", "released"),
             "choices": [asdict(choice) for choice in question.choices],
-            "intervals": question.intervals,
+            "subject": self.row.subject_code,
             "masking_sound": task.protocol.circumstances.masking_sound,
             "simulated": task.apparatus.simulated,
             "shown": self.lab.shown,

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tactuator.io.controller import read_controller, write_controller
 from tests.runtime.paper_display import changed, channel, controller, display, louder
 
 
-def paper_file(folder: Path) -> str:
+@pytest.fixture
+def made(tmp_path: Path) -> str:
     """The paper's controller of one finger."""
-    path = folder / "controller.json"
+    path = tmp_path / "controller.json"
     write_controller(path, controller(display(channel())))
     return str(path)
 

@@ -125,6 +125,18 @@ def test_check__monte_carlo__judged_and_in_the_verdict(tmp_path: Path, capsys: p
     assert "of 200 plants drawn from the family exceed it" in " ".join(capsys.readouterr().out.split())
 
 
+def test_design__not_met_over_one_that_was_not__keeps_that_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, aside, before = tmp_path / "controller.json", tmp_path / "controller.before.json", []
+    for flatness, status in ((1.0, 0), (0.3, 1), (0.3, 1)):
+        before.append(out.read_bytes() if out.exists() else b"")
+        assert main(["design", display(tmp_path, flatness=flatness), "--out", str(out), "--json"]) == status
+        assert aside.exists() == bool(status)
+    assert (aside.read_bytes(), out.read_bytes()) == (before[1], before[2])
+    assert capsys.readouterr().err.count(f"is kept as {aside}") == 1
+
+
 def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "controller.json"
     assert main(["design", display(tmp_path, flatness=0.3), "--out", str(out), "--json"]) == 1

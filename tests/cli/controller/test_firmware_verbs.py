@@ -16,14 +16,9 @@ from tactuator.rig import emulator
 from tactuator.rig.board_check.period_check import PeriodCheck
 from tactuator.rig.board_check.period_cost import PeriodCost
 from tactuator.rig.boards import BOARDS, build_firmware
-from tests.cli.controller.controller_files import paper_file
+from tests.cli.controller.controller_files import made  # noqa: F401
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display
-
-
-@pytest.fixture
-def made(tmp_path: Path) -> str:
-    return paper_file(tmp_path)
 
 
 def test_verify__few_ticks__bit_exact_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,9 +92,8 @@ def test_bench__one_finger__every_board_in_both_formats(made: str, capsys: pytes
 def test_firmware__misused__is_refused(
     arguments: list[str], words: str, made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = [word.replace("FOLDER", str(tmp_path)) for word in arguments]
-    told += ["--controller", made] if "verify" in told else []
-    refused(["firmware", *told], words, capsys, tmp_path)
+    told = ["--controller", made] if "verify" in arguments else []
+    refused(["firmware", *arguments, *told], words, capsys, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -134,10 +128,9 @@ def test_firmware__no_compiler__says_what_to_install(
     cache.mkdir()
     monkeypatch.setattr(program, "_cache", lambda: cache)
     monkeypatch.setenv("PATH", "")
-    told = [word.replace("FOLDER", str(tmp_path)) for word in verb]
-    told += ["--controller", made] if "program" not in told else []
+    told = ["--controller", made] if "program" not in verb else []
     words = f"{program.COMPILER} is missing; allowed: install it with `make install-boards`"
-    refused(["firmware", *told], words, capsys, tmp_path)
+    refused(["firmware", *verb, *told], words, capsys, tmp_path)
 
 
 @pytest.mark.parametrize("verb", ["verify", "bench"])

@@ -12,14 +12,9 @@ from tactuator.cli import main
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.model.controller import Limits
 from tactuator.runtime.image import sealed
-from tests.cli.controller.controller_files import paper_file, spoilt, unstable
+from tests.cli.controller.controller_files import made, spoilt, unstable  # noqa: F401
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display
-
-
-@pytest.fixture
-def made(tmp_path: Path) -> str:
-    return paper_file(tmp_path)
 
 
 @pytest.mark.parametrize("number_format", ["float32", "q31"])
@@ -69,8 +64,7 @@ def test_build__again__is_the_same_bytes_and_replaces(
 def test_build__misused__is_refused(
     options: list[str], words: str, made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = [option.replace("FOLDER", str(tmp_path)) for option in options]
-    refused(["build", made, *told], words, capsys, tmp_path)
+    refused(["build", made, *options], words, capsys, tmp_path)
 
 
 def test_build__unsafe_or_beyond_the_format__is_refused_and_an_older_image_stays(

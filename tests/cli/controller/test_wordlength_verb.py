@@ -1,4 +1,4 @@
-"""`tactuator wordlength`, as a user runs it; and controller files that are none, for every verb of the processor."""
+"""`tactuator wordlength`, as a user runs it; and controller files that are none."""
 
 import json
 from dataclasses import replace
@@ -10,13 +10,8 @@ from tactuator.cli import main
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.model.controller import Limits
 from tactuator.wordlength.formats import FORMATS
-from tests.cli.controller.controller_files import paper_file, spoilt, unstable
+from tests.cli.controller.controller_files import made, spoilt, unstable  # noqa: F401
 from tests.cli.refusals import refused
-
-
-@pytest.fixture
-def made(tmp_path: Path) -> str:
-    return paper_file(tmp_path)
 
 
 def test_wordlength__unsafe_format_asked_for__status_1_and_every_format_with_its_figures(
@@ -92,11 +87,8 @@ def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
 def test_wordlength__misused__is_refused(
     options: list[str], words: str, made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = [option.replace("FOLDER", str(tmp_path)) for option in options]
-    refused(["wordlength", made, *told], words, capsys, tmp_path)
+    refused(["wordlength", made, *options], words, capsys, tmp_path)
 
-
-# --- a controller file that is none, for every verb that takes one ---
 
 NOT_CONTROLLERS = {
     "nothing": (None, "No such file or directory"),
@@ -110,28 +102,11 @@ NOT_CONTROLLERS = {
 
 
 @pytest.mark.parametrize(("content", "words"), NOT_CONTROLLERS.values(), ids=NOT_CONTROLLERS)
-@pytest.mark.parametrize(
-    "verb",
-    [
-        ["wordlength", "FILE"],
-        ["build", "FILE", "--out", "FOLDER/image.bin"],
-        ["firmware", "verify", "--controller", "FILE"],
-        ["firmware", "bench", "--controller", "FILE"],
-    ],
-    ids=["wordlength", "build", "verify", "bench"],
-)
-def test_controller_file__that_is_none__is_refused(
-    verb: list[str],
-    content: str | bytes | None,
-    words: str,
-    made: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_controller_file__that_is_none__is_refused(content, words, made, tmp_path, capsys) -> None:
+    """Which verb reads it makes no difference: `test_kinds` holds a file of every other kind against each."""
     path = tmp_path / "bad.json"
     if content == "CHANGED":
         path.write_text(Path(made).read_text().replace("4000.0", "4001.0"))
     elif content is not None:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    told = [word.replace("FILE", str(path)).replace("FOLDER", str(tmp_path)) for word in verb]
-    refused(told, words, capsys, tmp_path)
+    refused(["wordlength", str(path)], words, capsys, tmp_path)

@@ -20,11 +20,12 @@ from tactuator.io.record import read_record
 from tactuator.io.shipped import EXAMPLES
 from tactuator.io.text import toml_text
 from tactuator.measure import open_loop
-from tactuator.measure.broadband import Followed, Heard, Level, Wave
+from tactuator.measure.broadband import Followed, Heard, Level
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.description import display_document
 from tactuator.rig.sound import cards
 from tactuator.rig.sound import rig as rigs
+from tactuator.signals.multisine import Multisine
 from tests.cli.refusals import refused
 from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.from_start_to_end import controller
@@ -216,9 +217,8 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_d
 ):
     put_in(monkeypatch)
     period = np.sin(2.0 * np.pi * np.arange(64) / 8.0)
-    heard = Heard(
-        Wave(period, np.array([8]), 8000.0), 1.0, np.stack([period] * 5), np.stack([0.5 * period] * 5), period
-    )
+    wave = Multisine(8000.0, 64, np.array([8]), np.ones(1), np.array([-0.5 * np.pi]))
+    heard = Heard(wave, 1.0, np.stack([period] * 5), np.stack([0.5 * period] * 5), period)
 
     def none(rig: Any, *more: Any) -> None:
         known = tuple(

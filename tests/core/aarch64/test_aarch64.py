@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.paper.plan import paper_display
-from tactuator.synthesis.design import design_controller
 from tactuator.wordlength.assessment import built
+from tests.rig.guard.guarded import designed
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
@@ -22,8 +21,12 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def images() -> dict[str, bytes]:
-    controller = design_controller(paper_display())
-    return {name: built(controller, name)[0] for name in ("float32", "q31")}
+    return {name: built(designed(), name)[0] for name in ("float32", "q31")}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled("cc", tmp_path_factory.mktemp("here") / "here", FLAGS)
 
 
 def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
@@ -43,21 +46,21 @@ def commands(words: list[str | Path], image: bytes, folder: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("number_format", ["float32", "q31"])
-def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format: str, images: dict[str, bytes], tmp_path: Path):
-    here = commands([compiled("cc", tmp_path / "here", FLAGS)], images[number_format], tmp_path)
+def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format, images, here, tmp_path):
+    ours = commands([here], images[number_format], tmp_path)
     there_program = compiled("aarch64-linux-gnu-gcc", tmp_path / "there", FLAGS)
     there = commands(["qemu-aarch64", there_program], images[number_format], tmp_path)
-    assert here.shape == there.shape == (20000, 3)
-    values = here.view(np.float32)
+    assert ours.shape == there.shape == (20000, 3)
+    values = ours.view(np.float32)
     assert np.ptp(values) > 15.0  # it moved, and reached its limits
-    assert np.unique(here).size > 10000
-    assert np.array_equal(here, there)
+    assert np.unique(ours).size > 10000
+    assert np.array_equal(ours, there)
 
 
-def test_core__with_fused_multiply_add_allowed__differs_and_is_seen(images: dict[str, bytes], tmp_path: Path):
+def test_core__with_fused_multiply_add_allowed__differs_and_is_seen(images, here, tmp_path):
     """The check can fail: without -ffp-contract=off, gcc fuses on this processor."""
-    here = commands([compiled("cc", tmp_path / "here", FLAGS)], images["float32"], tmp_path)
+    ours = commands([here], images["float32"], tmp_path)
     fused = [flag for flag in FLAGS if "contract" not in flag and "std" not in flag] + ["-std=gnu99"]
     program = compiled("aarch64-linux-gnu-gcc", tmp_path / "fused", [*fused, "-ffp-contract=fast"])
     there = commands(["qemu-aarch64", program], images["float32"], tmp_path)
-    assert not np.array_equal(here, there)
+    assert not np.array_equal(ours, there)

@@ -100,7 +100,7 @@ def test_choosing__lapse_rate_with_little_weight__takes_part_with_all_of_it() ->
         belief.learn(point, level, np.array([rng.random() < np.where(level[0] > 0.0, 0.97, 0.4)]))
     weight, rates = np.sqrt(belief.weight[0]), np.array(belief.answering.lapses)
     chosen, share = belief.choosing()
-    assert belief.share_of_lapses(0.15)[0] < 0.1
+    assert np.where(belief.lapse > 0.15, belief.weight, 0.0).sum(axis=1)[0] < 0.1
     for rate in rates:
         of_rate = belief.lapse[0, chosen[0]] == rate
         assert share[0, of_rate].sum() == pytest.approx(weight[belief.lapse[0] == rate].sum() / weight.sum())

@@ -124,3 +124,11 @@ def answer_one(presented: PresentedSession, clock: ObedientClock) -> tuple[int, 
     clock.wait(1.0)
     presented.answer(Answer(response_of(following.trial), clock.utc(), 10.0, 460.0))
     return position, number
+
+
+def everything(presented: PresentedSession, clock: ObedientClock, answer=answer_one) -> None:
+    """Answer what is left of the session."""
+    while presented.session.stage != "done":
+        if presented.session.stage == "break":
+            presented.session.end_break()
+        answer(presented, clock)

@@ -21,8 +21,7 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
-from tactuator.rig.paced import PacedRig
-from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.simulated import PacedRig, SimulatedRig
 from tests.experiment.session.apparatuses import PROTOCOL, controller, token
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]

@@ -17,6 +17,7 @@ from tests.experiment.session.apparatuses import (
     answer_one,
     apparatus,
     begin,
+    everything,
     nobody,
     opened_study,
     response_of,
@@ -30,29 +31,12 @@ def store(tmp_path):
     made.close()
 
 
-def everything(presented, clock) -> None:
-    while presented.session.stage != "done":
-        if presented.session.stage == "break":
-            presented.session.end_break()
-        answer_one(presented, clock)
-
-
 def stored(store):
-    query = (
-        select(
-            schema.run.c.position,
-            schema.run.c.attempt,
-            schema.trial.c.number,
-            schema.trial.c.level_db_sl,
-            schema.response,
-        )
-        .select_from(schema.run.join(schema.trial).join(schema.response))
-        .order_by(schema.trial.c.id)
-    )
+    run, trial = schema.run.c, schema.trial.c
+    columns = (run.position, run.attempt, trial.number, trial.level_db_sl, schema.response.c.response)
     with store.read() as connection:
-        return [
-            (row.position, row.attempt, row.number, row.level_db_sl, row.response) for row in connection.execute(query)
-        ]
+        rows = connection.execute(select(*columns).select_from(schema.ANSWERED).order_by(trial.id))
+        return [tuple(row) for row in rows]
 
 
 def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) -> None:

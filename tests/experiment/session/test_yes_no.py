@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
@@ -62,3 +63,8 @@ def test_yes_no__question__has_two_answers_and_tells_no_interval() -> None:
     protocol = parse_protocol(YES_NO)
     assert protocol.paradigm.responses == ("1", "0")
     assert protocol.paradigm.guess == 0.02
+
+
+def test_held__with_several_intervals__is_refused() -> None:
+    with pytest.raises(BadInput, match="held with 3 intervals; allowed: with one interval"):
+        parse_protocol(YES_NO.replace("intervals = 1", "intervals = 3\nheld = true"))

@@ -88,7 +88,7 @@ def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: W
 
 @pytest.mark.parametrize("settings", [{"lapse": 0.3}, {"lapse": -0.1}, {"guess": 0.9}, {"guess": -0.1}])
 def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float]) -> None:
-    with pytest.raises(BadInput, match="psychometric function"):
+    with pytest.raises(BadInput, match=rf"{next(iter(settings))} .*allowed: 0 "):
         Psychometric(Weibull(), **settings)
 
 

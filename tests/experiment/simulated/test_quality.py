@@ -77,7 +77,7 @@ def test_simulate__same_seed__gives_the_same() -> None:
         ({"runs": 1}, "runs is 1; allowed: a whole number, 2 or more"),
         ({"runs": 10, "slope": (0.0, 1.0)}, "slope.0 is 0; allowed: .*above 0"),
         ({"runs": 10, "slope": (3.0, 2.0)}, "slope is 3 to 2"),
-        ({"runs": 10, "lapse": 0.3}, "lapse 0.3"),
+        ({"runs": 10, "lapse": 2.0}, "lapse is 2; allowed: 0 up to, not with, 0.2063"),
         ({"runs": 10, "start_db": 500.0}, "start_db is 500; allowed: .*-40 to 60"),
         ({"runs": 10, "guessed": 1.5}, "guessed is 1.5; allowed: .*0 to 1"),
         ({"runs": 10, "guessed": -0.1}, "guessed is -0.1"),

@@ -153,10 +153,7 @@ def answers(place: str | Path) -> list[tuple[Any, ...]]:
     query = select(
         schema.subject.c.code, run.c.position, trial.c.number, run.c.attempt, trial.c.level_db_sl,
         trial.c.correct_response, trial.c.presented_utc, response.c.response, response.c.server_received_utc,
-    ).select_from(
-        response.join(trial).join(run).join(schema.session, schema.session.c.id == run.c.session_id)
-        .join(schema.subject, schema.subject.c.id == schema.session.c.subject_id)
-    )  # fmt: skip
+    ).select_from(schema.ANSWERED)  # fmt: skip
     with closing(Store(place)) as store, store.read() as connection:
         return [tuple(row) for row in connection.execute(query)]
 

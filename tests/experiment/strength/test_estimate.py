@@ -13,6 +13,7 @@ from tactuator.perception.curve import curve
 from tests.griffin import distance_db
 
 SETTING = ContourSetting()
+KNOWN = replace(SETTING, curve=curve("bolanowski-1988"))
 AMONG = Candidates(np.geomspace(10.0, 300.0, 10), np.array([10.0, 20.0, 30.0, 40.0, 50.0]))
 
 
@@ -86,25 +87,21 @@ def test_contours__each__rises_with_the_level_and_stands_at_its_level_at_the_ref
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 def test_fit__gradient_of_every_law__is_that_of_differences(law) -> None:
     found = fit(law, SETTING, matched(shifted(2.0, 0.0), 60, 4), steps=3)
-    hertz, level = np.array([15.0, 60.0, 250.0]), np.array([15.0, 30.0, 45.0])
-    _, gradient = found.levels(hertz, level)
-    for index in range(found.place.size):
-        moved = found.place.copy()
-        moved[index] += 1e-4
-        other, _ = type(found)(law, SETTING, moved, found.covariance, 0.0).levels(hertz, level)
-        assert (other - found.levels(hertz, level)[0]) / 1e-4 == pytest.approx(gradient[:, index], abs=1e-2)
+    surface = found.surface(np.array([15.0, 60.0, 250.0]), np.array([15.0, 30.0, 45.0]))
+    gradient, here = surface.gradient(found.place), surface.at(found.place)
+    for index, step in enumerate(1e-4 * np.eye(found.place.size)):
+        assert (surface.at(found.place + step) - here) / 1e-4 == pytest.approx(gradient[:, index], abs=1e-2)
 
 
 def test_most_telling__after_a_match_at_one_place__goes_to_another_and_corrects_for_biases() -> None:
     nothing = fit(FREE, SETTING, Matches.of([]))
-    first = most_telling(nothing, AMONG, 0.0, False, False)
-    rows = [
-        (first.frequency_hz, first.comparison_db_sl, first.reference_db_sl, False, False, k % 2 == 0) for k in range(12)
-    ]
-    later = most_telling(fit(FREE, SETTING, Matches.of(rows)), AMONG, 0.0, False, False)
-    assert (later.frequency_hz, later.reference_db_sl) != (first.frequency_hz, first.reference_db_sl)
+    first = most_telling(nothing, AMONG, 30.0, 0.0, False, False)
+    at = first.frequency_hz, first.comparison_db_sl, first.reference_db_sl
+    rows = [(*at, False, False, k % 2 == 0) for k in range(12)]
+    later = most_telling(fit(FREE, SETTING, Matches.of(rows)), AMONG, 30.0, 0.0, False, False)
+    assert (later.frequency_hz != first.frequency_hz, later.reference_db_sl) == (True, 30.0)
     biased = fit(FREE, SETTING, matched(shifted(0.0, 0.0), 400, 6, order_db=3.0))
-    at = [most_telling(biased, AMONG, 0.0, second, False) for second in (False, True)]
+    at = [most_telling(biased, AMONG, 30.0, 0.0, second, False) for second in (False, True)]
     assert at[0].comparison_db_sl - at[1].comparison_db_sl > 3.0
 
 
@@ -119,16 +116,30 @@ def test_equality__one_pair__finds_its_point_with_an_interval() -> None:
 
 
 def test_estimate__tones_of_equal_velocity__are_named_where_the_threshold_curve_is_known() -> None:
-    known = replace(SETTING, curve=curve("bolanowski-1988"))
-
     def level(hertz, level_db_sl):
         return np.asarray(level_db_sl) + distance_db(hertz, level_db_sl)
 
     matches = matched(level, 200, 11)
-    result = estimate(matches, known)
+    result = estimate(matches, KNOWN)
     assert result.law == "equal-velocity"
     hertz = np.array([15.0, 30.0, 60.0, 250.0])
     mean, _ = result.levels(hertz, np.full(4, 30.0))
     assert mean - 30.0 == pytest.approx(distance_db(hertz, 30.0), abs=1.2)
     assert "equal-velocity" not in estimate(matches, SETTING).laws
-    assert estimate(matched(shifted(0.0, 0.0), 200, 11), known).law in ("sensation-level", CANNOT_TELL)
+    assert estimate(matched(shifted(0.0, 0.0), 200, 11), KNOWN).law in ("sensation-level", CANNOT_TELL)
+
+
+def test_estimate__velocity_that_takes_over_by_the_tones_own_level__lies_in_the_band_where_it_does() -> None:
+    """Up to 15 dB SL of the tone itself, in proportion: a way that the sources say as little of as of any other."""
+
+    def level(hertz, level_db_sl):
+        whole = level_db_sl + distance_db(hertz, 30.0)
+        return np.where(whole >= 15.0, whole, level_db_sl / (1.0 - distance_db(hertz, 30.0) / 15.0))
+
+    hertz, off = np.geomspace(15.0, 80.0, 12), []
+    for seed in (12, 13, 14):
+        result = estimate(matched(level, 400, seed), KNOWN)
+        assert result.law == "equal-velocity"
+        mean, sd = result.levels(hertz, np.full(12, 18.0))
+        off.append((mean - level(hertz, 18.0)) / sd)
+    assert np.mean(np.abs(off) <= 1.96) >= 0.9

@@ -13,7 +13,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from tactuator.experiment.task.task_keys import TaskQuestion, Planned, TaskKeys, JudgedTone, judgement
+from tactuator.experiment.task.task_keys import TaskPrompt, Planned, TaskKeys, JudgedTone, Judgement
 from tactuator.parameters import Whole, table
 from tactuator.table import ResultTable
 
@@ -25,7 +25,7 @@ class Keys(TaskKeys):
     trials: Annotated[Whole, Field(ge=1, description="trials")] = 4
 
     def asked(self, words):
-        return TaskQuestion("Was it rough?", (("yes", ("y",)), ("no", ("n",))))
+        return TaskPrompt("Was it rough?", (("yes", ("y",)), ("no", ("n",))))
 
     def fingers_used(self):
         return ("index",)
@@ -53,7 +53,7 @@ class Run:
         if number >= self.keys.trials:
             return None
         tone = JudgedTone("tone", "index", 30.0 if number % 2 else 90.0, 20.0)
-        return judgement(number, [(tone,)], ("yes", "no"), "yes")
+        return Judgement.of(number, [(tone,)], ("yes", "no"), "yes")
 
     def record(self, trial, response):
         self.answered += 1

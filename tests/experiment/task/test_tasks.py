@@ -11,7 +11,7 @@ from tactuator.experiment.simulated.strength_people import StrengthPerson
 from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, Place, estimate, parse_task
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, estimate, parse_task
 from tactuator.experiment.trial.trial import Timing
 
 PLACE = Place(Playable(), Timing())
@@ -67,6 +67,9 @@ def test_matching__order_and_standard__are_balanced_and_levels_comfortable(name:
     assert 0.3 < np.mean(swapped) < 0.7
     assert all(tone.level_db_sl <= 55.0 for trial in trials for tones in trial.tones for tone in tones)
     assert all(trial.correct == str(1 + row[3]) for trial, row in zip(trials, rows, strict=True))
+    placed = [trial.placement.frequency_hz for trial in trials]
+    assert placed == [100.0 if row[4] else row[0] for row in rows]
+    assert name == "pairs" or [sum(row[2] == level for row in rows) for level in keys.levels_db_sl] == [4] * 5
 
 
 def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -> None:
@@ -77,8 +80,7 @@ def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -
         felt = [tones[0].level_db_sl - 5.0 * (tones[0].frequency_hz == 40.0) + rng.normal() for tones in trial.tones]
         response = trial.responses[int(np.argmax(felt))]
         run.record(trial, response)
-        tones = tuple(AnsweredTone(t.role, t.finger, t.frequency_hz, t.level_db_sl) for (t,) in trial.tones)
-        trials.append(Answered(tones, None, response, trial.judge(response)))
+        trials.append(Answered.of(trial, response))
     found = keys.equality(AnsweredRun("S", "index", 40.0, tuple(trials)))
     assert found.above_db.value == pytest.approx(5.0, abs=0.7)
     assert abs(found.order_db.value) < 0.6
@@ -116,8 +118,7 @@ def test_magnitudes__a_power_function_in_any_modulus__gives_its_exponent() -> No
             exponent = {40.0: 0.9, 250.0: 0.45}[tone.frequency_hz]
             response = f"{modulus * 10.0 ** (exponent * tone.level_db_sl / 20.0) * np.exp(rng.normal(0.0, 0.05)):.4g}"
             run.record(trial, response)
-            told = AnsweredTone(tone.role, tone.finger, tone.frequency_hz, tone.level_db_sl)
-            trials.append(Answered((told,), tone.level_db_sl, response, False))
+            trials.append(Answered.of(trial, response))
         runs.append(AnsweredRun(subject, "index", None, tuple(trials)))
     low, high = magnitudes(runs)
     assert (low.exponent.value, high.exponent.value) == pytest.approx((0.9, 0.45), abs=0.03)
@@ -143,15 +144,9 @@ def test_estimate__a_comma__is_a_decimal_point() -> None:
         ({"kind": "matching", "finger": "index", "method": "pairs"}, "comparisons_hz"),
         ({"kind": "matching", "finger": "index", "comparisons_hz": [40.0]}, "none: the method chooses"),
         ({"kind": "matching", "finger": "index", "frequency_hz": 400.0}, "frequency_hz"),
-        (
-            {"kind": "matching", "finger": "index", "method": "pairs", "comparisons_hz": [100.0]},
-            "other frequencies than the standard's",
-        ),
+        (TASKS["pairs"] | {"comparisons_hz": [100.0]}, "other frequencies than the standard's"),
         ({"kind": "discrimination", "of": "order", "fingers": ["index"], "frequencies_hz": [40.0]}, "two"),
-        (
-            {"kind": "discrimination", "of": "gap", "fingers": ["index"], "frequencies_hz": [40.0], "rove_db": 3.0},
-            "rove_db",
-        ),
+        (TASKS["gap"] | {"rove_db": 3.0}, "rove_db"),
     ],
 )
 def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) -> None:
@@ -198,10 +193,8 @@ def test_magnitudes__drawn__are_on_a_logarithmic_axis_with_the_line_of_the_expon
     assert marks.label.startswith("40 Hz: exponent 0.")
     slope = np.polyfit(line.x * np.log(10.0) / 20.0, np.log(line.y), 1)[0]
     assert slope == pytest.approx(magnitudes(runs)[0].exponent.value)
-    logs = np.log([estimate(t.response) for t in runs[0].trials])
-    at_10 = [
-        v for t, v in zip(runs[0].trials, logs, strict=True) if (t.tones[0].frequency_hz, t.level_db_sl) == (40.0, 10.0)
-    ]
-    assert marks.y[0] == pytest.approx(np.exp(np.mean(at_10) - logs.mean()))
+    logs = np.log([trial.number for trial in runs[0].trials])
+    first = [trial.level_db_sl == 10.0 and trial.tones[0].frequency_hz == 40.0 for trial in runs[0].trials]
+    assert marks.y[0] == pytest.approx(np.exp(logs[first].mean() - logs.mean()))
     below, above = marks.half
     assert np.all((below > 0.0) & (above > below))

@@ -10,23 +10,18 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
 from tactuator.io.shipped import EXAMPLES
-from tactuator.measure.adaptive import settle_weights
+from tactuator.measure.adaptive import LANDS_S, LIFTED_S, landing, settle_weights
+from tactuator.model.controller import Controller
 from tactuator.model.plant import Load
+from tactuator.report.controller import landing_plate
 from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.synthesis.family import plant_family
-from tactuator.synthesis.touch import design_feed_forward
 from tests.measure.loops import RATE_HZ, controller, display
+from tests.runtime import test_touch
 
 
-def adaptive():
-    made = controller(display())
-    own, described = made.channels[0], made.display
-    plant = plant_family(described.channels[0], RATE_HZ, 1)[0].sampled
-    loop = TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), plant)
-    model = design_feed_forward(described, described.channels[0], loop)
-    return replace(made, channels=(replace(own, feed_forward=model),))
+def adaptive() -> Controller:
+    return Controller(display(), (test_touch.adaptive(),))
 
 
 @pytest.mark.parametrize("times", [(1.0, 1.0), (0.6, 1.4)])
@@ -49,19 +44,6 @@ def test_settle__fixed_controller__nothing_is_played() -> None:
         rig.load(controller(display()))
         assert settle_weights(rig, controller(display()), 30.0, np.random.default_rng(1)) == ()
         assert rig.rows_played == 0
-
-
-def test_measure__adaptive_display_touched__weights_are_told_and_the_model_expects_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_controller(tmp_path / "c.json", adaptive())
-    asked = ["measure", "--controller", str(tmp_path / "c.json"), "--load", "finger", "--frequency-hz", "30", "--json"]
-    assert main(asked) == 0
-    found = json.loads(capsys.readouterr().out)
-    (learnt,) = found["learnt"]
-    np.testing.assert_allclose(learnt["weight"], [1.0, 1.0], atol=0.15)
-    (response,) = found["responses"]
-    np.testing.assert_allclose(response["sensation_level_db"], response["expected_level_db_sl"], atol=0.2)
 
 
 class MuteRig(WrappedRig):
@@ -113,3 +95,28 @@ def test_measure__other_display_with_this_controller__weights_of_its_finger_are_
     assert learnt["settled_s"] <= 0.3
     (response,) = found["responses"]
     np.testing.assert_allclose(response["sensation_level_db"], response["expected_level_db_sl"], atol=0.2)
+
+
+def test_landing__adaptive__within_a_decibel_where_fixed_loses_it() -> None:
+    shown = landing(adaptive(), "index", seed=3)
+    touched = (shown.time_s > LANDS_S + 0.1) & (shown.time_s < LIFTED_S - 0.1)
+    free = (shown.time_s < LANDS_S - 0.1) | (shown.time_s > LIFTED_S + 0.1)
+    assert np.mean(shown.fixed_db[touched]) < -0.6
+    assert np.max(np.abs(shown.fixed_db[free])) < 0.1
+    assert np.max(np.abs(shown.adaptive_db)) < 0.6
+    assert np.max(np.abs(shown.adaptive_db[touched & (shown.time_s > LANDS_S + 0.3)])) < 0.15
+
+
+def test_landing__feed_forward_taken_away__both_runs_are_one() -> None:
+    made = adaptive()
+    fixed = replace(made, channels=(replace(made.channels[0], feed_forward=None),))
+    shown = landing(fixed, "index", seed=3)
+    np.testing.assert_array_equal(shown.adaptive_db, shown.fixed_db)
+
+
+def test_plate__numbers_of_the_figure__stand_in_table_and_caption() -> None:
+    shown = landing(adaptive(), "index")
+    plate = landing_plate(shown)
+    assert plate.table["adaptive_db"] == shown.adaptive_db.tolist()
+    assert f"{shown.fixed_db.min():+.2f}" in plate.caption
+    assert plate.svg().startswith("<?xml")

@@ -18,9 +18,8 @@ from tactuator.measure.open_loop import Calibrated, CalibrationRequest, _groups,
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import multisine_response
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.simulated_card import simulated_card
+from tactuator.rig.sound.simulated_card import Exciter, simulated_card
 from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
 ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)

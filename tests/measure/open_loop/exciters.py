@@ -10,8 +10,8 @@ from tactuator.io.csv_tables import resolve_curve
 from tactuator.io.display import parse_display, with_curve
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.rig.sound.exciter import Exciter, RunningExciter
 from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.sound.simulated_card import Exciter, RunningExciter
 from tactuator.rig.sound.stream import CardRows
 from tactuator.runtime._core import ffi, lib
 

@@ -17,7 +17,7 @@ from tactuator.errors import NoDesign
 from tactuator.measure import open_loop as chain
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.open_loop import CalibrationRequest, Flatness, NoEqualiser, _corrected, calibrate
-from tactuator.rig.sound.exciter import demo_exciter
+from tactuator.rig.sound.simulated_card import demo_exciter
 from tactuator.signals.decibels import db
 from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig, persons_curve
 from tests.rig.sound.from_start_to_end import controller as designed

@@ -14,7 +14,7 @@ from tactuator.rig.open import in_process_rig, simulated_board_rig
 from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS
-from tactuator.runtime.touch_table import touch_table
+from tactuator.runtime.tables import touch_table
 from tactuator.signals.decibels import db
 from tests.rig.guard import guarded
 from tests.runtime.paper_display import channel, display

@@ -2,6 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +13,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
 from tactuator.rig.open import emulated_rig, in_process_rig, open_rig, simulated_board_rig
-from tactuator.rig.rig import Rig, join_traces
+from tactuator.rig.rig import join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
 from tests.rig.every_rig import BOARDS, begin, tones
@@ -27,15 +31,6 @@ def expected():
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
         return [rig.play(tones()), rig.play(tones(500))]
-
-
-def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
-    assert isinstance(rig, Rig)
-    begin(rig)
-    for block, wanted in zip((tones(), tones(500)), expected, strict=True):
-        trace = rig.play(block)
-        assert np.array_equal(trace.position_v, wanted.position_v)
-        assert np.array_equal(trace.command_v, wanted.command_v)
 
 
 def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
@@ -119,3 +114,43 @@ def test_emulator__ends_on_its_own__is_told():
     with pytest.raises(LinkDown, match="has ended"):
         rig.status()
     rig.close()
+
+
+OPENED = """
+import os, sys, time
+from tactuator.rig.emulator import emulator
+board = emulator(sys.argv[1])
+print(os.getpid(), flush=True)
+time.sleep(60)
+"""
+
+
+def emulators() -> set[int]:
+    """Return the processes of this machine that emulate a board."""
+    found = set()
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and b"qemu-system" in (entry / "cmdline").read_bytes().split(b"\0", 1)[0]:
+                found.add(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def parent_of(process: int) -> int:
+    return int(Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
+@pytest.mark.parametrize("board", ["mps2-an500", "stm32f405"])
+def test_emulator__whoever_started_it_is_killed__ends_too(board: str) -> None:
+    child = subprocess.Popen([sys.executable, "-c", OPENED, board], stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    assert int(child.stdout.readline()) == child.pid
+    (mine,) = [one for one in emulators() if parent_of(parent_of(one)) == child.pid]
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    child.stdout.close()
+    until = time.monotonic() + 20.0
+    while mine in emulators() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert mine not in emulators()

@@ -9,11 +9,9 @@ from tactuator.model.controller import Controller
 from tactuator.rig.open import emulated_rig, in_process_rig, simulated_board_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
-from tactuator.runtime.tables import strength_table
 from tests.runtime.paper_display import RATE_HZ, controller, display
-from tests.strength import reshaped
+from tests.strength import core, reshaped
 
 PLAIN = controller(display())
 SHAPED = reshaped(PLAIN)
@@ -29,12 +27,8 @@ def wave(samples: int = 3000) -> np.ndarray:
 
 
 def by_hand(reference: np.ndarray) -> np.ndarray:
-    columns = []
-    for channel, column in zip(SHAPED.channels, reference.T, strict=True):
-        table, state = strength_table(channel, RATE_HZ), ffi.new("tact_strength_state *")
-        lib.tact_strength_reset(state)
-        columns.append([lib.tact_strength_step(table, state, float(r)) for r in column])
-    return np.array(columns).T
+    steps = [core(channel.strength, RATE_HZ)[0] for channel in SHAPED.channels]
+    return np.array([[step(r) for step, r in zip(steps, row, strict=True)] for row in reference])
 
 
 def played(rig, of: Controller, reference: np.ndarray) -> bytes:

@@ -2,19 +2,22 @@
 
 import struct
 
+import numpy as np
 import pytest
 
 from tactuator.rig.board.link import Request
 from tactuator.rig.board_check.period_cost import COUNTING
 from tactuator.rig.open import emulated_rig
-from tests.rig.board_check.cost_table import documented, row, table
+from tests.rig.board_check.cost_table import counted, documented, row, table
 from tests.rig.guard.guarded import designed
+from tests.strength import reshaped
+
+COUNTS = [int(cell) for cell in documented().splitlines()[2].split("|")[2:-1]]
 
 
 def test_cost_table__as_documented__keeps_what_a_period_may_cost() -> None:
-    counts = [int(cell) for cell in documented().splitlines()[2].split("|")[2:-1]]
-    assert counts[0] <= 672
-    assert max(counts) <= 2500
+    assert COUNTS[0] <= 672
+    assert max(COUNTS) <= 2500
 
 
 def test_count__asked_for_again__is_told_and_no_period_passes() -> None:
@@ -31,8 +34,9 @@ def test_count__asked_for_again__is_told_and_no_period_passes() -> None:
 
 
 @pytest.mark.slow
-def test_cost_table__float32_as_designed__is_what_a_run_gives() -> None:
+def test_cost_table__float32_as_designed__is_what_a_run_gives_and_reshaping_takes_no_more() -> None:
     assert row("float32", designed(), "float32") in documented()
+    assert all(np.array(list(counted(reshaped(designed()), "float32").values())) <= COUNTS)
 
 
 @pytest.mark.soak

@@ -16,7 +16,7 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
 from tactuator.rig.boards import BOARDS, ROOT, build_firmware
 from tactuator.rig.emulator import Emulator
-from tactuator.rig.open import simulated_board_rig
+from tactuator.rig.open import emulated_rig, simulated_board_rig
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import FORMATS
 from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
@@ -27,7 +27,7 @@ ENOUGH_TICKS, TICKS, MORE_TICKS = 30_000, 200_000, 1_000_000
 HANGS_S = 1.0
 """Of a processor, without an answer: a stretch takes the emulator a tenth of a second."""
 EMULATED = [name for name, board in BOARDS.items() if board.has_fifos]
-"""The STM32F405 is a Cortex-M4F as one of these; what it has besides is in test_verified_boards.py."""
+"""The STM32F405 is a Cortex-M4F as one of these; what it has besides is in the last test."""
 
 
 @contextmanager
@@ -142,7 +142,7 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.slow), "it ends: the board began anew"])
+@pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.soak), "it ends: the board began anew"])
 def test_check_period__program_that_breaks_down__is_told(how: str, benches: dict[str, Bench]) -> None:
     assert differs("mps2-an500", benches["mps2-an500"].program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
 
@@ -178,3 +178,23 @@ def test_check_period__ten_million_ticks__are_the_same(
     board: str, number_format: str, benches: dict[str, Bench]
 ) -> None:
     assert differs(board, benches[board].unaltered(), number_format, 10_000_000) == ""
+
+
+@pytest.mark.slow
+def test_check_period__program_optimised_at_link_time__is_the_same() -> None:
+    """What interrupt and main loop share is read and written where it stands, although the compiler sees both."""
+    board = "mps2-an386"
+    program = build_firmware(board, flags=("-flto",))
+    assert program != build_firmware(board)
+    with simulated_board_rig(Emulator(board, program=program), designed().display, 0, "float32") as rig:
+        found = check_period(rig, designed(), 10_000, formats=("float32",))
+    assert found.first_difference == ""
+    assert found.played > 5_000
+
+
+@pytest.mark.soak
+def test_check_period__million_ticks_on_an_stm32f405__are_the_same() -> None:
+    with emulated_rig("stm32f405", designed().display) as rig:
+        found = check_period(rig, designed(), 1_000_000)
+    assert found.first_difference == ""
+    assert len(found.faults) == 12

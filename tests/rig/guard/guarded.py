@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,31 +21,39 @@ from tactuator.runtime.safety_table import Fault
 from tactuator.synthesis.design import design_controller
 
 SENSORS = SENSOR_FAULTS[:5]
-_made: dict[str, Controller] = {}
 
 
+@cache
 def designed() -> Controller:
     """The example display's controller, designed once."""
-    if "it" not in _made:
-        _made["it"] = design_controller(paper_display())
-    return _made["it"]
+    return design_controller(paper_display())
 
 
+@cache
 def adaptive() -> Controller:
     """The same display's controller with the finger fed forward, designed once."""
-    if "adaptive" not in _made:
-        _made["adaptive"] = design_controller(replace(paper_display(), touch=Touch(adaptive=True)))
-    return _made["adaptive"]
+    return design_controller(replace(paper_display(), touch=Touch(adaptive=True)))
+
+
+def with_feedback(controller: Controller, gains: dict[int, float]) -> Controller:
+    """The same with sections of its feedback `gains` times as strong."""
+    channels = []
+    for channel in controller.channels:
+        sections = np.array(channel.feedback_sos)
+        for index, gain in gains.items():
+            sections[index, :3] *= gain
+        channels.append(replace(channel, feedback_sos=sections))
+    return replace(controller, channels=tuple(channels))
 
 
 def spoilt(controller: Controller, gain: float) -> Controller:
     """The same with its feedback `gain` times as strong: unstable, for most."""
-    channels = []
-    for channel in controller.channels:
-        sections = np.array(channel.feedback_sos)
-        sections[0, :3] *= gain
-        channels.append(replace(channel, feedback_sos=sections))
-    return replace(controller, channels=tuple(channels))
+    return with_feedback(controller, {0: gain})
+
+
+def uncommon(controller: Controller) -> Controller:
+    """The same in a form that has no piece of its own: C's last gain is not 1, but its first makes up."""
+    return with_feedback(controller, {0: 2.0, 2: 0.5})
 
 
 @dataclass

@@ -25,7 +25,7 @@ LIES: tuple[tuple[str, str, float], ...] = (
     ("the next channel's reading", "swapped", 1.0), ("bit 4 turned over", "bit", 4.0),
     ("bit 10 turned over", "bit", 10.0), ("an end stop at 1 mm", "end stop", 1.0),
 )  # fmt: skip
-BEFORE, AFTER, MOMENTS, RATE_HZ = 900, 6000, 1, 4000.0
+BEFORE, AFTER, RATE_HZ = 900, 6000, 4000.0
 AFTER_S = AFTER / RATE_HZ
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "decisions" / "0706-rest-by-the-model-and-by-the-reading.md"
 BEGIN, END = "<!-- lies: begin -->\n", "<!-- lies: end -->\n"
@@ -33,36 +33,31 @@ BEGIN, END = "<!-- lies: begin -->\n", "<!-- lies: end -->\n"
 
 @dataclass(frozen=True)
 class Noticed:
-    """Of one lie in one situation, over MOMENTS beginnings: how often the guard noticed it within AFTER ticks, what it
-    named, after how long at most, and how far from rest the motor was at most."""
+    """Of one lie in one situation: what the guard named within AFTER ticks (empty: it did not notice), after how long,
+    and how far from rest the motor was at most."""
 
     lie: str
     situation: str
-    count: int
-    names: tuple[str, ...]
-    slowest_ms: float
+    name: str
+    after_ms: float
     furthest_mm: float
 
 
 def try_lie(lie: tuple[str, str, float], situation: str) -> Noticed:
     """One lie, on the first channel, in one situation."""
     hertz, amplitude = SITUATIONS[situation]
-    names, times, furthest = set(), [], 0.0
-    for moment in range(MOMENTS):
-        begins = BEFORE + 137 * moment
-        guarded = Guarded(designed(), seed=moment + 1)
-        time_s = np.arange(begins + AFTER) / RATE_HZ
-        wave = amplitude * np.sin(2.0 * np.pi * hertz * time_s)
-        other = 0.5 * amplitude * np.sin(2.0 * np.pi * 1.7 * hertz * time_s)
-        rows = np.stack([wave, other, other], axis=1)
-        assert guarded.run(rows[:begins]).fault is Fault.NONE
-        guarded.break_sensor(lie[1], 0, lie[2])
-        run = guarded.run(rows[begins:])
-        furthest = max(furthest, float(np.max(np.abs(run.displacement_mm[:, 0]))))
-        if run.fault_at is not None:
-            names.add(run.fault.words.removeprefix("sensor "))
-            times.append(1e3 * run.fault_at / RATE_HZ)
-    return Noticed(lie[0], situation, len(times), tuple(sorted(names)), max(times, default=0.0), furthest)
+    guarded = Guarded(designed())
+    time_s = np.arange(BEFORE + AFTER) / RATE_HZ
+    wave = amplitude * np.sin(2.0 * np.pi * hertz * time_s)
+    other = 0.5 * amplitude * np.sin(2.0 * np.pi * 1.7 * hertz * time_s)
+    rows = np.stack([wave, other, other], axis=1)
+    assert guarded.run(rows[:BEFORE]).fault is Fault.NONE
+    guarded.break_sensor(lie[1], 0, lie[2])
+    run = guarded.run(rows[BEFORE:])
+    furthest = float(np.max(np.abs(run.displacement_mm[:, 0])))
+    if run.fault_at is None:
+        return Noticed(lie[0], situation, "", 0.0, furthest)
+    return Noticed(lie[0], situation, run.fault.words.removeprefix("sensor "), 1e3 * run.fault_at / RATE_HZ, furthest)
 
 
 def table() -> str:
@@ -73,13 +68,10 @@ def table() -> str:
         for situation in SITUATIONS:
             found = try_lie(lie, situation)
             far = f"{found.furthest_mm:.2g} mm"
-            if found.count == MOMENTS:
-                after = f"{found.slowest_ms:.0f}" if found.slowest_ms >= 100.0 else f"{found.slowest_ms:.3g}"
-                cells.append(f"{' or '.join(found.names)}, {after} ms, {far}")
-            elif found.count:
-                cells.append(f"not promised: {found.count} of {MOMENTS} in {AFTER_S:g} s, {far}")
-            else:
-                cells.append(f"not promised: not in {AFTER_S:g} s, {far}")
+            after = f"{found.after_ms:.0f}" if found.after_ms >= 100.0 else f"{found.after_ms:.3g}"
+            cells.append(
+                f"{found.name}, {after} ms, {far}" if found.name else f"not promised: not in {AFTER_S:g} s, {far}"
+            )
         lines.append(f"| {lie[0]} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 

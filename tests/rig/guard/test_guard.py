@@ -1,18 +1,20 @@
 """The guard on a board in closed loop with the simulated display, finger on and off, judged by the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.model.description import Display
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display, Environment
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.rig.open import in_process_rig
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
-from tests.rig.guard.guarded import SENSORS, Guarded, designed, spoilt
+from tests.rig.guard.guarded import Guarded, designed, spoilt
 from tests.synthesis.displays import channel as finger
 
 TRAVEL_MM = 12.5
@@ -26,33 +28,6 @@ def three(samples):
 
 def square(amplitude, hertz, count):
     return amplitude * np.sign(np.sin(2.0 * np.pi * hertz * (np.arange(count) + 0.5) / 4000.0))
-
-
-@given(
-    drives=st.booleans(),
-    gain=st.sampled_from([1.0, 10.0, -1.0, -5.0, 100.0]),
-    sensor=st.sampled_from(SENSORS),
-    touched=st.booleans(),
-    when=st.integers(5, 700),
-    amplitude=st.floats(0.3, 10.0),
-    hertz=st.floats(1.0, 80.0),
-)
-@example(drives=False, gain=1.0, sensor="open", touched=False, when=60, amplitude=2.0, hertz=5.0)  # in the soft start
-@settings(max_examples=24, deadline=None)
-def test_travel__any_image_and_any_sensor_fault__is_never_reached(
-    drives, gain, sensor, touched, when, amplitude, hertz
-):
-    guarded = Guarded(designed() if drives else spoilt(designed(), gain), drives=drives)
-    guarded.touch(touched)
-    rows = three(square(amplitude if drives else 60.0 * amplitude, hertz, 2000))
-    before = guarded.run(rows[:when])
-    guarded.break_sensor(sensor)
-    after = guarded.run(rows[when:])
-    assert max(np.max(np.abs(before.displacement_mm)), np.max(np.abs(after.displacement_mm))) < TRAVEL_MM
-    commands = np.concatenate([before.command_v, after.command_v])
-    faulted = before.fault_at if before.fault_at is not None else after.fault_at and when + after.fault_at
-    if faulted is not None:
-        assert np.max(np.abs(commands[faulted + QUARTER_S :]), initial=0.0) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -83,41 +58,6 @@ def test_stopping_distance__full_command__is_cut_within_a_millisecond():
     assert run.command_v[gone - 1, 0] > 3.0  # from full force to nothing in one tick, whatever ramp had begun
     assert np.all(run.command_v[gone:, 0] == 0.0)
     assert np.max(np.abs(run.displacement_mm)) < TRAVEL_MM
-
-
-@given(
-    amplitude=st.floats(100.0, 5000.0),
-    hertz=st.floats(0.5, 1900.0),
-    touched=st.booleans(),
-    cut=st.integers(0, 1200),
-    lateness=st.sampled_from([0, 0, 100]),
-)
-@settings(max_examples=14, deadline=None)
-def test_comfort__checked_image_and_any_reference_or_link_fault__is_not_passed_by_1_db(
-    amplitude, hertz, touched, cut, lateness
-):
-    guarded = Guarded(designed())
-    guarded.touch(touched)
-    rows = three(square(amplitude, hertz, 2400))
-    runs = [guarded.run(rows[: SOFT + cut]), guarded.run(np.zeros((1, 3)), lateness=lateness)]
-    runs.append(guarded.run(rows[SOFT + cut :], heard=False))
-    displacement = np.concatenate([run.displacement_mm for run in runs])
-    assert np.max(np.abs(displacement)) < TRAVEL_MM
-    for channel in range(3):
-        assert felt_peak_db_sl(guarded, displacement[:, channel], channel) < 56.0
-
-
-def felt_peak_db_sl(guarded, displacement_mm, channel):
-    """Peak of the truth through the designed H's inverse, in the band where H is designed and below."""
-    from scipy import signal
-
-    from tactuator.synthesis.prefilter import weighting_sections
-
-    described = guarded.display.channels[channel]
-    position_v = described.sensor_gain_v_per_mm * displacement_mm
-    smooth = signal.butter(2, 300.0, fs=4000.0, output="sos")  # H is designed up to 300 Hz
-    felt = signal.sosfilt(smooth, signal.sosfilt(weighting_sections(described, 4000.0), position_v))
-    return 20.0 * np.log10(max(1e-9, float(np.max(np.abs(felt)))))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e10])
@@ -196,40 +136,24 @@ def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety,
     assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
 
 
-@pytest.mark.parametrize("touched", [False, True])
-@pytest.mark.parametrize("press_v", [0.1, 0.3, 0.7, 1.5])
-def test_use__finger_presses_and_lets_go__trips_nothing(press_v, touched):
-    with in_process_rig(designed().display, 1) as rig:
-        rig.load(designed())
-        rig.finger("index").touch("finger" if touched else None)
-        rig.finger("index").press(np.concatenate([np.zeros(400), np.full(1200, press_v), np.zeros(400)]))
-        assert np.max(np.abs(rig.play(np.zeros((2400, 3))).position_v)) > 0.01
-
-
-def test_use__50_db_sl_with_and_without_finger__trips_nothing():
-    for touched in (False, True):
-        guarded = Guarded(designed())
-        guarded.touch(touched)
-        time_s = np.arange(SOFT + 2000) / 4000.0
-        rows = np.stack([316.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 20.0, 200.0)], axis=1)
-        assert guarded.run(rows).fault is Fault.NONE
-
-
-def falls_over():
-    """Three motors that fall over by themselves, as a magnet does that lifts: poles at +/- 60 rad/s."""
+def falls_over(rise):
+    """Three motors without friction that fall over by themselves, as a magnet does that lifts: a pole at `rise`."""
+    own = {"plant": ContinuousSystem([], [rise, -60.0], 4000.0), "environment": Environment(friction_v=0.0)}
     asked = FeedbackRequirements(sensitivity_peak=2.2, phase_margin_deg=30.0)
-    plant = ContinuousSystem([], [60.0, -60.0], 4000.0)
-    channels = tuple(finger(name, plant=plant, loads=(), feedback=asked) for name in ("index", "thumb", "middle"))
-    return design_controller(Display("magnets", 4000.0, 1, channels))
+    channels = tuple(finger(name, loads=(), feedback=asked, **own) for name in ("index", "thumb", "middle"))
+    (made,) = design_controller(Display("magnets", 4000.0, 1, channels[:1])).channels
+    alike = tuple(replace(made, name=channel.name) for channel in channels)
+    return Controller(Display("magnets", 4000.0, 1, channels), alike)
 
 
-def test_guard__plant_that_falls_over__runs_and_is_ended_below_the_least_gain_of_its_loop():
+@pytest.mark.parametrize("rise", [60.0, *np.random.default_rng(32).uniform(1.0, 10.0, 2)])
+def test_guard__plant_that_falls_over__runs_and_is_ended_below_the_least_gain_of_its_loop(rise):
     """A command at its limit is a loop of lower gain, which grows there: the travel is not reached before the end."""
-    made = falls_over()
+    made = falls_over(rise)
     least = made.channels[0].report["margins"]["least_gain"]
-    rows = three(10.0 * np.sin(2.0 * np.pi * 5.0 * np.arange(6000) / 4000.0))
-    for share, ends in ((1.0, False), (1.2 * least, False), (0.9 * least, True), (0.1 * least, True)):
+    count, near = (6000, 0.9) if rise > 10.0 else (60000, 0.5)
+    rows = three(10.0 * np.sin(2.0 * np.pi * 5.0 * np.arange(count) / 4000.0))
+    for share, ends in ((1.0, False), (1.2 * least, False), (near * least, True), (0.1 * least, True)):
         run = Guarded(spoilt(made, share)).run(rows)
-        until = len(rows) if run.fault_at is None else run.fault_at + 1
-        assert (run.fault in {Fault.COMFORT, Fault.TRAVEL}) == ends
-        assert np.max(np.abs(run.displacement_mm[:until])) < TRAVEL_MM
+        assert (run.fault in {Fault.COMFORT, Fault.TRAVEL}) == ends, (share, least, run.fault)
+        assert np.max(np.abs(run.displacement_mm[: run.fault_at and run.fault_at + 1])) < TRAVEL_MM

@@ -85,18 +85,6 @@ def test_reference__as_loud_as_may_be__takes_its_share_of_travel_and_no_more(her
     assert furthest > 0.2 * TRAVEL_MM
 
 
-def test_reference__faster_than_travel_matters__is_limited_by_comfort_alone() -> None:
-    guarded = Guarded(designed())
-    row = np.empty(3, dtype=np.float32)
-    time_s = np.arange(2000) / RATE
-    for asked in 1e4 * np.sign(np.sin(2.0 * np.pi * 60.0 * time_s)):
-        row[:] = asked
-        guarded.run(row[None, :])
-    board = guarded.board
-    last = board.stream[((board.stream_end - 1) & (board.stream_capacity - 1)) * 3]
-    assert abs(last) == pytest.approx(board.safety.channel[0].reference_max)
-
-
 def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowledged() -> None:
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
@@ -149,9 +137,8 @@ def test_lying_sensor__as_promised__is_named_in_time(
     lie: str, situation: str, names: set[str], within_ms: float
 ) -> None:
     found = try_lie(next(each for each in LIES if each[0] == lie), situation)
-    assert set(found.names) <= names | {"disagrees"}
-    assert found.count
-    assert found.slowest_ms <= within_ms
+    assert found.name in names | {"disagrees"}
+    assert found.after_ms <= within_ms
 
 
 def test_break_sensor__unknown_or_without_its_value__is_refused() -> None:

@@ -1,28 +1,15 @@
 """A board's period against the controller itself: pieces made for one form of controller answer as any other would."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tactuator.runtime._core import ffi, lib
-from tests.rig.guard.guarded import Guarded, designed, spoilt
+from tests.rig.guard.guarded import Guarded, adaptive, designed, spoilt, uncommon
 
 SOFT = 410
 CLIPPED_V = 0.02
 LEFT = 1e-29
 """What an hour of silence leaves of a prefilter's states, a little before it comes to rest."""
-
-
-def uncommon(controller):
-    """The same controllers in a form that has no piece of its own: C's last gain is not 1, but its first makes up."""
-    channels = []
-    for channel in controller.channels:
-        sections = np.array(channel.feedback_sos)
-        sections[0, :3] *= 2.0
-        sections[2, :3] *= 0.5
-        channels.append(replace(channel, feedback_sos=sections))
-    return replace(controller, channels=tuple(channels))
 
 
 def answers(guarded, rows, left=0.0):
@@ -85,18 +72,18 @@ def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are(
 
 
 def whole(board):
-    """Everything that a board holds but the mark itself, and the row of its trace that was written last."""
-    marked, board.steady = board.steady, 0
+    """Everything that a board holds but the marks themselves, and the row of its trace that was written last."""
+    marked, board.steady, board.steady_adaptive = (board.steady, board.steady_adaptive), 0, 0
     row = ((board.tick - 1) & (board.trace_capacity - 1)) * 6
     held = bytes(ffi.buffer(board)), [board.trace[row + i] for i in range(6)]
-    board.steady = marked
+    board.steady, board.steady_adaptive = marked
     return held
 
 
 def step_both_ways(board, codes, lateness):
     """A step of the period, taken as it comes and then again without the short way: 1 if it was short."""
-    before, was_steady = bytes(ffi.buffer(board)), board.steady
-    board.steady = 0
+    before, was_steady = bytes(ffi.buffer(board)), board.steady + board.steady_adaptive
+    board.steady = board.steady_adaptive = 0
     lib.tact_period_step(board, codes, lateness)
     wanted = whole(board)
     ffi.buffer(board)[:] = before
@@ -114,10 +101,12 @@ HAPPENS = {
 }
 
 
+@pytest.mark.parametrize("made", [designed, adaptive])
 @pytest.mark.parametrize("happens", [*HAPPENS, "late", "silent", "dry", "clipped"])
-def test_period__short_way_of_a_steady_run__is_the_long_way_to_the_bit(happens):
+def test_period__short_way_of_a_steady_run__is_the_long_way_to_the_bit(happens, made):
     """The long way is held to the controllers above, and to the boards; the short way to the long one."""
-    guarded = Guarded(designed())
+    guarded = Guarded(made())
+    assert guarded.board.is_adaptive == (made is adaptive)
     board, simulated, codes = guarded.board, guarded.simulated, ffi.new("int32_t[4]")
     if happens == "clipped":
         for channel in (board.channel[c] for c in range(3)):

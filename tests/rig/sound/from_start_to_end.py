@@ -30,10 +30,9 @@ from tactuator.io.display import parse_display
 from tactuator.io.shipped import EXAMPLES
 from tactuator.model.controller import Controller
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.loopback import measure_delay, wire_display
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.simulated_card import simulated_card
+from tactuator.rig.sound.simulated_card import Exciter, simulated_card
 from tactuator.synthesis.design import design_controller
 from tests.experiment.session.apparatuses import token
 

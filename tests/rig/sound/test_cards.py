@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import threading
+
 import pytest
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.open import open_rig
+from tactuator.rig.sound import cards as audio_thread
 from tactuator.rig.sound import cards as library
-from tactuator.rig.sound.cards import Card, find_card, sound_name
+from tactuator.rig.sound.cards import AudioThread, Card, find_card, sound_name
 from tests.rig.sound.turned_card import sound_display
 from tests.three_fingers import three_finger_display
 
@@ -24,20 +31,16 @@ def test_find_card__one_of_that_name__is_it(name: str, index: int):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "cards", "words"),
     [
-        ("Fireface", "may be 'ALSA/Fireface', 'JACK/Fireface'; allowed: one of these names in full"),
-        ("Scarlett", "there is no sound card 'Scarlett'; allowed: 'ALSA/Fireface'"),
+        ("Fireface", CARDS, "may be 'ALSA/Fireface', 'JACK/Fireface'; allowed: one of these names in full"),
+        ("Scarlett", CARDS, "there is no sound card 'Scarlett'; allowed: 'ALSA/Fireface'"),
+        ("any", (), "there is no sound card; allowed: one that the system lists"),
     ],
 )
-def test_find_card__none_or_two__is_refused(name: str, words: str):
+def test_find_card__none_or_two__is_refused(name: str, cards: tuple[Card, ...], words: str):
     with pytest.raises(BadInput, match=words):
-        find_card(name, CARDS)
-
-
-def test_find_card__no_card_at_all__is_refused():
-    with pytest.raises(BadInput, match="there is no sound card"):
-        find_card("any", ())
+        find_card(name, cards)
 
 
 @pytest.mark.parametrize(
@@ -87,3 +90,73 @@ def test_quiet__within__nothing_reaches_standard_error(capfd):
         os.write(2, b"ALSA lib warning\n")
     os.write(2, b"after\n")
     assert capfd.readouterr().err == "after\n"
+
+
+def test_answer__several_jobs__their_results_from_one_thread():
+    calls = AudioThread()
+    names = {calls.answer(lambda: threading.current_thread().ident, "looking") for _ in range(3)}
+    assert len(names) == 1
+    assert names != {threading.current_thread().ident}
+
+
+def test_answer__job_that_fails__raises_what_it_raised_and_goes_on():
+    calls = AudioThread()
+    with pytest.raises(ZeroDivisionError):
+        calls.answer(lambda: 1 // 0, "dividing")
+    assert calls.answer(lambda: 7, "counting") == 7
+
+
+def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch):
+    monkeypatch.setattr(audio_thread, "ANSWER_S", 0.05)
+    calls, go, undone = AudioThread(), threading.Event(), threading.Event()
+
+    def late() -> str:
+        go.wait(10.0)
+        return "a stream"
+
+    with pytest.raises(DeviceFault, match=r"opening: the sound system has not answered for 0\.05 s; allowed: "):
+        calls.answer(late, "opening", lambda made: undone.set() if made == "a stream" else None)
+    with pytest.raises(DeviceFault, match="opening"):
+        calls.answer(lambda: 7, "counting")
+    assert not undone.is_set()
+    go.set()
+    assert undone.wait(10.0)  # what came too late is let go of
+
+
+GIVES_UP = """
+import ctypes, os, sys, threading
+from tactuator.errors import DeviceFault
+from tactuator.rig.sound import cards as audio_thread
+audio_thread.ANSWER_S = 1e4  # the fault does not wait for it
+calls = audio_thread.AudioThread()
+print(calls.answer(lambda: 7, "counting"))
+if sys.argv[1] == "elsewhere":
+    inside = threading.Event()
+    threading.Thread(target=lambda: inside.wait() and os.abort()).start()
+    calls.answer(lambda: (inside.set(), threading.Event().wait(20.0)), "looking")
+for job in (ctypes.CDLL(None).abort, lambda: 8):  # as a library aborts: without the interpreter's lock
+    try:
+        calls.answer(job, "opening")
+    except DeviceFault as fault:
+        print(fault)
+"""
+
+
+def program_that_gives_up(where: str) -> subprocess.CompletedProcess[str]:
+    asked = [sys.executable, "-c", GIVES_UP, where]
+    return subprocess.run(asked, capture_output=True, text=True, timeout=30, check=False)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a library is named there")
+def test_answer__library_that_calls_abort__one_fault_and_the_program_goes_on():
+    done = program_that_gives_up("in the thread")
+    assert done.returncode == 0, done.stderr
+    counted, *faults = done.stdout.splitlines()
+    assert counted == "7"
+    words = "opening: the sound system has failed, as it does where its server ends; allowed: "
+    assert [fault.startswith(words) for fault in faults] == [True, True]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no signals' numbers there")
+def test_answer__abort_in_another_thread__ends_the_program():
+    assert program_that_gives_up("elsewhere").returncode == -signal.SIGABRT

@@ -23,7 +23,7 @@ def through_portaudio(program: str) -> dict[str, object]:
     """What a program of its own prints as JSON: a server that PortAudio has seen stays with its process."""
     code = f"import json, sys; sys.path.insert(0, {str(ROOT)!r})\n"
     code += f"from tests.rig.sound.through_portaudio import {program} as run; print(json.dumps(run()))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return dict(json.loads(done.stdout))
 
@@ -86,6 +86,16 @@ def test_multisine__through_the_audio_path__is_the_exciters_truth(measured):
     assert measured["worst_deg"] < 1.0
 
 
+def test_record_and_identify__hidden_exciter__trusted_and_right_down_to_where_its_sensor_hears_little():
+    """Taken for a displacement it was 5.4 dB off at 10 Hz, in a band of 0.7 dB: an accelerometer's zeros at s = 0 were
+    not known, and the record shows less than its noise below 28 Hz.
+    """
+    found = through_portaudio("recorded_and_identified")
+    assert (found["statuses"], found["quantity"]) == ([0, 0], "acceleration")
+    assert found["valid_hz"][0] < 12.0 < 390.0 < found["valid_hz"][1]
+    assert found["beyond_db"] < 0.05
+
+
 def test_server__killed_in_the_middle__one_fault_and_an_end():
     found = through_portaudio("server_killed")
     assert found["fault"] == "CardGone"
@@ -102,14 +112,3 @@ def test_server__hangs__one_line_and_status_3():
 def test_client__stopped_for_a_while__its_gap_is_told():
     found = through_portaudio("client_stopped")
     assert found["told"] == found["provoked"]
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(shutil.which("pulseaudio") is None, reason="no pulseaudio here")
-def test_pulseaudio__null_sink_and_its_monitor__what_was_put_out_after_a_constant_delay():
-    asked = [sys.executable, "-m", "tests.rig.sound.through_pulseaudio"]
-    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    found = json.loads(done.stdout)
-    assert found["same"] == [1.0, 1.0, 1.0]
-    assert len(set(found["delays"])) == 1

@@ -121,34 +121,19 @@ def test_rows__not_read_in_time__are_told():
         rows.check()
 
 
-def test_drive__one_gap_told_by_the_card__is_repeated():
-    told: list[int] = []
-
-    def flags(call: int) -> int:
-        if not told and call > 10:
-            told.append(call)
-            return OVERFLOW
-        return 0
-
-    rig, _ = turned_rig(sound_display(latency_samples=PERIOD), flags=flags)
-    trace = rig.drive(commands(3000))
-    assert told
-    assert rig.gaps == 1
-    assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
-
-
-def test_drive__a_gap_every_time_but_the_last__is_repeated_and_every_gap_counted():
+@pytest.mark.parametrize("times", [1, TRIES - 1])
+def test_drive__gaps_told_by_the_card_but_for_the_last_try__is_repeated_and_every_gap_counted(times: int):
     told = []
 
     def flags(call: int) -> int:
-        if len(told) < TRIES - 1 and call % 40 == 39:
+        if len(told) < times and call % 40 == 39:
             told.append(call)
             return OVERFLOW
         return 0
 
     rig, _ = turned_rig(sound_display(latency_samples=PERIOD), flags=flags)
     trace = rig.drive(commands(3000))
-    assert len(told) == rig.gaps == TRIES - 1
+    assert len(told) == rig.gaps == times
     assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
 
 
@@ -185,12 +170,15 @@ def test_stream__gaps_allowed__all_are_counted():
     assert calls // 20 - 1 <= rig.gaps <= calls // 20 + 4
 
 
-def test_drive__card_unplugged__ends_in_a_device_fault_and_closes():
-    rig, card = turned_rig(sound_display(), stops_at=20)
-    with pytest.raises(CardGone, match="has stopped") as told:
+@pytest.mark.parametrize(
+    ("stops_at", "words", "silent_s"), [(20, "has stopped", 1.0), (1, "not a sample for 5 s", 5.0)]
+)
+def test_drive__card_unplugged_or_never_started__ends_in_a_device_fault_and_closes(stops_at, words, silent_s):
+    rig, card = turned_rig(sound_display(), stops_at=stops_at)
+    with pytest.raises(CardGone, match=words) as told:
         rig.drive(commands(20000))
     assert isinstance(told.value, DeviceFault)
-    assert 1.0 < card.silent_s < 1.1
+    assert silent_s < card.silent_s < silent_s + 0.1
     rig.close()
     assert card.closed is False
 
@@ -213,14 +201,6 @@ def test_drive__card_that_stands_still_while_it_starts__is_waited_for():
     assert len(rig.drive(np.zeros((100, 2)))) == 100
     rig.close()
     assert card.closed is True
-
-
-def test_drive__card_that_never_starts__is_gone():
-    rig, card = turned_rig(sound_display(), stops_at=1)
-    with pytest.raises(CardGone, match="not a sample for 5 s"):
-        rig.drive(np.zeros((100, 2)))
-    rig.close()
-    assert card.closed is False
 
 
 def test_close__card_that_fails_in_it__nothing_is_raised_for_all_has_been_answered(monkeypatch):

@@ -170,14 +170,6 @@ def exported(store: Store) -> Exported:
     return Exported(tables, settings)
 
 
-_ANSWERED_TRIALS = (
-    schema.study.join(schema.subject, schema.subject.c.study_id == schema.study.c.id)
-    .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
-    .join(schema.run, schema.run.c.session_id == schema.session.c.id)
-    .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
-    .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
-)
-_NOT_DISCARDED = schema.session.c.ended.is_distinct_from("withdrawn-discard")
 _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
 
 
@@ -205,11 +197,11 @@ def _trials(connection: Connection) -> ExportTable:
             response.c.client_pressed_ms,
         )
         .select_from(
-            _ANSWERED_TRIALS.outerjoin(
+            schema.ANSWERED.outerjoin(
                 schema.protocol_version, run.c.protocol_version_id == schema.protocol_version.c.id
             )
         )
-        .where(_NOT_DISCARDED)
+        .where(schema.KEPT)
         .order_by(*_ORDER)
     )
     played = _played(connection)
@@ -253,8 +245,8 @@ def _intervals(connection: Connection) -> ExportTable:
             *(column for column in interval.c if column.name not in ("id", "trial_id", "position")),
             _told_simulated(_is_simulated()),
         )
-        .select_from(_ANSWERED_TRIALS.join(interval, interval.c.trial_id == schema.trial.c.id))
-        .where(_NOT_DISCARDED)
+        .select_from(schema.ANSWERED.join(interval, interval.c.trial_id == schema.trial.c.id))
+        .where(schema.KEPT)
         .order_by(*_ORDER, interval.c.position)
     )
     return _table(connection.execute(query), INTERVAL_COLUMNS)
@@ -331,7 +323,7 @@ def _subjects(connection: Connection) -> ExportTable:
 def _discarded() -> Select[Any]:
     """Return a query of the subjects who left with all of their answers, so that nothing of them may be used."""
     session = schema.session
-    kept = select(session.c.subject_id).where(_NOT_DISCARDED, session.c.consented_utc.is_not(None))
+    kept = select(session.c.subject_id).where(schema.KEPT, session.c.consented_utc.is_not(None))
     return select(session.c.subject_id).where(session.c.ended == "withdrawn-discard", session.c.subject_id.not_in(kept))
 
 

@@ -166,10 +166,6 @@ class CurveBelief:
         highest = self.log_weight.max(axis=1)
         return np.asarray(highest + np.log(np.exp(self.log_weight - highest[:, None]).sum(axis=1)) - self.log_chance)
 
-    def share_of_lapses(self, above: float) -> FloatArray:
-        """Return the probability of a lapse rate above the given one, (runs,)."""
-        return np.asarray(np.where(self.lapse > above, self.weight, 0.0).sum(axis=1))
-
     def curve(self, frequency_hz: ArrayLike) -> CurveReading:
         """Return the curve with its band at the frequencies; components are mixed by their tempered weight."""
         asked = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))

@@ -218,4 +218,5 @@ class CurveFlags:
 
 def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:
     """Test every run of a belief that has learnt these trials."""
-    return CurveFlags(belief.log_bayes_factor, belief.share_of_lapses(_FLAGGED_LAPSE_RATE), curve_drift(belief, trials))
+    lapsing = np.where(belief.lapse > _FLAGGED_LAPSE_RATE, belief.weight, 0.0).sum(axis=1)
+    return CurveFlags(belief.log_bayes_factor, np.asarray(lapsing), curve_drift(belief, trials))

@@ -15,7 +15,7 @@ from pydantic import Field
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Seconds
 from tactuator.parameters import NotNegative, Positive, table
-from tactuator.perception.contact import Contact
+from tactuator.perception.curve import Contact
 
 Celsius = Annotated[Positive, Field(lt=50.0)]
 

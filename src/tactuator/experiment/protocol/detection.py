@@ -18,7 +18,7 @@ from tactuator.experiment.procedure.procedure import (
     parse_procedure,
 )
 from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
-from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further
+from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
 from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.model.description import Channel
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
@@ -100,6 +100,11 @@ class Protocol(StudyProtocol):
     def fresh_run(self, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure, over what can be played."""
         return self.procedure.build(self.paradigm.guess, playable)
+
+    @property
+    def warning(self) -> str:
+        """Return that no curve follows from so few frequencies, "" where one does."""
+        return no_curve(len(self.conditions.frequencies_hz))
 
     def unmet(self) -> list[Unmet]:
         """Return the conditions of [standard] that the protocol does not meet, none without that table."""

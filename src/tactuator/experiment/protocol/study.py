@@ -13,6 +13,7 @@ from tactuator.experiment.keys import Seconds
 from tactuator.experiment.protocol.clinic import Celsius, Gates, Unmet
 from tactuator.model.description import Channel
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
+from tactuator.perception.curve import POINTS_MIN
 
 Group = Annotated[
     str,
@@ -144,6 +145,11 @@ class StudyProtocol:
         for subject in self.subject:
             self.facts(subject.demographics)
 
+    @property
+    def warning(self) -> str:
+        """Return what the results will not have, "" where they have all."""
+        return ""
+
     def unmet_by(self, channel: Channel) -> list[Unmet]:
         """Return the conditions of a standard that a channel of the display does not meet: none without a standard."""
         return []
@@ -175,6 +181,11 @@ class StudyProtocol:
     def apart_from_subjects(self) -> StudyProtocol:
         """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""
         return replace(self, subject=())
+
+
+def no_curve(count: int) -> str:
+    """Return that no curve follows from so many frequencies, "" where one does, or none is listed."""
+    return f"no curve: frequencies_hz has {count}; allowed: {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
 
 
 def each_once(what: str, values: Sequence[str]) -> None:

@@ -206,13 +206,10 @@ def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, boo
     query = (
         select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)
         .add_columns(schema.subject.c.subject_group, run.respondent, run.rig, run.rig_simulated)
-        .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
-        .join(schema.run, schema.run.c.session_id == schema.session.c.id)
-        .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
-        .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
+        .select_from(schema.ANSWERED)
         .where(
             schema.session.c.study_id == study,
-            schema.session.c.ended.is_distinct_from("withdrawn-discard"),
+            schema.KEPT,
             schema.run.c.practice.is_(False),
             schema.run.c.state.in_(("running", "done")),
         )

@@ -20,7 +20,7 @@ from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, 
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.io.csv_tables import resolve_curve
-from tactuator.perception.curve import Provenance, ThresholdCurve
+from tactuator.perception.curve import POINTS_MIN, Provenance, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
 from tactuator.table import brief
 
@@ -154,7 +154,7 @@ def group_curve(
     """
     kept, left_out = _parted(measured, leave_out)
     frequency_hz = np.array(sorted({threshold.frequency_hz for threshold in kept}))
-    if frequency_hz.size < 3:
+    if frequency_hz.size < POINTS_MIN:
         without = f", {len(left_out)} thresholds left out" if left_out else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
     rows = [

@@ -20,9 +20,8 @@ from tactuator.experiment.strength.estimate import Equality, Measured, StrengthE
 from tactuator.experiment.strength.matches import ContourSetting, Matches
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun
-from tactuator.perception.contact import Contact
 from tactuator.perception.contours import Contours
-from tactuator.perception.curve import Provenance, ThresholdCurve
+from tactuator.perception.curve import Contact, Provenance, ThresholdCurve
 
 KIND = "matching"
 _POINTS = 24

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -20,20 +19,13 @@ from tactuator.experiment.protocol.detection import Protocol, plan_runs
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.task import (
-    Apparatus,
-    Envelope,
-    OfferedResponse,
-    Picture,
-    Question,
-    Rules,
-)
+from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules, track
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.presenter import Presenter, Watch, amplitude
-from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
+from tactuator.experiment.trial.trial import BLANK, LOUD, NOT_FELT, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps
@@ -80,6 +72,8 @@ class DetectionTask:
         """Return the question of every trial, with one key for each interval."""
         responses = self.protocol.paradigm.responses
         choices = tuple(OfferedResponse(response, (response,)) for response in responses)
+        if self.protocol.paradigm.held:
+            return Question(self.words("prompt.held"), choices[:1], released=NOT_FELT)
         if self.protocol.paradigm.yes_no:
             return Question(self.words("prompt.yes_no"), choices)
         return Question(self.words("prompt.detection"), choices, responses)
@@ -87,14 +81,7 @@ class DetectionTask:
     @property
     def rules(self) -> Rules:
         """Return the rules of a session, as the protocol has them."""
-        session = self.protocol.session
-        return Rules(
-            feedback_s=self.protocol.timing.feedback_s,
-            break_after_trials=session.break_after_trials,
-            break_between_runs=session.break_between_runs,
-            break_s=session.break_s,
-            resume_within_s=session.resume_within_s,
-        )
+        return Rules.of(self.protocol.session, self.protocol.timing.feedback_s)
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Refuse a new study that would measure at the mains; one that has begun goes on, and its runs are flagged."""
@@ -112,11 +99,9 @@ class DetectionTask:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         protocol = self.protocol
         trials = protocol.session.practice_trials if planned.practice else protocol.procedure.typical_trials
-        timing, intervals = protocol.timing, protocol.paradigm.intervals
-        frequency = planned.frequency_hz or math.sqrt(self.apparatus.band_hz[0] * self.apparatus.band_hz[1])
-        played_s = timing.lead_s + intervals * timing.duration_s(frequency) + (intervals - 1) * timing.gap_s
-        marks = 0.0 if protocol.marks is None else protocol.marks.duration_s(intervals)
-        return float(trials), played_s + marks + timing.feedback_s
+        hertz = planned.frequency_hz or self.apparatus.middle_hz
+        played_s = protocol.timing.played_s(hertz, protocol.paradigm.intervals, protocol.marks)
+        return float(trials), played_s + self.rules.feedback_s
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """Return the course of a run, with a fresh procedure."""
@@ -265,12 +250,6 @@ class DetectionCourse:
         if isinstance(self.procedure, WholeCurve):
             return curve_picture(self.procedure, words("run.so_far", **about))
         if isinstance(self.procedure, UpDown):
-            title = words("run.so_far_reversals", **about, reversals=len(self.procedure.reversal_levels))
-        else:
-            title = words("run.so_far", **about)
-        return {
-            "kind": "track",
-            "title": title,
-            "levels_db_sl": [level for level, _ in self._outcomes],
-            "correct": [correct for _, correct in self._outcomes],
-        }
+            reversals = len(self.procedure.reversal_levels)
+            return track(words("run.so_far_reversals", **about, reversals=reversals), self._outcomes)
+        return track(words("run.so_far", **about), self._outcomes)

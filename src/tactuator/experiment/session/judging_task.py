@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.judging import JudgingProtocol, plan_judging
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
-from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules
+from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules, track
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_answers import answered_runs
@@ -63,9 +63,7 @@ class JudgingTask:
     def rules(self) -> Rules:
         """Return the rules of a session, as the protocol has them."""
         session = self.protocol.session
-        feedback_s = self.protocol.timing.feedback_s if session.feedback else 0.0
-        breaks = (session.break_after_trials, session.break_between_runs, session.break_s)
-        return Rules(feedback_s, *breaks, session.resume_within_s)
+        return Rules.of(session, self.protocol.timing.feedback_s if session.feedback else 0.0)
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Store nothing besides the sessions."""
@@ -76,14 +74,12 @@ class JudgingTask:
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
-        protocol, timing = self.protocol, self.protocol.timing
+        protocol = self.protocol
         plan = protocol.task.plans(self.words)[planned.part]
         trials = protocol.session.practice_trials if planned.practice else plan.trials
         intervals = max(len(protocol.task.asked(self.words).intervals), 1)
-        low_hz, high_hz = self.apparatus.band_hz
-        lasts_s = timing.duration_s(planned.frequency_hz or math.sqrt(low_hz * high_hz))
-        marks = 0.0 if protocol.marks is None else protocol.marks.duration_s(intervals)
-        played_s = timing.lead_s + intervals * lasts_s + (intervals - 1) * timing.gap_s + marks
+        hertz = planned.frequency_hz or self.apparatus.middle_hz
+        played_s = protocol.timing.played_s(hertz, intervals, protocol.marks)
         return float(trials), played_s + self.rules.feedback_s
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> JudgingCourse:
@@ -203,9 +199,4 @@ class JudgingCourse:
 
     def picture(self) -> Picture:
         """Return the level and outcome of every trial."""
-        return {
-            "kind": "track",
-            "title": self.task.words("run.so_far", title=self.planned.title, trials=self.trials),
-            "levels_db_sl": [level for level, _ in self._outcomes],
-            "correct": [correct for _, correct in self._outcomes],
-        }
+        return track(self.task.words("run.so_far", title=self.planned.title, trials=self.trials), self._outcomes)

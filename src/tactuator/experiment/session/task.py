@@ -16,7 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol
+from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, RunRules, StudyProtocol
 from tactuator.experiment.session.outlet import Outlet
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
@@ -123,9 +123,20 @@ class Apparatus:
         """Return the band of the display's first channel."""
         return self.controller.display.channels[0].threshold.band_hz
 
+    @property
+    def middle_hz(self) -> float:
+        """Return the middle of the band, where a run that chooses its frequencies is on the whole."""
+        return math.sqrt(math.prod(self.band_hz))
+
 
 Picture = Mapping[str, object]
 """A run as an operator's page draws it, in JSON's types: "kind" (track or confusion), "title", what that kind needs."""
+
+
+def track(title: str, outcomes: Sequence[tuple[float, bool]]) -> Picture:
+    """Return the picture of a run from the level and outcome of every trial."""
+    levels, correct = ([outcome[column] for outcome in outcomes] for column in (0, 1))
+    return {"kind": "track", "title": title, "levels_db_sl": levels, "correct": correct}
 
 
 @dataclass(frozen=True)
@@ -179,11 +190,13 @@ class Question:
 
     choices: none where a number is asked for.
     intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
+    released: the answer while the key of the one choice is not held; "" where a press answers.
     """
 
     prompt: str
     choices: tuple[OfferedResponse, ...]
     intervals: tuple[str, ...] = ()
+    released: str = ""
 
 
 @dataclass(frozen=True)
@@ -198,6 +211,11 @@ class Rules:
     break_between_runs: bool = False
     break_s: float = 0.0
     resume_within_s: float = math.inf
+
+    @classmethod
+    def of(cls, rules: RunRules, feedback_s: float) -> Rules:
+        """Return those of a protocol's table [session]."""
+        return cls(feedback_s, rules.break_after_trials, rules.break_between_runs, rules.break_s, rules.resume_within_s)
 
 
 class Course(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,19 +10,13 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.simulated.strength_people import (
-    LAW_NAMES,
-    WAVES,
-    StrengthPerson,
-    drawn_person,
-    equal_level,
-)
+from tactuator.experiment.simulated.strength_people import LAW_NAMES, WAVES, StrengthPerson, drawn_person, equal_level
 from tactuator.experiment.strength.estimate import CANNOT_TELL, StrengthEstimate, estimate
 from tactuator.experiment.strength.laws import FREE
 from tactuator.experiment.task.discrimination import UNITS, DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, JudgedTone, Place, TaskKeys
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, TaskKeys
 from tactuator.experiment.trial.trial import Timing
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve, curve
 
@@ -52,25 +46,14 @@ class JudgingSetting:
 
 def answered(keys: TaskKeys, index: int, person: StrengthPerson, seed: tuple[int, ...]) -> AnsweredRun:
     """Return a run of the task's plan of that index, answered by a person who feels what is commanded."""
-    run, rng, trials = (
-        keys.begin(index, Place(Playable(), Timing()), seed),
-        np.random.default_rng(seed),
-        list[Answered](),
-    )
+    run, rng = keys.begin(index, Place(Playable(), Timing()), seed), np.random.default_rng(seed)
+    trials = list[Answered]()
     while (trial := run.trial(len(trials))) is not None:
         response = person.answer(trial, [tones[0].level_db_sl for tones in trial.tones], rng)
         run.record(trial, response)
-        level = None if trial.placement is None else trial.placement.level_db_sl
-        trials.append(Answered(tuple(map(_only, trial.tones)), level, response, trial.judge(response)))
+        trials.append(Answered.of(trial, response))
     at = trials[0].tones[0] if trials else None
     return AnsweredRun("S", _FINGER, None if at is None else at.frequency_hz, tuple(trials), True)
-
-
-def _only(tones: Sequence[JudgedTone]) -> AnsweredTone | None:
-    if len(tones) != 1:
-        return None
-    tone = tones[0]
-    return AnsweredTone(tone.role, tone.finger, tone.frequency_hz, tone.level_db_sl)
 
 
 @dataclass(frozen=True)

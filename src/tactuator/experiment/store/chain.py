@@ -68,7 +68,7 @@ def _linked(connection: Connection, table: Table, rows: Sequence[Row[Any]], orig
         link = (number, table.name, row[place], row_sha256(table, row), origin)
         previous = _sha256([previous, *link])
         links.append(dict(zip(schema.chain.c.keys(), (*link, previous), strict=True)))
-    connection.execute(insert(schema.chain), links)
+    connection.execute(insert(schema.chain).returning(schema.chain.c.id), links)  # without, a message or three a link
     return list(rows)
 
 

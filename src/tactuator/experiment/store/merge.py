@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, Table, func, select
+from sqlalchemy import Connection, Table, func, or_, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import chain, schema
@@ -195,15 +195,17 @@ class _Writing:
 
     def write(self, table: Table, rows: Iterable[Mapping[str, Any]]) -> int:
         """Write rows of a table whose parents were written, and return how many of them were new or changed."""
-        fresh: dict[Key, dict[str, Any]] = {}
-        changed = 0
+        asked: dict[Key, dict[str, Any]] = {}
         for row in rows:
             key = _key_of(table, row)
             if any(parent in self._refused for parent in _ancestors(key, row, table)):
                 self._refused.add(key)
-                continue
-            values = {name: self._number(value) if name in _parents(table) else value for name, value in row.items()}
-            there = None if self._is_new(key) else self._find(table, values)
+            else:
+                asked[key] = self._placed(table, row)
+        stored = self._stored(table, [values for key, values in asked.items() if key[1] not in self._new])
+        fresh, changed = dict[Key, dict[str, Any]](), 0
+        for key, values in asked.items():
+            there = stored.get(_key_of(table, values))
             if there is None:
                 if table.name == "subject" and self._is_taken(key, values):
                     continue
@@ -217,31 +219,31 @@ class _Writing:
             self._new.add(key)
         return len(added) + changed
 
-    def _is_new(self, key: Key) -> bool:
-        """Return whether what the row belongs to was not there before: it need not be looked for."""
-        return isinstance(key[1], tuple) and key[1] in self._new
-
     def _number(self, key: Key | None) -> int | None:
         """Return the number that a row has here. Raises BadInput where it is not here."""
         if key is None:
             return None
         if key not in self._numbers:
             table = schema.tables.tables[key[0]]
-            names = schema.KEYS[key[0]]
-            values = {
-                name: self._number(value) if name in _parents(table) else value
-                for name, value in zip(names, key[1:], strict=True)
-            }
-            there = self._find(table, values)
+            values = self._placed(table, dict(zip(schema.KEYS[key[0]], key[1:], strict=True)))
+            there = self._stored(table, [values]).get(_key_of(table, values))
             if there is None:
                 raise BadInput(f"{key[0]} of rows to be merged is not there", "the store it is in as well")
             self._numbers[key] = there[_primary(table)]
         return self._numbers[key]
 
-    def _find(self, table: Table, values: Mapping[str, Any]) -> Mapping[str, Any] | None:
-        same = [table.c[name].is_not_distinct_from(values[name]) for name in schema.KEYS[table.name]]
-        row = self.connection.execute(select(table).where(*same)).first()
-        return None if row is None else row._asdict()
+    def _placed(self, table: Table, values: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: self._number(value) if name in _parents(table) else value for name, value in values.items()}
+
+    def _stored(self, table: Table, rows: Iterable[Mapping[str, Any]]) -> dict[Key, Mapping[str, Any]]:
+        """Return what is here of those rows and of what belongs to the same: many are looked for at once."""
+        belongs, stored = schema.KEYS[table.name][0], dict[Key, Mapping[str, Any]]()
+        wanted = list({values[belongs] for values in rows})
+        for first in range(0, len(wanted), _CHUNK):
+            some, column = wanted[first : first + _CHUNK], table.c[belongs]
+            query = select(table).where(or_(column.in_(some), column.is_(None)))
+            stored |= {_key_of(table, row._asdict()): row._asdict() for row in self.connection.execute(query)}
+        return stored
 
     def _is_taken(self, key: Key, values: Mapping[str, Any]) -> bool:
         """Return whether the subject's name elsewhere is another subject's here, which is told."""

@@ -13,7 +13,7 @@ from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, AnsweredTone, TaskKeys
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, JudgedTone, TaskKeys
 
 
 def answered_runs(
@@ -23,9 +23,9 @@ def answered_runs(
 
     Practice and what was withdrawn are left out. Raises BadInput without any.
     """
-    run, kept = schema.run.c, schema.session.c.ended.is_distinct_from("withdrawn-discard")
+    run = schema.run.c
     with store.read() as connection:
-        sessions = {row.id: row for row in connection.execute(session_query().where(kept))}
+        sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
         wanted = [run.state == state, run.practice.is_(False), run.paradigm == kind]
         if session is not None:
             wanted.append(run.session_id == session)
@@ -59,7 +59,7 @@ def _trials(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answ
     trial, response, interval = schema.trial.c, schema.response.c, schema.interval.c
     tables = schema.trial.join(schema.response).join(schema.interval, interval.trial_id == trial.id)
     columns = (
-        *(trial.run_id, trial.id, trial.level_db_sl, trial.curve_level_db_re_1um),
+        *(trial.run_id, trial.id, trial.level_db_sl, trial.frequency_hz, trial.curve_level_db_re_1um),
         *(response.response, response.correct),
     )
     query = (
@@ -73,15 +73,16 @@ def _trials(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answ
         intervals = list(rows)
         tones = tuple(_tone(row.stimulus, row.commanded_db_sl) for row in intervals)
         first = intervals[0]
-        about = first.level_db_sl, first.response, bool(first.correct), first.curve_level_db_re_1um
-        answers.setdefault(run, []).append(Answered(tones, *about))
+        about = first.level_db_sl, first.response, bool(first.correct)
+        point = first.frequency_hz, first.curve_level_db_re_1um
+        answers.setdefault(run, []).append(Answered(tones, *about, None if None in point else point))
     return {run: tuple(trials) for run, trials in answers.items()}
 
 
-def _tone(label: str, level_db_sl: float | None) -> AnsweredTone | None:
+def _tone(label: str, level_db_sl: float | None) -> JudgedTone | None:
     """Return the tone of an interval that had just one."""
     if level_db_sl is None:
         return None
     role, _, rest = label.partition(":")
     finger, _, hertz = rest.rpartition(":")
-    return AnsweredTone(role, finger, float(hertz), level_db_sl)
+    return JudgedTone(role, finger, float(hertz), level_db_sl)

@@ -68,14 +68,9 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
         versions = select(schema.protocol_version)
         every = {row.id: parse_any_protocol(row.toml) for row in connection.execute(versions)}
         protocols = {row: protocol for row, protocol in every.items() if isinstance(protocol, Protocol)}
-        kept = schema.session.c.ended.is_distinct_from("withdrawn-discard")
-        sessions = {row.id: row for row in connection.execute(session_query().where(kept))}
-        wanted = [
-            run.state == state,
-            run.practice.is_(False),
-            run.paradigm == "forced-choice",
-            run.session_id.in_(select(schema.session.c.id).where(kept)),
-        ]
+        sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
+        mine = run.session_id.in_(select(schema.session.c.id).where(schema.KEPT))
+        wanted = [run.state == state, run.practice.is_(False), run.paradigm == "forced-choice", mine]
         if session is not None:
             wanted.append(run.session_id == session)
         query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)

@@ -17,7 +17,7 @@ import scipy
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.strength.laws import LAWS, POINT, Law, equal_velocity
-from tactuator.experiment.strength.matches import NUISANCE_MEAN, NUISANCE_SD, ContourSetting, Fit, Matches, fit
+from tactuator.experiment.strength.matches import NOISE, ORDER, STANDARD, ContourSetting, Fit, Matches, fit
 
 SURE = 0.98
 """Share of the evidence from which a law is named."""
@@ -37,6 +37,10 @@ class Measured:
     value: float
     low: float
     high: float
+
+    def __format__(self, spec: str) -> str:
+        """Return value and interval in words, each by the spec of a number."""
+        return f"{self.value:{spec}} ({self.low:{spec}} – {self.high:{spec}})"
 
 
 @dataclass(frozen=True)
@@ -65,17 +69,17 @@ class StrengthEstimate:
     @property
     def order_db(self) -> Measured:
         """Return how much stronger the second interval is felt, dB."""
-        return self._parameter(-4)
+        return self._parameter(ORDER)
 
     @property
     def standard_db(self) -> Measured:
         """Return how much stronger the tone that serves as standard is felt, dB."""
-        return self._parameter(-3)
+        return self._parameter(STANDARD)
 
     @property
     def jnd_db(self) -> Measured:
         """Return the difference, dB, of which three in four answers without lapses and biases are right."""
-        noise = self._parameter(-2, known=False)
+        noise = self._parameter(NOISE, known=False)
         scale = float(scipy.special.ndtri(_JND_SHARE))
         return Measured(*(scale * float(np.exp(value)) for value in (noise.value, noise.low, noise.high)))
 
@@ -115,16 +119,14 @@ def estimate(matches: Matches, setting: ContourSetting, laws: Sequence[Law] | No
         laws = LAWS if setting.curve is None else (*LAWS, equal_velocity(setting.curve, setting.reference_hz))
     if count < _LEAST_MATCHES:
         raise BadInput(f"{count} matches", f"{_LEAST_MATCHES} or more")
-    fits, evidence = list[Fit](), list[float]()
+    fits = list[Fit]()
     for law in laws:
         place = None
         for noise_db in _NOISES_DB:
-            result = fit(law, setting, matches, noise_db, place)
-            place = result.place
-            fits.append(result)
-            away = (np.log(noise_db) - NUISANCE_MEAN[-2]) / NUISANCE_SD[-2]
-            evidence.append(result.log_evidence - 0.5 * float(away) ** 2)
-    share = np.exp(np.array(evidence) - max(evidence))
+            fits.append(fit(law, setting, matches, noise_db, place))
+            place = fits[-1].place
+    evidence = np.array([each.log_evidence for each in fits])
+    share = np.exp(evidence - evidence.max())
     return StrengthEstimate(setting, count, tuple(fits), share / share.sum())
 
 

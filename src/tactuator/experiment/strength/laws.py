@@ -62,7 +62,7 @@ class Features:
     band_hz: tuple[float, float]
 
     @cached_property
-    def _own(self) -> tuple[FloatArray, FloatArray]:
+    def _map(self) -> tuple[FloatArray, FloatArray]:
         """Return the grid (log10 re the reference) and the map from covariances with it to features."""
         grid = np.log10(np.geomspace(*self.band_hz, _GRID_POINTS) / self.reference_hz)
         value, vector = np.linalg.eigh(self.deviation.covariance(grid, grid))
@@ -73,11 +73,11 @@ class Features:
     @property
     def count(self) -> int:
         """Return the number of features."""
-        return 3 * int(self._own[1].shape[1])
+        return 3 * int(self._map[1].shape[1])
 
     def at(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> FloatArray:
         """Return the features at frequencies and reference levels (n,), shape (n, count)."""
-        grid, project = self._own
+        grid, project = self._map
         over = self.deviation.covariance(np.log10(frequency_hz / self.reference_hz), grid) @ project
         up = ((level_db_sl - _MIDDLE_DB_SL) / _SPAN_DB)[:, None]
         return np.concatenate([over, self.deviation.growth * up * over, self.deviation.bend * up**2 * over], axis=1)
@@ -147,6 +147,9 @@ the others, and the one that trials are placed by."""
 FREE = LAWS[-1]
 
 
+_AT_THRESHOLD_DB = 0.01
+
+
 def _above(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatArray:
     return np.asarray(level + parameters[0])
 
@@ -155,16 +158,23 @@ def _above(parameters: FloatArray, over: FloatArray, level: FloatArray) -> Float
 def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> Law:
     """Return the law by which tones of equal velocity are equally strong, the more so the further above threshold.
 
-    Its parameters: the share of the way there that is ever gone, and the log of the level, dB SL, where most of it is.
+    Nobody knows how velocity takes over. Its parameters: the share of the way there that is ever gone, the log of the
+    level (dB SL) where most of it is, the log of how abruptly, and whose level decides: 0 the reference's, 1 the
+    tone's own.
     """
     at_reference = curve.level_db_re_1um_at(reference_hz)
 
     def level_of(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatArray:
-        share, log_onset = parameters
+        share, log_onset, log_abrupt, whose = parameters
         faster_db = 20.0 * over + curve.level_db_re_1um_at(reference_hz * 10.0**over) - at_reference
-        return np.asarray(level - share * faster_db * -np.expm1(-np.maximum(level, 0.0) / np.exp(log_onset)))
 
-    return Law("equal-velocity", (1.0, np.log(5.0)), (0.25, 1.0), level_of, _SMALL)
+        def gone(at: FloatArray) -> FloatArray:
+            far = np.exp(np.exp(log_abrupt) * (np.log(np.maximum(at, _AT_THRESHOLD_DB)) - log_onset))
+            return np.asarray(share * faster_db * -np.expm1(-far))
+
+        return np.asarray(level - gone(level - whose * gone(level)))
+
+    return Law("equal-velocity", (1.0, np.log(5.0), 0.4, 0.5), (0.25, 1.0, 0.5, 0.35), level_of, _SMALL)
 
 
 POINT = Law("point", (0.0,), (15.0,), _above, Deviation(0.0, 1e-6, 1.0, 0.0, 0.0))

@@ -24,7 +24,8 @@ from tactuator.perception.curve import ThresholdCurve
 NUISANCE_MEAN = (0.0, 0.0, float(np.log(2.5)), float(np.log(0.02 / 0.98)))
 NUISANCE_SD = (2.0, 2.0, 0.5, 0.7)
 """Prior of order bias (dB), standard bias (dB), log of sigma (dB) and log odds of a lapse."""
-_NUISANCES = len(NUISANCE_MEAN)
+ORDER, STANDARD, NOISE, LAPSE = range(-len(NUISANCE_MEAN), 0)
+"""Their places behind all that is a law's."""
 _KNOWN = 1e-3
 _STEPS_MAX, _CLOSE, _ROUNDING = 60, 1e-4, 1e-9
 _LONGEST_STEP, _SHORTEST_SHARE = 3.0, 1e-3
@@ -70,12 +71,45 @@ class ContourSetting:
     curve: ThresholdCurve | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A law at places: over, log10 of frequency re the reference; level, of the reference; (n,) each. wave: features of
+    its deviation there, (n, features).
+    """
+
+    law: Law
+    over: FloatArray
+    level: FloatArray
+    wave: FloatArray
+
+    @classmethod
+    def of(cls, law: Law, setting: ContourSetting, frequency_hz: FloatArray, level_db_sl: FloatArray) -> Surface:
+        """Return the surface at frequencies and levels of the reference, (n,) each."""
+        wave = features(law, setting.reference_hz, setting.band_hz).at(frequency_hz, level_db_sl)
+        return cls(law, np.log10(frequency_hz / setting.reference_hz), level_db_sl, wave)
+
+    def at(self, place: FloatArray) -> FloatArray:
+        """Return the levels that are as strong under the law with parameters in that place, (n,)."""
+        count = len(self.law.mean)
+        return np.asarray(self.law.level(place[:count], self.over, self.level) + self.wave @ place[count:ORDER])
+
+    def gradient(self, place: FloatArray) -> FloatArray:
+        """Return the gradient of the levels by all parameters, (n, parameters)."""
+        count = len(self.law.mean)
+        gradient = np.zeros((self.over.size, place.size))
+        level = self.law.level(place[:count], self.over, self.level)
+        for index, step in enumerate(_STEP_DIFFERENCE * np.eye(count)):
+            gradient[:, index] = (self.law.level(place[:count] + step, self.over, self.level) - level) / step[index]
+        gradient[:, count:ORDER] = self.wave
+        return gradient
+
+
 @dataclass(frozen=True)
 class Fit:
     """A law as matches have it.
 
     place: law's parameters, weights of its deviation, order bias, standard bias, log sigma, log odds of lapses.
-    covariance: theirs. log_evidence: of the matches under the law.
+    covariance: theirs. log_evidence: of the matches under the law, and of the noise that is held.
     """
 
     law: Law
@@ -84,63 +118,22 @@ class Fit:
     covariance: FloatArray
     log_evidence: float
 
-    def levels(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the levels as strong as level_db_sl at the reference, (n,), and their gradient, (n, parameters)."""
-        return _levels(self.law, self.setting, self.place, frequency_hz, level_db_sl)
+    def surface(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> Surface:
+        """Return the law's surface at frequencies and levels of the reference, (n,) each."""
+        return Surface.of(self.law, self.setting, frequency_hz, level_db_sl)
 
     def moments(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the levels, (n,) each: of a law with parameters over draws of them, since a step
         of a contour moves along the frequency, which no gradient at one place tells.
         """
-        level, gradient = self.levels(frequency_hz, level_db_sl)
+        surface = self.surface(frequency_hz, level_db_sl)
         if not self.law.mean:
-            return level, np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
+            gradient = surface.gradient(self.place)
+            return surface.at(self.place), np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
         draws = np.random.default_rng(_DRAWS_SEED).standard_normal((_DRAWS // 2, self.place.size))
         scale = np.linalg.cholesky(self.covariance)
-        moved = self.place + np.concatenate([draws, -draws]) @ scale.T
-        levels = [_level(self.law, self.setting, place, frequency_hz, level_db_sl) for place in moved]
+        levels = [surface.at(place) for place in self.place + np.concatenate([draws, -draws]) @ scale.T]
         return np.mean(levels, axis=0), np.var(levels, axis=0)
-
-    @property
-    def order_db(self) -> float:
-        """Return how much stronger the second interval is felt, dB."""
-        return float(self.place[-4])
-
-    @property
-    def standard_db(self) -> float:
-        """Return how much stronger the standard is felt, dB."""
-        return float(self.place[-3])
-
-    @property
-    def noise_db(self) -> float:
-        """Return the standard deviation of a comparison, dB."""
-        return float(np.exp(self.place[-2]))
-
-
-def _levels(
-    law: Law, setting: ContourSetting, place: FloatArray, frequency_hz: FloatArray, level_db_sl: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the levels under a law with parameters in that place, and their gradient."""
-    wave = features(law, setting.reference_hz, setting.band_hz).at(frequency_hz, level_db_sl)
-    law_own, over = len(law.mean), np.log10(frequency_hz / setting.reference_hz)
-    weights = place[law_own:-_NUISANCES]
-    level = law.level(place[:law_own], over, level_db_sl)
-    gradient = np.zeros((frequency_hz.size, place.size))
-    for index in range(law_own):
-        moved = place[:law_own].copy()
-        moved[index] += _STEP_DIFFERENCE
-        gradient[:, index] = (law.level(moved, over, level_db_sl) - level) / _STEP_DIFFERENCE
-    gradient[:, law_own:-_NUISANCES] = wave
-    return level + wave @ weights, gradient
-
-
-def _level(
-    law: Law, setting: ContourSetting, place: FloatArray, frequency_hz: FloatArray, level_db_sl: FloatArray
-) -> FloatArray:
-    """Return the levels under a law with parameters in that place."""
-    wave = features(law, setting.reference_hz, setting.band_hz).at(frequency_hz, level_db_sl)
-    count, over = len(law.mean), np.log10(frequency_hz / setting.reference_hz)
-    return np.asarray(law.level(place[:count], over, level_db_sl) + wave @ place[count:-_NUISANCES])
 
 
 @dataclass(frozen=True)
@@ -156,7 +149,7 @@ class _Prior:
         count = features(law, setting.reference_hz, setting.band_hz).count
         nuisance, spread = np.array(NUISANCE_MEAN), np.array(NUISANCE_SD)
         if noise_db is not None:
-            nuisance[-2], spread[-2] = np.log(noise_db), _KNOWN
+            nuisance[NOISE], spread[NOISE] = np.log(noise_db), _KNOWN
         mean = np.concatenate([law.mean, np.zeros(count), nuisance])
         return cls(mean, np.concatenate([law.sd, np.ones(count), spread]))
 
@@ -170,21 +163,21 @@ class _Local:
     curvature: FloatArray
 
 
-def _local(law: Law, setting: ContourSetting, prior: _Prior, place: FloatArray, matches: Matches) -> _Local:
+def _local(surface: Surface, prior: _Prior, place: FloatArray, matches: Matches) -> _Local:
     pull = (place - prior.mean) / prior.sd
     value, gradient, curvature = -0.5 * float(pull @ pull), -pull / prior.sd, np.diag(1.0 / prior.sd**2)
     if matches.frequency_hz.size:
-        level, slope = _levels(law, setting, place, matches.frequency_hz, matches.reference_db_sl)
         order, role = np.where(matches.second, 1.0, -1.0), np.where(matches.swapped, 1.0, -1.0)
-        sigma, lapse = np.exp(place[-2]), 1.0 / (1.0 + np.exp(-place[-1]))
-        z = (matches.comparison_db_sl - level + order * place[-4] + role * place[-3]) / sigma
+        sigma, lapse = np.exp(place[NOISE]), 1.0 / (1.0 + np.exp(-place[LAPSE]))
+        above = matches.comparison_db_sl - surface.at(place)
+        z = (above + order * place[ORDER] + role * place[STANDARD]) / sigma
         rise = scipy.special.ndtr(z)
         chance = np.clip(0.5 * lapse + (1.0 - lapse) * rise, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
         steep = (1.0 - lapse) * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-        wave = -slope / sigma
-        wave[:, -4], wave[:, -3], wave[:, -2] = order / sigma, role / sigma, -z
+        wave = -surface.gradient(place) / sigma
+        wave[:, ORDER], wave[:, STANDARD], wave[:, NOISE] = order / sigma, role / sigma, -z
         wave *= steep[:, None]
-        wave[:, -1] = (0.5 - rise) * lapse * (1.0 - lapse)
+        wave[:, LAPSE] = (0.5 - rise) * lapse * (1.0 - lapse)
         spread = chance * (1.0 - chance)
         value += float(np.sum(np.log(np.where(matches.stronger, chance, 1.0 - chance))))
         gradient = gradient + wave.T @ ((matches.stronger - chance) / spread)
@@ -207,24 +200,25 @@ def fit(
     prior = _Prior.of(law, setting, noise_db)
     place = prior.mean.copy() if start is None else start.copy()
     if noise_db is not None:
-        place[-2] = np.log(noise_db)
-    here = _local(law, setting, prior, place, matches)
+        place[NOISE] = np.log(noise_db)
+    surface = Surface.of(law, setting, matches.frequency_hz, matches.reference_db_sl)
+    here = _local(surface, prior, place, matches)
     for _ in range(steps):
         step = np.linalg.solve(here.curvature, here.gradient)
         share = min(1.0, _LONGEST_STEP / max(float(np.max(np.abs(step / prior.sd))), 1e-9))
-        there = _local(law, setting, prior, place + share * step, matches)
+        there = _local(surface, prior, place + share * step, matches)
         while there.value < here.value - _ROUNDING and share > _SHORTEST_SHARE:
             share *= 0.5
-            there = _local(law, setting, prior, place + share * step, matches)
+            there = _local(surface, prior, place + share * step, matches)
         if there.value < here.value - _ROUNDING:
             break
         place, gained, here = place + share * step, there.value - here.value, there
         if gained < _CLOSE:
             break
+    away = 0.0 if noise_db is None else (np.log(noise_db) - NUISANCE_MEAN[NOISE]) / NUISANCE_SD[NOISE]
     half_log_volume = 0.5 * float(np.linalg.slogdet(here.curvature)[1]) + float(np.sum(np.log(prior.sd)))
-    return Fit(
-        law, setting, place, np.asarray(np.linalg.inv(here.curvature), dtype=np.float64), here.value - half_log_volume
-    )
+    evidence = here.value - half_log_volume - 0.5 * float(away) ** 2
+    return Fit(law, setting, place, np.asarray(np.linalg.inv(here.curvature), dtype=np.float64), evidence)
 
 
 @dataclass(frozen=True)
@@ -252,21 +246,24 @@ class Candidates:
         return hertz.ravel(), level.ravel()
 
 
-def most_telling(known: Fit, among: Candidates, offset: float, second: bool, swapped: bool) -> Placed:
-    """Return the match whose answer is expected to tell most of the contours at all candidates.
+def most_telling(
+    known: Fit, among: Candidates, reference_db_sl: float, offset: float, second: bool, swapped: bool
+) -> Placed:
+    """Return the match whose answer is expected to tell most of the contours at all candidates, at that level.
 
     offset: how far it is put from where it would feel equal, biases included, in standard deviations of a comparison:
     biases are then found at their own point, not by the noise. second, swapped: as in `Matches`. Expected is the
     fall of the contours' mean variance, whose answer has the information of a probit there.
     """
     hertz, reference = among.pairs
-    level, gradient = known.levels(hertz, reference)
-    bias_db = (1.0 if second else -1.0) * known.order_db + (1.0 if swapped else -1.0) * known.standard_db
-    target = np.clip(level - bias_db + offset * known.noise_db, among.lowest_db_sl, among.highest_db_sl)
-    z = (target + bias_db - level) / known.noise_db
+    surface, place = known.surface(hertz, reference), known.place
+    level, gradient, noise_db = surface.at(place), surface.gradient(place), float(np.exp(place[NOISE]))
+    bias_db = (1.0 if second else -1.0) * place[ORDER] + (1.0 if swapped else -1.0) * place[STANDARD]
+    target = np.clip(level - bias_db + offset * noise_db, among.lowest_db_sl, among.highest_db_sl)
+    z = (target + bias_db - level) / noise_db
     rise = np.clip(scipy.special.ndtr(z), 1e-6, 1.0 - 1e-6)
-    information = (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)) ** 2 / (rise * (1.0 - rise)) / known.noise_db**2
+    information = (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)) ** 2 / (rise * (1.0 - rise)) / noise_db**2
     shared = gradient @ known.covariance @ gradient.T
     fall = np.sum(shared**2, axis=0) * information / (1.0 + information * np.diag(shared))
-    best = int(np.argmax(fall))
+    best = int(np.argmax(np.where(reference == reference_db_sl, fall, -np.inf)))
     return Placed(float(hertz[best]), float(np.round(2.0 * target[best]) / 2.0), float(reference[best]))

@@ -17,27 +17,11 @@ from pydantic import Field
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Level
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.procedure.procedure import (
-    Placement,
-    Playable,
-    Procedure,
-    ProcedureKeys,
-    parse_procedure,
-)
+from tactuator.experiment.procedure.procedure import Placement, Playable, Procedure, ProcedureKeys, parse_procedure
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.up_down import UpDownRule
 from tactuator.experiment.strength.estimate import Measured
-from tactuator.experiment.task.task_keys import (
-    AnsweredRun,
-    JudgedTone,
-    Judgement,
-    Place,
-    Planned,
-    TaskKeys,
-    TaskQuestion,
-    TaskRun,
-    judgement,
-)
+from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
 from tactuator.experiment.trial.trial import trial_rng
 from tactuator.parameters import NotNegative, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL
@@ -94,13 +78,13 @@ class DiscriminationKeys(TaskKeys):
             return replace(keys, ceiling_db_sl=ceiling, start_db_sl=min(keys.start_db_sl, ceiling))
         return keys
 
-    def asked(self, words: Words) -> TaskQuestion:
+    def asked(self, words: Words) -> TaskPrompt:
         """Return the question of what differs."""
         prompt = words(f"prompt.{_PROMPTS[self.of]}")
         if self.of == "order":
-            return TaskQuestion(prompt, tuple((finger, (str(1 + place),)) for place, finger in enumerate(self.fingers)))
+            return TaskPrompt(prompt, tuple((finger, (str(1 + place),)) for place, finger in enumerate(self.fingers)))
         names = tuple(str(1 + interval) for interval in range(self.intervals))
-        return TaskQuestion(prompt, tuple((name, (name,)) for name in names), names)
+        return TaskPrompt(prompt, tuple((name, (name,)) for name in names), names)
 
     def fingers_used(self) -> tuple[str, ...]:
         """Return the fingers."""
@@ -124,7 +108,7 @@ class DiscriminationKeys(TaskKeys):
             for finger, hertz, level in self._cells()
         )
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskRun:
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> DiscriminationRun:
         """Return a fresh run."""
         finger, hertz, level = self._cells()[index]
         procedure = self.rule(level).build(self.guess, place.playable)
@@ -145,7 +129,7 @@ class DiscriminationKeys(TaskKeys):
                 run.finger,
                 f"{run.frequency_hz or 0.0:.4g}",
                 f"{each.level_db_sl:g}",
-                f"{each.jnd.value:.2f} ({each.jnd.low:.2f} – {each.jnd.high:.2f}) {unit}",
+                f"{each.jnd:.2f} {unit}",
                 str(len(run.trials)),
             )
             for run, each in ((run, self.difference(run)) for run in runs)
@@ -205,7 +189,7 @@ class DiscriminationRun:
             first = int(rng.integers(2))
             tones = [self._tone(_TARGET, finger=finger) for finger in task.fingers]
             late = replace(tones[1 - first], onset_s=1e-3 * difference)
-            return judgement(number, [(tones[first], late)], task.fingers, task.fingers[first], at)
+            return Judgement.of(number, [(tones[first], late)], task.fingers, task.fingers[first], at)
         names = tuple(str(1 + interval) for interval in range(task.intervals))
         target = int(rng.integers(task.intervals))
         roved = rng.uniform(-task.rove_db, task.rove_db, task.intervals)
@@ -214,7 +198,7 @@ class DiscriminationRun:
             self._changed(difference, float(level[i])) if i == target else (self._tone(_BASE, level=float(level[i])),)
             for i in range(task.intervals)
         ]
-        return judgement(number, intervals, names, names[target], at)
+        return Judgement.of(number, intervals, names, names[target], at)
 
     def record(self, trial: Judgement, response: str) -> None:
         """Move the procedure on."""

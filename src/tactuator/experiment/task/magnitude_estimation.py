@@ -22,18 +22,7 @@ from tactuator.experiment.keys import Level
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.strength.estimate import Measured
-from tactuator.experiment.task.task_keys import (
-    AnsweredRun,
-    JudgedTone,
-    Judgement,
-    Place,
-    Planned,
-    TaskKeys,
-    TaskQuestion,
-    TaskRun,
-    estimate,
-    judgement,
-)
+from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
 from tactuator.experiment.trial.trial import trial_rng
 from tactuator.parameters import Positive, Whole, table
 from tactuator.table import Chart, ChartLine, ResultTable
@@ -52,9 +41,9 @@ class EstimationKeys(TaskKeys):
     )  # fmt: skip
     repeats: Annotated[Whole, Field(ge=1, le=100, description="of every tone")] = 3
 
-    def asked(self, words: Words) -> TaskQuestion:
+    def asked(self, words: Words) -> TaskPrompt:
         """Return that a number is asked for."""
-        return TaskQuestion(words("prompt.magnitude"))
+        return TaskPrompt(words("prompt.magnitude"))
 
     def fingers_used(self) -> tuple[str, ...]:
         """Return the finger."""
@@ -70,7 +59,7 @@ class EstimationKeys(TaskKeys):
         """Return one run of all tones."""
         return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskRun:
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
         """Return a fresh run."""
         return EstimationRun(self, seed)
 
@@ -78,7 +67,7 @@ class EstimationKeys(TaskKeys):
         """Return geometric means and exponents."""
         heads = tuple(words(f"results.{key}") for key in ("hertz", "exponent", "trials"))
         magnitude = magnitudes(runs)
-        rows = tuple((f"{each.frequency_hz:.4g}", each.slope, str(each.estimates)) for each in magnitude)
+        rows = tuple((f"{each.frequency_hz:.4g}", f"{each.exponent:.2f}", str(each.estimates)) for each in magnitude)
         means = tuple(
             (f"{each.frequency_hz:.4g}", f"{level:g}", f"{mean:.3g}")
             for each in magnitude
@@ -121,7 +110,7 @@ class EstimationRun:
         if block >= self.task.repeats:
             return None
         tone = tones[int(trial_rng((*self.seed, 7), block).permutation(len(tones))[place])]
-        return judgement(number, [(tone,)], (), "", Placement(tone.level_db_sl, tone.frequency_hz))
+        return Judgement.of(number, [(tone,)], (), "", Placement(tone.level_db_sl, tone.frequency_hz))
 
     def record(self, trial: Judgement, response: str) -> None:
         """Count the response. Raises BadInput for no number above 0."""
@@ -144,11 +133,6 @@ class Magnitudes:
     exponent: Measured
     estimates: int
 
-    @property
-    def slope(self) -> str:
-        """Return the exponent with its interval in words."""
-        return f"{self.exponent.value:.2f} ({self.exponent.low:.2f} – {self.exponent.high:.2f})"
-
 
 def magnitudes(runs: Sequence[AnsweredRun]) -> tuple[Magnitudes, ...]:
     """Return the magnitudes at every frequency. Raises BadInput without two levels at one of them."""
@@ -164,7 +148,7 @@ def _normalised(runs: Sequence[AnsweredRun]) -> FloatArray:
     rows = []
     for subject in dict.fromkeys(run.subject for run in runs):
         mine = [trial for run in runs if run.subject == subject for trial in run.trials if trial.tones[0] is not None]
-        logs = np.log([estimate(trial.response) for trial in mine])
+        logs = np.log([trial.number for trial in mine])
         for trial, log in zip(mine, logs - logs.mean(), strict=True):
             tone = trial.tones[0]
             assert tone is not None

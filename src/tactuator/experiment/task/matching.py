@@ -21,27 +21,18 @@ from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.procedure.up_down import UpDown, UpDownRule
-from tactuator.experiment.strength.estimate import (
-    Equality,
-    Measured,
-    StrengthEstimate,
-    equality,
-    estimate,
-)
+from tactuator.experiment.strength.estimate import Equality, StrengthEstimate, equality, estimate
 from tactuator.experiment.strength.laws import FREE
 from tactuator.experiment.strength.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
 from tactuator.experiment.task.task_keys import (
     Answered,
     AnsweredRun,
-    AnsweredTone,
     JudgedTone,
     Judgement,
     Place,
     Planned,
     TaskKeys,
-    TaskQuestion,
-    TaskRun,
-    judgement,
+    TaskPrompt,
 )
 from tactuator.experiment.trial.trial import trial_rng
 from tactuator.parameters import Band, Positive, Whole, table
@@ -120,9 +111,9 @@ class MatchingKeys(TaskKeys):
                 for above in (False, True):
                     yield level, swapped, above
 
-    def asked(self, words: Words) -> TaskQuestion:
+    def asked(self, words: Words) -> TaskPrompt:
         """Return which interval was stronger."""
-        return TaskQuestion(words("prompt.stronger"), tuple((name, (name,)) for name in INTERVALS), INTERVALS)
+        return TaskPrompt(words("prompt.stronger"), tuple((name, (name,)) for name in INTERVALS), INTERVALS)
 
     def fingers_used(self) -> tuple[str, ...]:
         """Return the standard's finger and those of comparisons."""
@@ -144,7 +135,7 @@ class MatchingKeys(TaskKeys):
             for finger, hertz in self._cells()
         )
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskRun:
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> ContourRun | PairsRun:
         """Return a fresh run."""
         finger, hertz = self._cells()[index]
         if hertz is None:
@@ -161,19 +152,23 @@ class MatchingKeys(TaskKeys):
         return Candidates(clear[np.abs(clear - self.frequency_hz) > _SAME_HZ], np.array(self.levels_db_sl))
 
     def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Judgement:
-        """Return the trial of a match. swapped: the comparison serves as standard. second: it is in interval 2."""
+        """Return the trial of a match. swapped: the comparison serves as standard. second: it is in interval 2.
+
+        Placed is the tone that does not serve as standard, so that the display's curve is kept at the reference too.
+        """
         roles = (STANDARD, COMPARISON) if swapped else (COMPARISON, STANDARD)
         comparison = JudgedTone(roles[0], finger, placed.frequency_hz, placed.comparison_db_sl)
         reference = JudgedTone(roles[1], self.finger, self.frequency_hz, placed.reference_db_sl)
         tones = (reference, comparison) if second else (comparison, reference)
-        at = Placement(placed.comparison_db_sl, placed.frequency_hz)
-        return judgement(number, [(tone,) for tone in tones], INTERVALS, INTERVALS[second], at)
+        free = reference if swapped and finger == self.finger else comparison
+        at = Placement(free.level_db_sl, free.frequency_hz)
+        return Judgement.of(number, [(tone,) for tone in tones], INTERVALS, INTERVALS[second], at)
 
-    def is_reference(self, tone: AnsweredTone | JudgedTone) -> bool:
+    def is_reference(self, tone: JudgedTone) -> bool:
         """Return whether a tone is at the reference frequency and finger."""
         return tone.finger == self.finger and abs(tone.frequency_hz - self.frequency_hz) < _SAME_HZ
 
-    def row(self, tones: Sequence[AnsweredTone | JudgedTone | None], stronger: bool) -> Row:
+    def row(self, tones: Sequence[JudgedTone | None], stronger: bool) -> Row:
         """Return a match as `Matches.of` takes it, from the tones of both intervals. Raises BadInput for others."""
         both = [tone for tone in tones if tone is not None]
         at = [self.is_reference(tone) for tone in both]
@@ -190,8 +185,7 @@ class MatchingKeys(TaskKeys):
 
     def setting_of(self, trials: Sequence[Answered]) -> ContourSetting:
         """Return the setting of matches on the standard's finger, with the display's curve if they tell it."""
-        levels = {self.row(trial.tones, True)[0]: trial.curve_level_db_re_1um for trial in trials}
-        known = sorted((hertz, level) for hertz, level in levels.items() if level is not None)
+        known = sorted(dict(trial.curve_point for trial in trials if trial.curve_point is not None).items())
         if len(known) < _CURVE_POINTS or not known[0][0] < self.frequency_hz < known[-1][0]:
             return self.setting
         hertz, level = np.array(known).T
@@ -215,18 +209,12 @@ class MatchingKeys(TaskKeys):
 Row = tuple[float, float, float, bool, bool, bool]
 
 
-def _told(measured: Measured) -> str:
-    return f"{measured.value:+.1f} ({measured.low:+.1f} – {measured.high:+.1f})"
-
-
 def law_table(result: StrengthEstimate, words: Words) -> ResultTable:
     """Return what the matches of contours tell: law, biases and JND."""
     rows = [(name, f"{100.0 * share:.0f} %") for name, share in result.laws.items()]
-    rows.append(
-        (words("results.jnd"), f"{result.jnd_db.value:.1f} ({result.jnd_db.low:.1f} – {result.jnd_db.high:.1f}) dB")
-    )
-    rows.append((words("results.order_bias"), f"{_told(result.order_db)} dB"))
-    rows.append((words("results.standard_bias"), f"{_told(result.standard_db)} dB"))
+    rows.append((words("results.jnd"), f"{result.jnd_db:.1f} dB"))
+    rows.append((words("results.order_bias"), f"{result.order_db:+.1f} dB"))
+    rows.append((words("results.standard_bias"), f"{result.standard_db:+.1f} dB"))
     note = words("results.law", law=result.law)
     return ResultTable(
         words("results.strength"), (words("results.law_name"), words("results.share")), tuple(rows), (note,)
@@ -245,9 +233,9 @@ def pairs_table(pairs: Sequence[tuple[AnsweredRun, Equality]], words: Words) -> 
             run.finger,
             f"{run.frequency_hz or 0.0:.4g}",
             str(match.matches),
-            _told(match.above_db),
-            _told(match.order_db),
-            _told(match.standard_db),
+            f"{match.above_db:+.1f}",
+            f"{match.order_db:+.1f}",
+            f"{match.standard_db:+.1f}",
             f"{match.jnd_db.value:.1f}",
         )
         for run, match in pairs
@@ -278,12 +266,17 @@ class ContourRun:
         """Return the most telling match, or None when the run is over."""
         if len(self.rows) >= self.task.trials:
             return None
-        block, place = divmod(number, 4)
-        turn = int(trial_rng((*self.seed, 7), block).permutation(4)[place])
+        turn = self._in_turn(7, 4, number)
+        level_db_sl = self.task.levels_db_sl[self._in_turn(9, len(self.task.levels_db_sl), number)]
         offset = float(trial_rng((*self.seed, 8), number).normal(0.0, _OFFSET_SD))
         second, swapped = bool(turn & 1), bool(turn & 2)
-        placed = most_telling(self.known, self.candidates, offset, second, swapped)
+        placed = most_telling(self.known, self.candidates, level_db_sl, offset, second, swapped)
         return self.task.match(number, self.finger, placed, swapped, second)
+
+    def _in_turn(self, draw: int, count: int, number: int) -> int:
+        """Return which of so many it is at that trial: each once, in an order that is drawn, then each once again."""
+        block, place = divmod(number, count)
+        return int(trial_rng((*self.seed, draw), block).permutation(count)[place])
 
     def record(self, trial: Judgement, response: str) -> None:
         """Learn the response."""

@@ -68,6 +68,19 @@ class Judgement(Trial):
 
     tones: tuple[tuple[JudgedTone, ...], ...] = ()
 
+    @classmethod
+    def of(
+        cls,
+        number: int,
+        tones: Sequence[Sequence[JudgedTone]],
+        responses: tuple[str, ...],
+        correct: str,
+        placement: Placement | None = None,
+    ) -> Judgement:
+        """Return a trial with those tones in each interval, labelled as the store has them."""
+        labels = tuple("+".join(tone.label for tone in interval) for interval in tones)
+        return cls(number, labels, responses, correct, placement, tuple(tuple(interval) for interval in tones))
+
     def __post_init__(self) -> None:
         if self.responses or self.correct:
             super().__post_init__()
@@ -89,18 +102,6 @@ def estimate(response: str) -> float:
     if not (number > 0.0 and math.isfinite(number)):
         raise BadInput(f"response {response!r}", "a number above 0")
     return number
-
-
-def judgement(
-    number: int,
-    tones: Sequence[Sequence[JudgedTone]],
-    responses: tuple[str, ...],
-    correct: str,
-    placement: Placement | None = None,
-) -> Judgement:
-    """Return a trial with those tones in each interval, labelled as the store has them."""
-    labels = tuple("+".join(tone.label for tone in interval) for interval in tones)
-    return Judgement(number, labels, responses, correct, placement, tuple(tuple(interval) for interval in tones))
 
 
 @dataclass(frozen=True)
@@ -136,28 +137,31 @@ class TaskRun(Protocol):
 
 
 @dataclass(frozen=True)
-class AnsweredTone:
-    """A tone as the store has it: what was commanded."""
-
-    role: str
-    finger: str
-    frequency_hz: float
-    level_db_sl: float
-
-
-@dataclass(frozen=True)
 class Answered:
-    """A trial with its answer as the store has it. tones: of each interval, None where it had not just one.
+    """A trial and its answer as the store has it. tones: of each interval as commanded, None where it had not just one.
 
     level_db_sl: of its placement, None without one. correct: the answer was the one that counts as yes.
-    curve_level_db_re_1um: of the display's threshold curve at the placement's frequency, None where nobody knows it.
+    curve_point: the placement's frequency and the level of the display's threshold curve there, dB re 1 um; None where
+    nobody knows it.
     """
 
-    tones: tuple[AnsweredTone | None, ...]
+    tones: tuple[JudgedTone | None, ...]
     level_db_sl: float | None
     response: str
     correct: bool
-    curve_level_db_re_1um: float | None = None
+    curve_point: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, trial: Judgement, response: str) -> Answered:
+        """Return the answer to a trial as it would come from the store."""
+        tones = tuple(interval[0] if len(interval) == 1 else None for interval in trial.tones)
+        level = None if trial.placement is None else trial.placement.level_db_sl
+        return cls(tones, level, response, trial.judge(response))
+
+    @property
+    def number(self) -> float:
+        """Return the number that was answered. Raises BadInput for an answer that is none above zero."""
+        return estimate(self.response)
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ class AnsweredRun:
 
 
 @dataclass(frozen=True)
-class TaskQuestion:
+class TaskPrompt:
     """What a subject is asked. responses: each with its keys; none: a number is asked for.
 
     intervals: names of those that are told apart as they play.
@@ -190,7 +194,7 @@ class TaskKeys:
     _: KW_ONLY
     kind: str = ""
 
-    def asked(self, words: Words) -> TaskQuestion:
+    def asked(self, words: Words) -> TaskPrompt:
         """Return what is asked in every trial."""
         raise NotImplementedError
 

@@ -11,9 +11,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.trial.trial import (
-    Marks,
-)
+from tactuator.experiment.trial.trial import Marks
 from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import ramps

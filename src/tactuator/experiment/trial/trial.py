@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.keys import Level, Seconds
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.parameters import Number, Positive, Whole, table
+from tactuator.parameters import Flag, Number, Positive, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
@@ -42,6 +42,11 @@ class Timing:
     def ramp_at_s(self, frequency_hz: float) -> float:
         """Return the duration of each ramp, in proportion to the interval: slow tones begin as gently as fast ones."""
         return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
+
+    def played_s(self, frequency_hz: float, intervals: int, marks: Marks | None) -> float:
+        """Return how long a trial of so many intervals at that frequency plays."""
+        marked_s = 0.0 if marks is None else marks.duration_s(intervals)
+        return self.lead_s + intervals * self.duration_s(frequency_hz) + (intervals - 1) * self.gap_s + marked_s
 
     def clearance_hz(self, frequency_hz: float) -> float:
         """Return the distance that a tone keeps from a mains line: the reciprocal of its duration, at least 2 Hz.
@@ -211,6 +216,11 @@ class ForcedChoice:
     false_alarms: Annotated[
         Number, Field(ge=0.01, le=0.3, description="share of blank trials taken to be felt, of one interval")
     ] = 0.02
+    held: Annotated[Flag, Field(description="1 is held while bursts are felt, which answers each at its end")] = False
+
+    def __post_init__(self) -> None:
+        if self.held and not self.yes_no:
+            raise BadInput(f"held with {self.intervals} intervals", "with one interval")
 
     @property
     def yes_no(self) -> bool:

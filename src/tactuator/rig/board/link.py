@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tactuator.errors import BadInput, DeviceFault, TactuatorError
 from tactuator.rig.transport import LinkDown, Transport
-from tactuator.runtime.image import REASONS, ImageRefusal
+from tactuator.runtime.image import ImageRefusal
 from tactuator.runtime.safety_table import Fault, SafetyRefusal
 
 VERSION = 1
@@ -349,7 +349,7 @@ class LinkClient:
             with understood(Request.COMMIT):
                 raise _refusal(kind, answer[0])
         if outcome is RequestOutcome.BAD_PAYLOAD:
-            raise BadInput(*REASONS[ImageRefusal.CHECKSUM], where=("image",))
+            raise ImageRefusal.CHECKSUM.error("image")
         raise BadInput("the board takes no image or table now", "in OFF, and an image after its safety table")
 
     def start(self, run: int, source: int, drives: bool, holds: bool) -> None:
@@ -384,7 +384,7 @@ class LinkClient:
 
 def _refusal(kind: int, code: int) -> BadInput:
     if kind == IMAGE:
-        return BadInput(*REASONS[ImageRefusal(code)], where=("image",))
+        return ImageRefusal(code).error("image")
     if kind == SAFETY:
         return SafetyRefusal(code).error()
     return BadInput(

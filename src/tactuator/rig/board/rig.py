@@ -30,8 +30,7 @@ from tactuator.rig.board.link import (
     understood,
 )
 from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads, take_rows
-from tactuator.rig.finger import Finger
-from tactuator.rig.rig import Rig, Trace, join_traces
+from tactuator.rig.rig import Finger, Rig, Trace, join_traces
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.rig.board.link import LinkClient, Mode, TraceRows
-from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
+from tactuator.rig.rig import Finger, anybody_feels, let_feel, take_forces
 from tactuator.runtime.simulation import REFERENCE_MAX
 
 _REQUEST_ROWS = 128

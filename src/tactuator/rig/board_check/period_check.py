@@ -61,14 +61,12 @@ def check_period(
     target: BoardRig,
     controller: Controller,
     ticks: int,
-    seed: int = 1,
     formats: tuple[str, ...] = FORMATS,
-    tell: Callable[[int], None] = lambda done: None,
     locates: bool = True,
 ) -> PeriodCheck:
     """Compare `ticks` of the target's interrupt in each format with this machine's, and what it plays where it can.
 
-    The target runs the firmware with the safety table of the controller's display; `tell` is given the ticks done.
+    The target runs the firmware with the safety table of the controller's display.
     locates: a difference is told by its tick, not by its stretch alone; to find it takes longer than all the rest.
     Raises BadInput for fewer ticks than one, and for a board that holds another display's table.
     """
@@ -85,7 +83,7 @@ def check_period(
             image = build_image(controller, number_format)
             for rig in (target, host):
                 rig.load_image(image)
-            difference = _compare(target, host, ticks, seed, tally, tell, locates)
+            difference = _compare(target, host, ticks, tally, locates)
             difference = difference or _compare_play(target, host, tally)
             if difference:
                 difference = f"{number_format}: {difference}"
@@ -114,25 +112,16 @@ def _ask(rig: BoardRig, seed: int, ticks: int) -> tuple[int, int, int, int]:
     return digest, running, starts, faults
 
 
-def _compare(
-    target: BoardRig,
-    host: BoardRig,
-    ticks: int,
-    seed: int,
-    tally: _Tally,
-    tell: Callable[[int], None],
-    locates: bool,
-) -> str:
-    for index, at in enumerate(range(0, ticks, STRETCH_TICKS)):  # one stretch after another
-        part_seed, count = (seed + index) & 0xFFFFFFFF, min(STRETCH_TICKS, ticks - at)
-        ours = _ask(host, part_seed, count)
-        if _ask(target, part_seed, count) != ours:
-            tick = f", tick {_first_difference(target, host, part_seed, count)} of a stretch" if locates else ""
-            return f"seed {part_seed}{tick}"
+def _compare(target: BoardRig, host: BoardRig, ticks: int, tally: _Tally, locates: bool) -> str:
+    for seed, at in enumerate(range(0, ticks, STRETCH_TICKS), start=1):  # one stretch after another
+        count = min(STRETCH_TICKS, ticks - at)
+        ours = _ask(host, seed, count)
+        if _ask(target, seed, count) != ours:
+            tick = f", tick {_first_difference(target, host, seed, count)} of a stretch" if locates else ""
+            return f"seed {seed}{tick}"
         tally.running += ours[1]
         tally.starts += ours[2]
         tally.faults |= ours[3]
-        tell(at + count)
     return ""
 
 

@@ -68,6 +68,8 @@ function sessionRows(session, snapshot) {
     percent(session.progress), minutes(over ? null : session.left_s), String(session.trials), percent(session.share_correct),
     word(session.here ? "open" : "closed"), open, buttons);
   made.className = session.id === snapshot.active ? "active" : "";
+  const heads = el("sessions").parentElement.tHead.rows[0].cells; // on a phone each cell has its own
+  for (const cell of made.cells) cell.dataset.head = heads[cell.cellIndex].textContent;
   const saved = (message) => { link.send(message); dayOf = null; };
   return dayOf === session.id ? [made, under(dayForm(session, snapshot.posture, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
 }

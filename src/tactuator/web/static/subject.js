@@ -1,10 +1,10 @@
 "use strict";
 // The subject's page. It shows what the server's messages say, and keeps an answer until it is acknowledged.
 // going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
-// litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave, or is to be once nothing plays.
+// litAt: when each interval's lamp was lit; held: the key of the one choice is down, which answers every trial at its end; leaving: the subject is asked how to leave, or is to be once nothing plays.
 const page = {
   about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
-  shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
+  shownAt: 0, litAt: [], noise: null, choices: null, held: false, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
@@ -30,7 +30,10 @@ const handlers = {
     el("who").textContent = message.subject;
     simulated(message);
     if (page.noise === null) page.noise = new MaskingNoise(message.masking_sound);
-    if (page.choices === null) page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
+    if (page.choices === null) {
+      page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
+      if (message.released !== "") holdByHand(message.choices[0].response);
+    }
     page.choices.open(false);
     if (page.unsaved !== null) link.send(page.unsaved);
   },
@@ -69,6 +72,7 @@ const handlers = {
     page.shownAt = performance.now();
     stand({ run: message.run, number: message.number });
     show();
+    if (page.about.released !== "") answer(page.held ? page.about.choices[0].response : page.about.released);
   },
   ack(message) {
     if (page.unsaved !== null && message.right !== null) {
@@ -189,7 +193,7 @@ function trial() {
   el("stimulus").hidden = page.about.shown === "";
   if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
   el("lamps").hidden = el("lamps").childElementCount === 0;
-  if (page.standing !== null) say(page.about.prompt);
+  if (page.standing !== null || page.about.released !== "") say(page.about.prompt);
   else if (page.waiting) say(word("wait"));
   else if (page.unsaved === null) say(word("feel"));
   page.choices.fit();
@@ -224,8 +228,23 @@ function answer(response) {
   stand(null);
   page.choices.clear();
   page.choices.mark(response, "chosen");
-  say(word("saving"));
+  if (page.about.released === "") say(word("saving"));
   link.send(page.unsaved);
+}
+
+function hold(yes) {
+  page.held = yes;
+  for (const button of page.choices.buttons.values()) button.setAttribute("aria-pressed", String(yes));
+}
+
+// Lets the button of that response be held by a finger or a mouse; a page that is left holds nothing.
+function holdByHand(response) {
+  const button = page.choices.buttons.get(response);
+  button.onpointerdown = (event) => { button.setPointerCapture(event.pointerId); hold(true); };
+  button.onpointerup = button.onpointercancel = window.onblur = () => hold(false);
+  for (const type of ["keydown", "keyup"]) // before the first trial too
+    document.addEventListener(type, (event) => { if (page.choices.byKey(event.code, event.key) === response) hold(type === "keydown"); });
+  hold(false);
 }
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -238,7 +257,7 @@ document.addEventListener("keydown", (event) => {
   if (writes && event.key !== "Enter" && event.key !== "Escape") return;
   const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.code, event.key);
   const other = document.activeElement !== null && el("others").contains(document.activeElement);
-  if (response !== undefined) { event.preventDefault(); answer(response); }
+  if (response !== undefined) { event.preventDefault(); if (page.about.released === "") answer(response); }
   else if (event.key === "Escape") pause();
   else if (enter && !el("go").hidden && !other) { event.preventDefault(); go(); }
   else if (event.key in ARROWS && !el("choices").hidden && page.choices.number === null) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
