@@ -1,7 +1,9 @@
 """Stores merged, and stations that share one: nothing lost, nothing doubled, contradictions told."""
 
 import shutil
+import socket
 import sqlite3
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -145,6 +147,24 @@ def test_stations__server_lost_in_between__share_every_answer_once(tmp_path, ser
 def test_server__that_is_not_there__is_refused_in_one_line() -> None:
     with pytest.raises(BadInput, match="allowed: a PostgreSQL database that is there and lets one in"):
         Store("postgresql://lab@127.0.0.1:9/nothing")
+
+
+@pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])
+def test_server__that_is_another_program_or_an_echo__is_refused_in_one_line(answer: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+
+        def speak() -> None:
+            talking, _ = other.accept()
+            with talking:
+                talking.sendall(answer)
+                while talking.recv(999):  # as long as it is listened to
+                    pass
+
+        speaking = threading.Thread(target=speak)
+        speaking.start()
+        with pytest.raises(BadInput, match="is no PostgreSQL server; allowed: "):
+            Store(f"postgresql://lab@127.0.0.1:{other.getsockname()[1]}/study")
+        speaking.join()
 
 
 @pytest.mark.slow

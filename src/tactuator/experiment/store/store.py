@@ -7,6 +7,7 @@ import importlib.util
 import logging
 import os
 import sqlite3
+import struct
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from importlib import import_module
@@ -320,7 +321,16 @@ def _server(place: str) -> Engine:
         url = url.set(password=os.environ["PGPASSWORD"])
     engine = create_engine(url, pool_pre_ping=True, connect_args={"timeout": _SERVER_TIMEOUT_S})
     event.listen(engine, "begin", _begin_at_server)
+    event.listen(engine, "do_connect", _connect_to_server)
     return engine
+
+
+def _connect_to_server(dialect: Any, _: Any, arguments: Any, options: Any) -> Any:
+    """Connect. The library looks up in its tables whatever answers: another program, or itself at a port of its own."""
+    try:
+        return dialect.connect(*arguments, **options)
+    except (LookupError, ValueError, struct.error):
+        raise OSError("what answers there is no PostgreSQL server") from None
 
 
 def _server_faults() -> tuple[type[Exception], ...]:
