@@ -25,8 +25,8 @@ from timing import in_turn, of_program
 
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
-from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import Plan, observers, paper_display
+from tactuator.paper.steps import paper_controller
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.verbs.table import top_verbs

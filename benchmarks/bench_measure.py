@@ -10,11 +10,11 @@ import numpy as np
 from paper_loop import RATE_HZ, paper_controller, paper_display
 from timing import in_turn
 
-from tactuator.measure.frequencies import tones
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import stepped_sine
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import from_db
+from tactuator.signals.multisine import tones
 from tactuator.signals.spectra import mains_multiples, off_mains
 
 LEVEL_DB_SL, POINTS, BLOCKS = 20.0, 90, 8

@@ -65,8 +65,8 @@ _SHARED = {
     "tests/verbs/test_flat_api.py": "the results that the examples begin with",
     "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
     "tests/console/test_state.py": "a designed display",
-    "tests/experiment/export/test_export.py": "a store with every kind of trial",
-    "tests/rig/board_check/test_mutants.py::test_check_period": "the objects of a board's program",
+    "tests/experiment/test_export.py": "a store with every kind of trial",
+    "tests/rig/test_mutants.py::test_check_period": "the objects of a board's program",
     "tests/rig/guard/test_lying_sensor.py::test_lawful_play": "the program of lawful play",
     "tests/identification/test_periods.py::test_identify": "five identified records",
     "tests/rig/sound/test_simulated_card.py::test_loopback": "the simulated card",
@@ -111,7 +111,7 @@ _LONG = (
         "wordlength/",
         "io/test_full_disk",
         "model/test_response_plant",
-        "test_helper_process",
+        "test_processors",
     ),
 )
 

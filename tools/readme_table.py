@@ -5,8 +5,8 @@ from pathlib import Path
 
 from tactuator.paper.plan import LEVELS_DB_SL, Plan, paper_display
 from tactuator.paper.report import plates
-from tactuator.paper.response import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.run import run_study
+from tactuator.paper.steps import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.summary import comparison, markdown, upper_db
 
 README = Path(__file__).resolve().parent.parent / "README.md"

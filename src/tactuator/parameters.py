@@ -33,6 +33,8 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 Whole = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
+Seconds = Annotated[Number, Field(ge=0.0, le=86400.0)]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -265,7 +267,6 @@ def _owner(cls: Any, path: list[str]) -> dict[str, FieldInfo]:
 
 
 def _table_within(kind: Any) -> Any:
-    """Return the table that a type is, or holds; None where there is none."""
     if hasattr(kind, "__pydantic_fields__"):
         return kind
     return next((table for each in get_args(kind) if (table := _table_within(each)) is not None), None)

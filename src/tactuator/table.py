@@ -11,9 +11,7 @@ NOBODY_FELT_IT = "simulated: nobody felt this"
 
 
 def picked(noun: Any, *names: str, **others: str) -> dict[str, Any]:
-    """Return attributes of an object by their names; others: by another name, each with a path of attributes
-    ("level.volts").
-    """
+    """Return attributes of an object by name; others: by another name, each with a path ("level.volts")."""
     return {key: attrgetter(path)(noun) for key, path in ({name: name for name in names} | others).items()}
 
 
@@ -31,7 +29,6 @@ def brief(noun: Any) -> str:
 
 
 def _value(value: Any) -> str:
-    """Return the value of a field in a few words."""
     if isinstance(value, bool | str) or value is None:
         return str(value)
     if isinstance(value, int | float):

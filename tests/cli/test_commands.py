@@ -16,7 +16,7 @@ from tactuator.cli.commands import command_of
 from tactuator.experiment.simulated.quality import Setting
 from tactuator.identification.asked import Asked
 from tactuator.measure.open_loop import CalibrationRequest
-from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS
+from tactuator.rig.streaming_check import INSTRUCTION_NS
 from tactuator.verbs.parameters import Fields, constant, sentence_of
 from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tests.cli.refusals import refused
@@ -52,7 +52,7 @@ def test_fields__read_from_the_source__are_those_of_the_dataclass(declared: type
 
 
 def test_constant__read_from_the_source__is_it() -> None:
-    assert constant("rig.board_check.streaming_check", "INSTRUCTION_NS") == INSTRUCTION_NS
+    assert constant("rig.streaming_check", "INSTRUCTION_NS") == INSTRUCTION_NS
 
 
 def test_written_file__is_told_once_and_a_verb_gives_its_result_as_json(

@@ -16,8 +16,7 @@ from rich.console import Console
 from tactuator.cli.commands import Bars, Framed, answer
 from tactuator.report.tables import with_error
 from tactuator.table import ResultTable
-from tactuator.verbs.progress import watched, working
-from tactuator.verbs.result import Result, plain
+from tactuator.verbs.result import Result, plain, watched, working
 
 
 @dataclass(frozen=True)

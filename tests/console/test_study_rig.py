@@ -12,8 +12,8 @@ from tactuator.console.rig_session import Controls, Page
 from tactuator.console.rig_worker import RigWorker
 from tactuator.console.study import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
+from tactuator.experiment.presenter import Halted, Presenter
 from tactuator.experiment.session.task import Apparatus
-from tactuator.experiment.trial.presenter import Halted, Presenter
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 

@@ -10,7 +10,7 @@ import pytest
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.board_check.period_cost import count_cycles
+from tactuator.rig.period_cost import count_cycles
 from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tests.firmware.chip_model import Chip, Drivers, build
@@ -56,7 +56,7 @@ def rig_of(transport: InProcess) -> BoardRig:
 
 
 def test_count_cycles__known_to_the_cycle__are_told_of_each_case(library, monkeypatch):
-    monkeypatch.setattr("tactuator.rig.board_check.period_cost.count_instructions", refuse)
+    monkeypatch.setattr("tactuator.rig.period_cost.count_instructions", refuse)
     found = count_cycles(rig_of(Counted(library)), designed(), 0.1, sleep=lambda seconds: None)
     assert (found.board, found.channels, list(found.cases)) == ("stm32f405", 3, ["at rest", "silent", "usual"])
     for name, step in (("at rest", AT_REST), ("silent", RUNS), ("usual", RUNS)):

@@ -8,7 +8,7 @@ import pytest
 
 from tactuator.identification.constancy import losses, resampled
 from tactuator.identification.trust import GROWING, STANDARDS
-from tactuator.model.trust import reasons
+from tactuator.model.plant_model import reasons
 from witnesses.trust.spoilt import RECORDS, judge, none
 
 PAGE = Path(__file__).parents[2] / "docs" / "identification.md"

@@ -19,7 +19,7 @@ import soundfile
 from tactuator.corpus.corpus import NAME as JOURNAL
 from tactuator.corpus.corpus import open_journal
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import read_words
+from tactuator.experiment.words import read_words
 from tactuator.io import columns, hdf5
 from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs
 from tactuator.io.display import parse_display

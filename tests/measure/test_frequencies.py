@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.measure.frequencies import TOLERANCE, multisine_lines, tones
+from tactuator.signals.multisine import TOLERANCE, multisine_lines, tones
 
 RATE_HZ = 4000.0
 

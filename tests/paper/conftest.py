@@ -11,8 +11,8 @@ import pytest
 from tactuator.cli import main
 from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.response import check_speech
 from tactuator.paper.run import PaperStudy, run_study
+from tactuator.paper.steps import check_speech
 
 STUDY = pytest.StashKey[Path]()
 

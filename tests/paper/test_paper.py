@@ -12,8 +12,8 @@ import pytest
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
-from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.run import PaperStudy, judge_objectives
+from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.summary import comparison, summary
 from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE

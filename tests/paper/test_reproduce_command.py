@@ -12,8 +12,8 @@ from tactuator.cli import main
 from tactuator.paper import report as publish
 from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.response import check_speech
 from tactuator.paper.run import PaperStudy
+from tactuator.paper.steps import check_speech
 from tests.paper.conftest import Reproduced
 
 

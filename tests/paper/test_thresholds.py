@@ -5,8 +5,8 @@ from multiprocessing.connection import wait
 
 import pytest
 
-from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import Plan, paper_display
+from tactuator.paper.steps import paper_controller
 from tactuator.paper.thresholds import observers_at_work
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.patterns.clip import Clip
-from tactuator.patterns.reading import read_clip
+from tactuator.patterns.files import read_clip
 from tests.patterns.formats import HJIF, changed
 
 HAPTIC = {

@@ -13,7 +13,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.patterns.acf import read_acf
 from tactuator.patterns.android import read_profile
 from tactuator.patterns.device import device_sheet
-from tactuator.patterns.reading import read_clip
+from tactuator.patterns.files import read_clip
 from tactuator.signals.record import Response
 
 RATE_HZ, SECONDS = 4000.0, 2.0

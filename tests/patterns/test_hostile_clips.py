@@ -23,7 +23,7 @@ from pathlib import Path
 from tactuator.errors import BadInput
 from tactuator.patterns.acf import read_acf
 from tactuator.patterns.android import read_profile
-from tactuator.patterns.reading import read_clip
+from tactuator.patterns.files import read_clip
 soft = int(sys.argv[2]) * 1024
 resource.setrlimit(resource.RLIMIT_DATA, (soft, soft))
 read = {".acf": read_acf, ".csv": read_profile}

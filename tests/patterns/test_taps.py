@@ -14,8 +14,16 @@ from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
 from tactuator.paper.plan import paper_display
-from tactuator.patterns.phonemes import SpokenPhoneme, phonemes_of
-from tactuator.patterns.taps import CODES, alike, code_phonemes, duration_s, felt_levels_db, usual_layout
+from tactuator.patterns.taps import (
+    CODES,
+    SpokenPhoneme,
+    alike,
+    code_phonemes,
+    duration_s,
+    felt_levels_db,
+    phonemes_of,
+    usual_layout,
+)
 from tactuator.synthesis.design import design_controller
 
 LONG_GRID = """File type = "ooTextFile"

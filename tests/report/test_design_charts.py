@@ -12,8 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactuator.errors import BadInput
 from tactuator.report.controller import design_plates, save_design_plates
-from tactuator.report.envelope import hull
-from tactuator.report.nichols import nichols_plate
+from tactuator.report.nichols import hull, nichols_plate
 from tactuator.report.plate import Plate
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop

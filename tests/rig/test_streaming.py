@@ -11,11 +11,11 @@ from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, Request, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import BoardStream, StreamDry
-from tactuator.rig.board_check.streaming_check import NotJudged, StreamingCheck, check_streaming
 from tactuator.rig.emulator import EmulatorUart
 from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.rig import join_traces, recut_traces
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.streaming_check import NotJudged, StreamingCheck, check_streaming
 from tactuator.rig.transport import InProcess, LinkDown, connect
 from tactuator.runtime.safety_table import Fault
 from tests.rig.board.emulated_ports import serial_board, socket_board

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.sections import paired_sections, sections_response
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, paired_sections, sections_response
 from tests.signals.precisely import polynomial_response
 
 PAPER_PLANT = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])

@@ -2,7 +2,7 @@
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from tactuator.signals.threads import single_threaded
+from tactuator.processors import single_threaded
 
 
 def threads() -> set[int]:

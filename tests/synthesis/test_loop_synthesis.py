@@ -10,8 +10,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop
-from tactuator.signals.sections import backward_difference
-from tactuator.signals.systems import ContinuousSystem
+from tactuator.signals.systems import ContinuousSystem, backward_difference
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import all_kept, assess, command_noise_gain
 from tactuator.synthesis.candidates import COUNT, LoopStructure

@@ -15,8 +15,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop, UnstableLoop
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude, fraction_roots
-from tactuator.signals.sections import sections_response
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tactuator.synthesis import prefilter as fit
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import shipped_languages, shipped_words
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.words import shipped_languages, shipped_words
 from tactuator.verbs.store import sheet
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, everything
 

@@ -8,7 +8,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.io.csv_tables import write_curve
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
-from tactuator.verbs.curves import curves
+from tactuator.verbs.start import curves
 
 MINE = ThresholdCurve(
     "mine", [1.0, 30.0, 300.0], [20.0, 10.0, -10.0], "measured", "me", [1.0] * 3, Contact("index fingertip", 50.0)

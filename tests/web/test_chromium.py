@@ -12,7 +12,7 @@ from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.trial import ForcedChoice
+from tactuator.experiment.trial import ForcedChoice
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, controller, everything
 from tests.experiment.session.test_yes_no import YES_NO
 from tests.web.study import Subject, asked, kills_and_finish, started, visible, watch_errors

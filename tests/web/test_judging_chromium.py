@@ -6,8 +6,8 @@ from contextlib import ExitStack, closing
 import pytest
 from playwright.sync_api import Page, expect
 
-from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.words import shipped_words
 from tests.experiment.session.apparatuses import controller
 from tests.web.study import started, watch_errors
 

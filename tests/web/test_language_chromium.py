@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tactuator.experiment.language.words import shipped_words
+from tactuator.experiment.words import shipped_words
 from tests.experiment.session.apparatuses import controller
 from tests.web.study import ASKED, started, watch_errors
 from tests.web.test_chromium import ONE

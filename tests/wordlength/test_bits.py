@@ -10,8 +10,7 @@ from tactuator.model.controller import AntiWindup
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.signals.discretise import bilinear
-from tactuator.signals.sections import sections_response
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits, filter_bits
 from tests.runtime.paper_display import channel, controller, display, feedback_sections, prefilter_sections

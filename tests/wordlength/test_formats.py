@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.sections import sections_response
+from tactuator.signals.systems import sections_response
 from tactuator.wordlength.bits import rows_response
 from tactuator.wordlength.formats import FixedSections, SingleSections
 from tests.runtime.paper_display import feedback_sections, prefilter_sections

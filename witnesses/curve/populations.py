@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.procedure import Answering
-from tactuator.experiment.procedure.unseen_notch import unseen_notch
+from tactuator.experiment.procedure.run_flags import unseen_notch
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from witnesses.curve import peers
 from witnesses.curve.people import GUESS, POPULATIONS, Floats, People, Population

@@ -19,8 +19,8 @@ import soundfile
 
 import tactuator
 from tactuator.corpus.corpus import open_journal
-from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
+from tactuator.experiment.words import read_words
 from tactuator.io.controller import read_controller
 from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs, read_relative_curve
 from tactuator.io.display import read_display, read_environment

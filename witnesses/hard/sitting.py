@@ -27,8 +27,8 @@ from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.model.controller import Controller
-from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import paper_display
+from tactuator.paper.steps import paper_controller
 from tactuator.rig.simulated import SimulatedRig
 
 CODES = [f"S{number}" for number in range(1, 61)]

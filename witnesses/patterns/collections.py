@@ -27,7 +27,7 @@ from tactuator.io.display import parse_display
 from tactuator.io.shipped import display_template
 from tactuator.model.controller import Controller
 from tactuator.patterns.acf import read_acf
-from tactuator.patterns.reading import read_clip
+from tactuator.patterns.files import read_clip
 from tactuator.patterns.rendering import MAPS, RenderedClip, render_clip
 from tactuator.report.chart import draw
 from tactuator.synthesis.design import design_controller

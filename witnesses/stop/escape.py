@@ -34,8 +34,8 @@ from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store
-from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import paper_display
+from tactuator.paper.steps import paper_controller
 from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.web.lab import Lab

@@ -19,8 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.protocol.judging import JudgingProtocol
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
@@ -28,7 +27,7 @@ from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial import Trial
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display, Strength

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.rig.board_check.period_cost import COUNTING, INSTRUCTION_S
 from tactuator.rig.boards import COMPILER, FLAGS, ROOT, find_board
 from tactuator.rig.emulator import emulator_command
+from tactuator.rig.period_cost import COUNTING, INSTRUCTION_S
 from tactuator.runtime.image import strength_bytes
 from tests.runtime.paper_display import RATE_HZ, controller, display
 from tests.strength import reshaped

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.strength.estimate import CANNOT_TELL, estimate
 from tactuator.experiment.task.discrimination import DiscriminationKeys
+from tactuator.experiment.task.estimate import CANNOT_TELL, estimate
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Judgement, Place
-from tactuator.experiment.trial.trial import Timing
+from tactuator.experiment.trial import Timing
 from tactuator.perception.curve import ThresholdCurve
 
 LAWS = ("sensation-level", "exponents", "sum-of-channels", "velocity", "waves")

@@ -21,8 +21,7 @@ from typer.core import TyperGroup
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
-from tactuator.verbs.progress import Step, watched
-from tactuator.verbs.result import Result, plain
+from tactuator.verbs.result import Result, Step, plain, watched
 from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 
 if TYPE_CHECKING:
@@ -169,7 +168,6 @@ def _option_of(parameter: inspect.Parameter) -> Option | None:
 
 
 def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) -> inspect.Parameter:
-    """Return a parameter in typer's terms."""
     default = parameter.default if option.shell is AS_IN_PYTHON else option.shell
     required = default is inspect.Parameter.empty or default is ...
     annotation = get_args(parameter.annotation)[0] if get_origin(parameter.annotation) else parameter.annotation
@@ -200,7 +198,6 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
 
 
 def _paths(value: Any) -> tuple[Path, ...]:
-    """Return the paths that an option was given."""
     return () if value is None else (value,) if isinstance(value, Path) else tuple(Path(each) for each in value)
 
 

@@ -142,7 +142,6 @@ def _help_for(error: TyperException) -> str:
 
 
 def _os_error(error: OSError) -> str:
-    """Name the file and what the system said of it."""
     files = [str(name) for name in (error.filename, error.filename2) if name is not None]
     return ": ".join([*files, error.strerror or str(error) or type(error).__name__])
 

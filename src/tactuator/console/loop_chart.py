@@ -13,11 +13,11 @@ from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, verdict_of
-from tactuator.report.envelope import hull
+from tactuator.processors import single_threaded
+from tactuator.report.nichols import hull
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
-from tactuator.signals.threads import single_threaded
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.prefilter import fit_prefilter

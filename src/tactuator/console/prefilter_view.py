@@ -14,10 +14,10 @@ from tactuator.console.state import ConsoleState
 from tactuator.io.controller import controller_text
 from tactuator.io.csv_tables import curve_text, read_curve
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.processors import single_threaded
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
-from tactuator.signals.threads import single_threaded
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
 from tactuator.verbs.controller import design
 

@@ -23,12 +23,12 @@ from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
 from tactuator.measure.error import ChannelPrediction
-from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.perception.curve import AMPLITUDE_JND_DB, check_level
 from tactuator.signals.decibels import db
+from tactuator.signals.multisine import over_the_band
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v
 from tactuator.table import picked

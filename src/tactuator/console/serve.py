@@ -82,7 +82,7 @@ def _figures_apart() -> "Iterator[ProcessPoolExecutor]":
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    from tactuator.helper_process import begin_helper
+    from tactuator.processors import begin_helper
 
     apart = ProcessPoolExecutor(1, get_context("spawn"), initializer=begin_helper, initargs=(_NICER,))
     try:

@@ -34,9 +34,8 @@ from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
-from tactuator.experiment.export.export import FORMS
-from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.experiment.protocol.judging import JudgingProtocol
+from tactuator.experiment.export import FORMS
+from tactuator.experiment.protocol.file import JudgingProtocol, read_any_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.studies import fresh_token, open_study, task_of

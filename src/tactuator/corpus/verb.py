@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.table import ResultTable, picked
-from tactuator.verbs.chosen import chosen_controller
-from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, Seed
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result
+from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, Seed, chosen_controller
+from tactuator.verbs.result import Result, working
 
 if TYPE_CHECKING:
     from tactuator.corpus.corpus import CorpusResult

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task, failed
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.helper_process import begin_helper, helper_context
+from tactuator.processors import begin_helper, helper_context
 
 ATTEMPTS_MAX = 3
 """Number of workers that a task may lose before it counts as failed, since the task itself may kill them."""

@@ -20,8 +20,8 @@ from tactuator.identification.trust import GROWING, RESPONSE_ALIKE, RESPONSE_OFF
 from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
+from tactuator.processors import single_threaded
 from tactuator.signals.record import FrequencyResponse
-from tactuator.signals.threads import single_threaded
 
 _STEPS = 40
 

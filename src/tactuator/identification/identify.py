@@ -37,11 +37,10 @@ from tactuator.identification.trust import (
     SKEW,
     VALID,
 )
-from tactuator.model.plant_model import PlantModel
-from tactuator.model.trust import Weighed
+from tactuator.model.plant_model import PlantModel, Weighed
+from tactuator.processors import single_threaded
 from tactuator.signals.multisine import Periods, periods_of
 from tactuator.signals.record import Record
-from tactuator.signals.threads import single_threaded
 
 _FEWEST_LINES = 8
 

@@ -15,9 +15,8 @@ from tactuator.identification.asked import Asked
 from tactuator.identification.constancy import running_together
 from tactuator.identification.lines import Spectrum
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, INTEGRATOR
-from tactuator.model.plant_model import PlantModel
+from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
-from tactuator.model.trust import Weighed
 from tactuator.signals.record import Record
 
 FEWEST = 100

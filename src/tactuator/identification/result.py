@@ -13,8 +13,7 @@ from tactuator.identification.prepared import EmpiricalResponse, ExcitationRepor
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
-from tactuator.model.plant_model import PlantModel
-from tactuator.model.trust import Weighed, reasons
+from tactuator.model.plant_model import PlantModel, Weighed, reasons
 
 
 @dataclass(frozen=True)

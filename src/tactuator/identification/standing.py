@@ -12,8 +12,7 @@ import scipy
 from tactuator.identification.asked import Fixed
 from tactuator.identification.search import Choice
 from tactuator.identification.trust import FIXED, FIXED_DB
-from tactuator.model.plant_model import PlantModel
-from tactuator.model.trust import Weighed
+from tactuator.model.plant_model import PlantModel, Weighed
 
 _BEHIND = 3.0
 """Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to

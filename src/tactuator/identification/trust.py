@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.model.trust import Decides, Weighed
+from tactuator.model.plant_model import Decides, Weighed
 
 _MOST = 1e9
 """Size beyond which a number is told as this."""

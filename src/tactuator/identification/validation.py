@@ -26,8 +26,8 @@ from tactuator.identification.trust import (
 )
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
+from tactuator.processors import single_threaded
 from tactuator.signals.record import Record
-from tactuator.signals.threads import single_threaded
 
 _FEWEST = 10
 """Points of the record's own response below which their share in the band is not judged."""

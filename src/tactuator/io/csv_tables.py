@@ -241,9 +241,7 @@ def write_contours(path: str | Path, contours: Contours) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or
-    its row).
-    """
+    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: each pair's own, or its row."""
 
     displacement_mm: FloatArray
     voltage_v: FloatArray

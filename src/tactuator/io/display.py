@@ -37,6 +37,7 @@ from tactuator.model.description import (
     keys_of,
 )
 from tactuator.model.plant import Load, system_of
+from tactuator.model.plant_model import Weighed, reasons
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -46,7 +47,6 @@ from tactuator.model.requirements import (
     Wires,
 )
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
-from tactuator.model.trust import Weighed, reasons
 from tactuator.parameters import Number, allowed, from_table, in_file, parameters, require_known
 from tactuator.perception.curve import Contact, ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem

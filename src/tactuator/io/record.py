@@ -74,9 +74,7 @@ def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:
 
 
 def _typical_step(step: FloatArray) -> float:
-    """Return the median step, sharpened by the mean of all that are near it (stamps rounded to few digits
-    alternate).
-    """
+    """Return the median step, sharpened by the mean of all that are near it (rounded stamps alternate)."""
     median = float(np.median(step))
     near = np.abs(step - median) <= 0.6 * median
     return float(np.mean(step[near]))
@@ -273,7 +271,6 @@ _UNITS = {"v": "V", "mv": "mV", "mm": "mm", "um": "um", "m": "m", "nm": "nm"}
 
 
 def _unit(name: str) -> str:
-    """Return the unit that a column's name ends in, or none."""
     return _UNITS.get(name.lower().rpartition("_")[2], "") if "_" in name else ""
 
 

@@ -49,9 +49,7 @@ MOST_CHUNK_VALUES = 1 << 24
 
 @table("scale")
 class ReferenceHead:
-    """The statement of a reference about itself. curves: channel -> (name, SHA-256 of the points); provenance: plain
-    JSON.
-    """
+    """The statement of a reference about itself. curves: channel -> (name, SHA-256 of points); provenance: JSON."""
 
     rate_hz: Positive
     channels: tuple[str, ...]
@@ -103,9 +101,7 @@ class ReferenceWriter:
 
     @property
     def sha256(self) -> str:
-        """Return SHA-256 (hex) of the samples so far as a WAV holds them, whatever the file's kind; see
-        `content_sha256`.
-        """
+        """Return SHA-256 (hex) of the samples so far; see `content_sha256`."""
         return self._digest.hexdigest()
 
     def write(self, block: FloatArray) -> None:
@@ -222,9 +218,7 @@ def open_reference(path: str | Path) -> ReferenceFile:
 
 
 def content_sha256(path: str | Path) -> str:
-    """Return SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_shares`), whatever the file's
-    kind.
-    """
+    """Return SHA-256 (hex) of a reference's samples as a WAV holds them (`sample_shares`), in any kind of file."""
     reference, digest = open_reference(path), hashlib.sha256()
     for block in reference.blocks():
         digest.update(sample_shares(block, reference.head).data)

@@ -97,7 +97,6 @@ def _end_of_rf64(file: BinaryIO, head: bytes) -> int:
 
 
 def _end_of_w64(file: BinaryIO, head: bytes) -> int:
-    """Return where a W64 ends by its own statement."""
     return int(struct.unpack("<Q", head[16:24])[0])
 
 

@@ -86,9 +86,7 @@ def read_finite_json(path: Path) -> Any:
 
 
 def parse_finite_json(text: str) -> Any:
-    """Return the content of a JSON text in which no number is NaN or infinite. Raises BadInput, with the reason
-    alone, for other text.
-    """
+    """Return the content of a JSON text without NaN or infinities. Raises BadInput, the reason alone, otherwise."""
     try:
         return json.loads(text, parse_constant=_refused, parse_float=_finite)
     except BadInput:

@@ -62,9 +62,7 @@ class Heard:
     others_v: FloatArray
 
     def response(self) -> tuple[ComplexArray, FloatArray]:
-        """Return the response at the excited lines, (m,), and its relative standard error from what differs between the
-        periods.
-        """
+        """Return the response at the excited lines, (m,), and its relative standard error between periods."""
         heard = np.fft.rfft(self.position, axis=1)[:, self.wave.bins]
         asked = np.fft.rfft(self.command, axis=1)[:, self.wave.bins].mean(axis=0)
         mean = heard.mean(axis=0)
@@ -103,9 +101,7 @@ def hear(rig: Rig, name: str, wave: Multisine, volts: float, periods: int) -> He
 
 @dataclass(frozen=True)
 class Level:
-    """The level at which a channel is recorded. volts: peak; above_noise_db; moved_mm: peak; bound_by: what keeps it
-    from being greater.
-    """
+    """Level at which a channel is recorded. volts, moved_mm: peak; bound_by: what keeps it from being greater."""
 
     volts: float
     above_noise_db: float

@@ -31,9 +31,7 @@ TREMOR_HZ = (4.0, 12.0)
 
 @dataclass(frozen=True, eq=False)
 class Rejection:
-    """Rejection of a force: |S| measured and expected, dB, at frequency_hz (m,), with 95 % half-widths; force_v: peak
-    of the press, (m,).
-    """
+    """Rejection of a force at frequency_hz (m,): |S|, dB, with 95 % half-widths; force_v: peak of the press, (m,)."""
 
     frequency_hz: FloatArray
     measured_db: FloatArray

@@ -36,9 +36,7 @@ class ChannelPrediction:
 
     @classmethod
     def of(cls, controller: Controller, name: str, load: str | None = None) -> ChannelPrediction:
-        """Return the prediction for a channel of `controller`. Raises BadInput for a channel or a load that is not
-        there.
-        """
+        """Return the prediction for a channel of `controller`. Raises BadInput for an unknown channel or load."""
         channel, designed = controller.display.channel(name), controller.channel(name)
         rate = controller.rate_hz
         loaded = channel.loaded_plant(None if load is None else channel.load(load))
@@ -52,9 +50,7 @@ class ChannelPrediction:
         return self.loop.command_response(_off_rest(frequency_hz))
 
     def displacement(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the millimetres at the finger per threshold unit: what the sensor shows, integrated as often as it
-        differentiates.
-        """
+        """Return the millimetres at the finger per threshold unit: what the sensor shows, integrated as needed."""
         frequency = _off_rest(frequency_hz)
         if self.moved is not None:
             volts = self.loop.command_response(frequency) * self.moved.response(frequency)

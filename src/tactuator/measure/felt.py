@@ -94,9 +94,7 @@ class BandAnalysis:
         return np.asarray(scipy.fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
 
     def frames(self, spectrum: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
-        """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectrum`: its
-        rfft.
-        """
+        """Return the levels in the frames wholly within `seconds` after a chunk's margin; `spectrum`: its rfft."""
         return BandFrames(
             self._levels(spectrum, self.long_bands, LONG_FRAME_S, seconds),
             self._levels(spectrum, self.short_bands, SHORT_FRAME_S, seconds),
@@ -185,9 +183,7 @@ class FingerFelt:
 
     @property
     def difference_db(self) -> Levels:
-        """Return the felt less the asked level over the whole, for every band; NaN where less than 10 dB SL
-        was asked.
-        """
+        """Return felt less asked over the whole, for every band; NaN where less than 10 dB SL was asked."""
         return np.where(self.asked_db_sl >= HEARD_DB_SL, self.felt_db_sl - self.asked_db_sl, np.nan)
 
     @property
@@ -218,9 +214,7 @@ class FeltReport:
         return max(values) if values else float("nan")
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """Return, by finger, the rms over the whole and the median and 95th percentile of the frames' rms, of either
-        kind.
-        """
+        """Return, by finger, the rms over the whole, and the median and 95th percentile of the frames' rms."""
         return {finger.finger: _figures(finger) for finger in self.fingers}
 
 
@@ -299,9 +293,7 @@ class FeltComparison:
 
 
 def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
-    """Return the rms over bands of the felt less the asked level, one value for every frame with a band asked for at 10
-    dB SL or above.
-    """
+    """Return the rms over bands of felt less asked, one for each frame with a band asked for at 10 dB SL or above."""
     counted = asked_db >= HEARD_DB_SL
     squares = np.where(counted, felt_db - np.where(counted, asked_db, 0.0), 0.0) ** 2
     squares = np.where(counted, squares, 0.0)

@@ -162,9 +162,7 @@ class FeltNoise:
 
     @property
     def worst_noise_db_sl(self) -> float:
-        """Return the highest level of a third octave or of the resonance: the paper's objective iii asks for less than
-        0.
-        """
+        """Return the highest level of a third octave or of the resonance; the paper asks for less than 0."""
         return max(float(np.max(self.band_db_sl, initial=-np.inf)), self.resonance_db_sl or -np.inf)
 
 

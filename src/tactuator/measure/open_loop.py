@@ -240,9 +240,7 @@ class KnownChannel:
 
 
 class NoEqualiser(NoDesign):
-    """There is no prefilter for what was measured. display: with the plants and bands that were found; known: its
-    channels.
-    """
+    """There is no prefilter for what was measured. display: with plants and bands as found; known: its channels."""
 
     def __init__(self, reason: str, display: Display, known: tuple[KnownChannel, ...]) -> None:
         super().__init__(reason)

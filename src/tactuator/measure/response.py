@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.measure.frequencies import multisine_lines, tones
 from tactuator.measure.options import MeasurementOptions
 from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig, Trace, recut_traces, require_sensors
 from tactuator.signals.decibels import from_db, half_width_db
-from tactuator.signals.multisine import Multisine, multisine
+from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import LockIn, mains_multiples
 
@@ -123,9 +122,7 @@ class _Tone:
         self._lock_in = LockIn(lines, rig.rate_hz, self._block)
 
     def measure(self) -> _Point:
-        """Measure at one frequency: settle, then block after block, all in one stream; what was fed ahead is played
-        out.
-        """
+        """Measure at one frequency: settle, then block after block in one stream; what was fed ahead is played out."""
         confidence_db = self._options.confidence_db
         most = max(_FEWEST_BLOCKS, int(self._options.longest_s * self._rig.rate_hz / self._block))
         settling = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
@@ -189,7 +186,6 @@ def _responses(
     points: Sequence[_Point],
     options: MeasurementOptions,
 ) -> tuple[Response, ...]:
-    """Return the response of every measured channel at the frequencies that are done."""
     done = frequencies[: len(points)]
     amplitude, confidence, noise, distortion, saturated = (
         np.array([getattr(point, name) for point in points]).T
@@ -297,9 +293,7 @@ class _Player:
         return np.asarray(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
 
     def _parts(self, column: int) -> tuple[ComplexArray, FloatArray, FloatArray]:
-        """Return the mean amplitude (m,), the variance of that mean by noise, and the power of distortion on a line, at
-        the excited lines.
-        """
+        """Return mean amplitude (m,), variance of it by noise, and power of distortion on a line, at excited lines."""
         spectra = np.stack([spectra[:, column] for spectra in self._kept])
         mean = spectra.mean(axis=0)
         scatter = np.sum(np.abs(spectra - mean) ** 2, axis=0) / (self.periods - 1)
@@ -311,9 +305,7 @@ class _Player:
         return mean[self._excited.bins], noise, np.maximum(repeated - noise, 0.0)
 
     def _around(self, power: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-        """Return the mean of the usable lines around each excited one: 12 at least, a tenth of the frequency to each
-        side.
-        """
+        """Return the mean of the usable lines around each excited one: 12 or more, a tenth of it to each side."""
         means = []
         places = np.flatnonzero(usable)
         for line in self._excited.bins:

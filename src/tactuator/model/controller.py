@@ -17,8 +17,7 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display, display_document, document_hash
 from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, plain, table
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.signals.sections import check_sections
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import SampledSystem, check_sections
 from tactuator.table import brief
 
 PREVIEW_MAX = 16

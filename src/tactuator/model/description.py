@@ -52,9 +52,7 @@ def document_hash(document: dict[str, Any]) -> str:
 
 
 def display_document(display: Display) -> dict[str, Any]:
-    """Return the plain tables that `parse_display` turns into an equal display: curves with their points, plants as
-    roots.
-    """
+    """Return plain tables that `parse_display` makes an equal display of: curves with points, plants as roots."""
     wires = () if display.sound is None else display.sound.wires
     card = {} if display.sound is None else {"sound": _own(display.sound)}
     channels = [_channel_document(channel) for channel in display.channels]
@@ -397,9 +395,7 @@ class Channel:
             raise BadInput("two loads have the same name", "each name once")
 
     def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
-        """Tell, frequency by frequency, whether the plant is known there; an edge counts with what rounding makes of
-        it.
-        """
+        """Tell, frequency by frequency, whether the plant is known there; edges count within rounding."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         low, high = self.valid_hz or (0.0, np.inf)
         return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
@@ -440,9 +436,7 @@ class Channel:
         return self.plant if load is None else load.applied_to(self.plant, self.quantity)
 
     def threshold_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
-        """Return the |H| that the curve asks for: peak volts of y at threshold (r = 1), at `frequency_hz`
-        (any shape).
-        """
+        """Return the |H| that the curve asks for: peak volts of y at threshold (r = 1); any shape."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         speed = (2.0 * np.pi * frequency) ** DERIVATIVES[self.quantity]
         return self.sensor_gain_v_per_mm * self.threshold.curve.displacement_mm(frequency) * speed
@@ -463,9 +457,7 @@ class Channel:
 
 @table("[display]")
 class Display:
-    """Channels that share one rate and one computing delay. sound: their wiring to a sound card, None where nothing is
-    said of it.
-    """
+    """Channels that share one rate and one computing delay. sound: their wiring to a sound card, or None."""
 
     name: Annotated[str, InFile("display"), Field(description="how it is called in reports")]
     rate_hz: Annotated[

@@ -16,7 +16,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.description import HIGHEST_RATE_HZ, Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.trust import Weighed
+from tactuator.model.plant_model import Weighed
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
@@ -224,9 +224,7 @@ def channel_doubts(channel: Channel, rate_hz: float) -> Iterator[Doubt]:
 
 
 def channel_reasons(channel: Channel, rate_hz: float) -> list[str]:
-    """Return in sentences why nothing should be designed for a channel: what can hardly be, and a plant that is not to
-    be trusted.
-    """
+    """Return why nothing should be designed for a channel: what can hardly be, and a plant not to be trusted."""
     distrust = () if channel.recorded is None else channel.recorded.distrust
     doubts = map(str, channel_doubts(channel, rate_hz))
     return [*doubts, *(f"the plant is not to be trusted: {reason}" for reason in distrust)]

@@ -42,9 +42,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """Parameters of a study. display: what is simulated; seed: of everything random; speech: a file, or None for the
-    shipped sample.
-    """
+    """Parameters of a study. display: what is simulated; seed: of all randomness; speech: a file (None: the sample)."""
 
     display: Display
     seed: int = 1

@@ -14,9 +14,8 @@ import numpy as np
 from tactuator import __version__
 from tactuator.experiment.result.store_results import PersonThresholds
 from tactuator.model.verdict import Finding, Objective
-from tactuator.paper.loops import sampled_loop
-from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.run import PaperStudy
+from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, sampled_loop, worst_error_db
 from tactuator.paper.summary import comparison, summary_text
 from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.perception.curve import COMFORT_DB_SL
@@ -283,9 +282,7 @@ def _worded(finding: Finding) -> str:
 
 
 def plates(study: PaperStudy) -> tuple[Plate, ...]:
-    """Return the plates: fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the
-    reshaped response.
-    """
+    """Return the plates: fig01 to fig12 as in the paper, then noise, prefilter, resolution, reshaped response."""
     display, flatness_db = study.plan.display, study.plan.display.objectives.flatness_db
     first = display.channels[0]
     curve = first.threshold.curve

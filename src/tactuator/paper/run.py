@@ -15,17 +15,22 @@ from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, compared, verdict_of
-from tactuator.paper.loops import (
+from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, MOTOR_HZ, PROPORTIONAL_GAINS, Plan, Progress
+from tactuator.paper.steps import (
+    LOADED,
+    UNLOADED,
     PaperLoop,
     Prefilters,
+    ResponsePoint,
+    Spoken,
     bits_needed,
     judge_prefilters,
+    measure_responses,
     paper_controller,
     paper_loop,
     reshaped_controller,
+    speak,
 )
-from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, MOTOR_HZ, PROPORTIONAL_GAINS, Plan, Progress
-from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, Spoken, measure_responses, speak
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db
@@ -136,9 +141,7 @@ class PaperStudy:
 
 
 def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
-    """Run the whole study; file: the plan's speech file as `check_speech` found it, so that a bad one is
-    refused first.
-    """
+    """Run the whole study; file: the plan's speech as `check_speech` found it: a bad one is refused first."""
     controller = paper_controller(plan.display)
     with observers_at_work(plan, controller) as detected_by:  # they take longer than all the rest together
         calibration = calibrate(plan)
@@ -197,9 +200,7 @@ def _default(plan: Plan, progress: Progress) -> tuple[ResponsePoint, ...]:
 
 
 def _without_friction(plan: Plan, controller: ControllerResult, progress: Progress) -> tuple[ResponsePoint, ...]:
-    """Measure the response at 0 dB SL of the same display with its friction taken away: what is missing with it is
-    friction.
-    """
+    """Measure the response at 0 dB SL of the same display without its friction: the difference is friction."""
     channels = tuple(
         replace(channel, environment=replace(channel.environment, friction_v=0.0))
         for channel in controller.display.channels
@@ -319,9 +320,7 @@ class OpenLoopResponse:
 
 
 def measure_motors(plan: Plan, progress: Progress) -> OpenLoopResponse:
-    """Measure by stepped sine straight into the motors, at MOTOR_HZ, as loud as half the range or a fifth of the travel
-    allows.
-    """
+    """Measure by stepped sine straight into the motors at MOTOR_HZ, up to half the range or a fifth of the travel."""
     rig = tt.SimulatedRig(plan.display, plan.seed_of("open-loop response"))
     rows = []
     for done, hertz in enumerate(MOTOR_HZ, start=1):

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tactuator.paper.plan import LEVELS_DB_SL
-from tactuator.paper.response import LOADED, UNLOADED, Spoken, worst_error_db
 from tactuator.paper.run import PaperStudy
+from tactuator.paper.steps import LOADED, UNLOADED, Spoken, worst_error_db
 from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.parameters import plain
 from tactuator.table import picked

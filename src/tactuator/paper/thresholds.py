@@ -24,10 +24,10 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.sitting import Observer, run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.helper_process import begin_helper, helper_context
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.processors import begin_helper, helper_context
 
 _PROTOCOL = """
 [study]
@@ -139,7 +139,6 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
 
 
 def _runs(path: Path) -> list[StoredRun]:
-    """Return the finished runs of a store."""
     store = Store(path, must_exist=True)
     try:
         return detection_runs(store)

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 
 from tactuator.table import ResultTable
 from tactuator.verbs.parameters import Option, Place, Seed
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of
+from tactuator.verbs.result import Result, columns_of, working
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,8 +55,8 @@ def reproduce(
     from tactuator.io.atomic import atomic_folder
     from tactuator.paper.plan import Plan, paper_display
     from tactuator.paper.report import OWN_NAMES, publish
-    from tactuator.paper.response import check_speech
     from tactuator.paper.run import STEPS, run_study
+    from tactuator.paper.steps import check_speech
     from tactuator.paper.summary import comparison, summary
 
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))

@@ -102,9 +102,7 @@ _ESCAPED = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t", "v": "\v", "0
 
 
 def parse_json5(text: str) -> Any:
-    """Return the content of a JSON5 text without NaN and infinities. Raises BadInput, with the reason alone, for other
-    text.
-    """
+    """Return the content of a JSON5 text without NaN or infinities. Raises BadInput, the reason alone, otherwise."""
     if len(text) > _LARGEST:
         raise BadInput(f"it has more than {_LARGEST >> 20} MB")
     return parse_finite_json(" ".join(_json(text)))

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput
-from tactuator.parameters import Band, Numbers, Positive, parameters, table, unit
+from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
 from tactuator.signals.decibels import db, from_db
 from tactuator.table import brief
 
@@ -166,6 +166,8 @@ COMFORT_DB_SL = 55.0
 LOWEST_DB_SL = -60.0
 """The least level that may be asked for: far below what is felt and what a sensor can tell from its noise. Below some
 -6500 dB SL an amplitude is zero in double precision, and a ratio to it is no number."""
+Level = Annotated[Number, Field(ge=LOWEST_DB_SL, le=COMFORT_DB_SL)]
+"""A level in dB SL that the display may be asked for."""
 
 
 def check_level(level_db_sl: float) -> None:
@@ -225,9 +227,7 @@ def level_from_acceleration(
     frequency_hz: np.ndarray[tuple[int], np.dtype[np.float64]],
     acceleration_m_s2_rms: np.ndarray[tuple[int], np.dtype[np.float64]],
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the level (dB re 1 um peak) of a sinusoid of that rms acceleration: 20 log10(sqrt(2) a / (2 pi f)^2 /
-    1e-6).
-    """
+    """Return the level of a sinusoid of that rms acceleration: 20 log10(sqrt(2) a / (2 pi f)^2 / 1e-6)."""
     peak_m = np.sqrt(2.0) * acceleration_m_s2_rms / (2.0 * np.pi * frequency_hz) ** 2
     return np.asarray(20.0 * np.log10(peak_m / 1e-6))
 

@@ -11,8 +11,20 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure
 
 from tactuator.arrays import FloatArray
-from tactuator.report.plate import Plate, labelled, table_of
-from tactuator.report.style import CYCLE, FAINT, GREEN, INK, ORANGE, RED, frequency_axis, house, legend
+from tactuator.report.plate import (
+    CYCLE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    RED,
+    Plate,
+    frequency_axis,
+    house,
+    labelled,
+    legend,
+    table_of,
+)
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine
 
 

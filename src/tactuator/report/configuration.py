@@ -13,8 +13,7 @@ from matplotlib.patches import Circle, FancyBboxPatch
 
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.report.plate import Plate, table_of
-from tactuator.report.style import BLUE, INK, WIDTH_IN
+from tactuator.report.plate import BLUE, INK, WIDTH_IN, Plate, table_of
 from tactuator.report.tables import printed_polynomials
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 

@@ -17,8 +17,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.report.felt import equality_plate
 from tactuator.report.nichols import nichols_plate
-from tactuator.report.plate import Plate, labelled, save_plates, table_of
-from tactuator.report.style import (
+from tactuator.report.plate import (
     BLUE,
     CYCLE,
     FAINT,
@@ -26,11 +25,15 @@ from tactuator.report.style import (
     INK,
     ORANGE,
     RED,
+    Plate,
     figure,
     frequency_axis,
+    labelled,
     legend,
     line_style,
     phase_deg,
+    save_plates,
+    table_of,
 )
 from tactuator.report.tables import load_words
 from tactuator.signals.decibels import db
@@ -65,7 +68,6 @@ _LIMIT_COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
 
 
 def _lowest(rooms: Mapping[str, Headroom]) -> dict[str, Headroom]:
-    """Return for each load the lowest headroom of all its models, frequency by frequency."""
     lowest = {}
     for load, names in _by_load(list(rooms)).items():
         levels = np.array([rooms[name].level_db_sl for name in names])

@@ -21,8 +21,7 @@ from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.chart import draw_curve, draw_levels
-from tactuator.report.plate import Plate, labelled, save_plates, table_of
-from tactuator.report.style import (
+from tactuator.report.plate import (
     BLUE,
     CYCLE,
     FAINT,
@@ -30,10 +29,14 @@ from tactuator.report.style import (
     INK,
     ORANGE,
     RED,
+    Plate,
     figure,
     frequency_axis,
+    labelled,
     legend,
     phase_deg,
+    save_plates,
+    table_of,
 )
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
@@ -152,9 +155,7 @@ def motor_plate(
     rate_hz: float,
     channel: str,
 ) -> Plate:
-    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model between its ends, continuous and as
-    it is sampled at rate_hz.
-    """
+    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model, continuous and sampled."""
     sampled = zero_order_hold(continuous, rate_hz)
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
     fine = np.geomspace(low, high, 400)
@@ -181,9 +182,7 @@ def motor_plate(
 
 
 def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> Plate:
-    """Draw one channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed
-    loop.
-    """
+    """Draw one channel: third octaves (left), mains lines (right), by proportional gain and designed loop."""
     drawing, (bands, lines) = figure(1, 2, height_in=4.2, sharey=True)
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
     curves: list[tuple[str, str, FeltNoise, object, float]] = [

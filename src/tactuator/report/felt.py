@@ -18,8 +18,20 @@ from tactuator.measure.felt import HEARD_DB_SL, LONG_FRAME_S, SHORT_FRAME_S, Fel
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
-from tactuator.report.plate import Plate, labelled, table_of
-from tactuator.report.style import BLUE, CYCLE, GREEN, INK, ORANGE, RED, figure, frequency_axis, legend
+from tactuator.report.plate import (
+    BLUE,
+    CYCLE,
+    GREEN,
+    INK,
+    ORANGE,
+    RED,
+    Plate,
+    figure,
+    frequency_axis,
+    labelled,
+    legend,
+    table_of,
+)
 from tactuator.signals.decibels import db
 
 

@@ -1,4 +1,4 @@
-"""The Nichols chart of a loop and its family, with margins marked and labels that do not collide."""
+"""The Nichols chart of a loop and the envelopes of its family, with margins marked and labels that do not collide."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import Bbox
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.report.envelope import hull, swept
-from tactuator.report.plate import Plate
-from tactuator.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, figure
+from tactuator.report.plate import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Plate, figure
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
 
@@ -289,9 +287,7 @@ def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
 
 
 def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
-    """Label |T| in dB along the right edge or on the contour; phase of T along the top or bottom, where
-    there is room.
-    """
+    """Label |T| in dB at the right edge or on the contour; phase of T at the top or bottom, where there is room."""
     low, high = axes.get_ylim()
     lowest_deg, right = axes.get_xlim()
     ground = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
@@ -318,3 +314,34 @@ def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
 
 def _minus(text: str) -> str:
     return text.replace("-", "−")
+
+
+def hull(points: FloatArray) -> FloatArray:
+    """Return the corners of the convex hull of `points`, (n, 2), in turn, (k, 2); Andrew's monotone chain."""
+    ordered = np.unique(points, axis=0)
+    if len(ordered) < 3:
+        return ordered
+    chains: list[list[FloatArray]] = []
+    for walk in (ordered, ordered[::-1]):
+        chain: list[FloatArray] = []
+        for point in walk:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0.0:
+                chain.pop()
+            chain.append(point)
+        chains.append(chain[:-1])
+    return np.array([*chains[0], *chains[1]])
+
+
+def _turn(start: FloatArray, middle: FloatArray, end: FloatArray) -> float:
+    first, second = middle - start, end - start
+    return float(first[0] * second[1] - first[1] * second[0])
+
+
+def swept(lines: Sequence[FloatArray], step: int = 6) -> list[FloatArray]:
+    """Return polygons that cover everything between curves: the hulls of their pieces of `step` points.
+
+    lines: curves over one grid of frequencies, each (2, n).
+    """
+    stacked = np.array(lines)
+    starts = range(0, stacked.shape[2] - 1, step)
+    return [hull(stacked[:, :, at : at + step + 1].transpose(0, 2, 1).reshape(-1, 2)) for at in starts]

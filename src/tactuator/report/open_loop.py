@@ -111,7 +111,6 @@ def _channel(calibrated: CalibratedChannel, controller: Controller, asked: Calib
 
 
 def _by_octave(flat: Flatness) -> list[str]:
-    """Return the least and the greatest error of each octave band."""
     octave = np.argmin(np.abs(np.log(flat.frequency_hz[:, None] / np.array(_OCTAVES))), axis=1)
     return [
         f"{_OCTAVES[number]:g} Hz {flat.error_db[octave == number].min():+.2f} to "
@@ -209,9 +208,7 @@ def equaliser_document(designed: ChannelController, rate_hz: float) -> dict[str,
 
 
 def response_document(controller: Controller, name: str) -> dict[str, Any]:
-    """Return what a channel's model answers over its band: mm at the finger for a volt, and felt level less the level
-    asked under the equaliser.
-    """
+    """Return a channel's model over its band: mm for a volt, and felt less asked under the equaliser."""
     prediction = ChannelPrediction.of(controller, name)
     low, high = prediction.channel.threshold.band_hz
     frequency = np.geomspace(low, high, _POINTS)

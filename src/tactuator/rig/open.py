@@ -66,9 +66,7 @@ def emulated_rig(
     number_format: str = "float32",
     counting: str | None = "shift=3,sleep=off",
 ) -> BoardRig:
-    """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
-    cross-compiler is missing.
-    """
+    """Return a rig of a simulated `display` on an emulated board ("mps2-an500"). Raises BadInput without its tools."""
     return simulated_board_rig(emulator(board, counting), display, seed, number_format)
 
 

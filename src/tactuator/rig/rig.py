@@ -77,9 +77,7 @@ class Finger:
 
 
 def take_forces(fingers: Sequence[Finger], count: int) -> FloatArray | None:
-    """Take the forces of the coming `count` samples, (count, fingers), so that they are over; None where nothing
-    presses.
-    """
+    """Take the forces of the coming `count` samples, (count, fingers); None where nothing presses."""
     if not any(finger._pressed_v.size for finger in fingers):
         return None
     forces = np.zeros((count, len(fingers)))
@@ -158,9 +156,7 @@ class Trace:
 
 
 def recut_traces(traces: Iterable[Trace], lengths: Iterable[int]) -> Iterator[Trace]:
-    """Yield traces that follow one another, cut into pieces of these lengths (1 or more); what is left over is left
-    out.
-    """
+    """Yield consecutive traces, cut into pieces of these lengths (1 or more); the rest is left out."""
     source = iter(traces)
     kept: list[Trace] = []
     for length in lengths:
@@ -224,9 +220,7 @@ class Rig(ABC):
 
     @abstractmethod
     def play(self, reference: ArrayLike) -> Trace:
-        """Play a reference (n, channels), threshold units, through the loaded controller. Raises BadInput if none is
-        loaded.
-        """
+        """Play a reference (n, channels), threshold units, through the controller. Raises BadInput without one."""
 
     @abstractmethod
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:

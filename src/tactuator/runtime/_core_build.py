@@ -27,9 +27,7 @@ PREAMBLE = """
 
 
 def declarations(header: str) -> str:
-    """Return the declarations that cffi needs of a header: its types, its enumerations and its functions, inline ones
-    without bodies.
-    """
+    """Return a header's declarations for cffi: types, enumerations, and functions without bodies."""
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
     text = re.sub(r"\\\n", " ", text)
     text = re.sub(r"^\s*#.*$", "", text, flags=re.MULTILINE)

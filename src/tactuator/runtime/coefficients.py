@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.signals.sections import check_sections
+from tactuator.signals.systems import check_sections
 
 PREFILTER_SECTIONS_MAX = 8
 FEEDBACK_SECTIONS_MAX = 4
@@ -68,9 +68,7 @@ class Q31Section:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """Return the values that the mantissas stand for: b0, b1', b2', a1', a2' between the section's own
-        full scales.
-        """
+        """Return the mantissas' values: b0, b1', b2', a1', a2' between the section's own full scales."""
         row_of = (0, 1, 2, 1, 2)
         return tuple(
             math.ldexp(mantissa, -_EXTRA_BITS - self.shifts[row])
@@ -92,9 +90,7 @@ def q31_row(values: tuple[float, ...], bits: int = 31) -> tuple[tuple[int, ...],
 
 
 def q31_conditioning(threshold_units_per_volt: float) -> tuple[tuple[int, ...], int]:
-    """Return, as `q31_row` does, the shares of the reference's full scale for one of the command's; 0 where Q31 cannot
-    hold it.
-    """
+    """Return, as `q31_row`, the reference's shares of full scale for one of the command's; 0 if Q31 cannot hold it."""
     share = threshold_units_per_volt * VOLTS_FULL_SCALE / REFERENCE_FULL_SCALE
     if not abs(share) < _Q31_CONDITIONING_MAX:
         share = 0.0

@@ -168,9 +168,7 @@ def check_arithmetic() -> None:
 
 
 def block_samples(samples: ArrayLike, channels: int, name: str) -> FloatArray:
-    """Return `samples` as a contiguous array (n, channels); a vector is taken where there is one channel. Raises
-    BadInput if not.
-    """
+    """Return `samples` as a contiguous array (n, channels); one channel takes a vector. Raises BadInput if not."""
     try:
         array = np.asarray(samples)
     except ValueError:

@@ -61,9 +61,7 @@ class HeldPlants:
 
 @dataclass(frozen=True)
 class _Canonical:
-    """A plant in canonical form: den(xi) = gain u, monic; y = sensor(xi) volts and displacement(xi) mm; ascending
-    powers of s.
-    """
+    """A plant in canonical form: den(xi) = gain u, monic; y = sensor(xi) V, displacement(xi) mm; ascending in s."""
 
     den: FloatArray
     gain: float
@@ -123,9 +121,7 @@ def _typical_pole(forms: list[_Canonical]) -> float:
 def _hold(
     form: _Canonical, order: int, reference_gain: float, scale: float, rate_hz: float, fraction: float
 ) -> HeldPlant:
-    """Return the plant, held, in the states xi^(i) / scale^i, where xi is that of the plant without load times its
-    gain.
-    """
+    """Return the held plant in the states xi^(i) / scale^i; xi: of the plant without load, times its gain."""
     order_held = form.den.size - 1
     gain = form.gain / reference_gain
     a = np.eye(order_held, k=1) * scale

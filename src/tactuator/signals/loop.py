@@ -365,9 +365,7 @@ def _crossings(function: Callable[[float], float], grid: FloatArray, values: Flo
 
 
 def _crossing(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return the frequency of a zero between two logarithms of frequency; an end of them where it is zero there but for
-    rounding.
-    """
+    """Return the frequency of a zero between two logarithms of frequency; an end where only rounding differs."""
     at_low, at_high = function(low), function(high)
     if np.signbit(at_low) == np.signbit(at_high):
         return float(np.exp(low if abs(at_low) < abs(at_high) else high))

@@ -190,9 +190,7 @@ class Program:
         return excess if excess > _EXCESS_DB else 0.0
 
     def again(self) -> Program:
-        """Return a program of the same goal in the basis of this solution's roots, every constraint in proportion to
-        this solution's D.
-        """
+        """Return a program of the same goal in the basis of this solution's roots, constraints scaled by its D."""
         return Program(self._goal, self._rate_hz, self.order, False, self)
 
     def root_corners(self) -> tuple[FloatArray, FloatArray]:

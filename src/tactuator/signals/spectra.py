@@ -37,9 +37,7 @@ def third_octave_bands(low_hz: float, high_hz: float) -> tuple[Band, ...]:
 
 
 class LockIn:
-    """Lock-in at certain frequencies for blocks of `count` samples: what does not depend on the values is worked out
-    once.
-    """
+    """Lock-in at certain frequencies for blocks of `count` samples; what does not depend on values is kept."""
 
     def __init__(self, frequency_hz: ArrayLike, rate_hz: float, count: int) -> None:
         """Raise BadInput for frequencies outside 0 .. rate/2 or more unknowns than samples."""

@@ -25,12 +25,12 @@ from tactuator.model.controller import (
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import channel_reasons
+from tactuator.processors import single_threaded
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-from tactuator.signals.threads import single_threaded
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family

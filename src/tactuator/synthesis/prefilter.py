@@ -25,8 +25,7 @@ from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
-from tactuator.signals.sections import sections_response
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis.felt import friction_loss_db
 from tactuator.synthesis.sections import cascade
 

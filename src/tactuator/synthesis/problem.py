@@ -28,8 +28,7 @@ import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.loop import FeedbackLoop, least_gain
-from tactuator.signals.sections import backward_difference
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (
     COUNT,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.signals.sections import backward_difference
+from tactuator.signals.systems import backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import LIGHT_DAMPING, LoopStructure, crossovers_hz
 from tactuator.synthesis.family import Member, bears_any_lower_gain

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import AntiWindup
-from tactuator.signals.sections import exact_sum
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import SampledSystem, exact_sum
 
 
 def cascade(system: SampledSystem) -> FloatArray:

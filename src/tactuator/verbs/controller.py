@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput, within
 from tactuator.table import ResultTable
-from tactuator.verbs.chosen import chosen_display, read
-from tactuator.verbs.parameters import CONTROLLER_HELP, Argument, Curve, Figures, Option, Place, Seed
-from tactuator.verbs.progress import say, working
-from tactuator.verbs.result import Result, promoted
+from tactuator.verbs.parameters import (
+    CONTROLLER_HELP,
+    Argument,
+    Curve,
+    Figures,
+    Option,
+    Place,
+    Seed,
+    chosen_display,
+    read,
+)
+from tactuator.verbs.result import Result, promoted, say, working
 
 if TYPE_CHECKING:
     from tactuator.model.controller import Controller

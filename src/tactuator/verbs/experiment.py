@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
-from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.parameters import (
     Argument,
     ControllerOption,
@@ -21,9 +20,9 @@ from tactuator.verbs.parameters import (
     Place,
     RigOption,
     Seed,
+    opened_apparatus,
 )
-from tactuator.verbs.progress import say, working
-from tactuator.verbs.result import Result, columns_of, plain
+from tactuator.verbs.result import Result, columns_of, plain, say, working
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -228,10 +227,9 @@ def observe(
     """
     import numpy as np
 
-    from tactuator.experiment.protocol.file import read_any_protocol, read_protocol
-    from tactuator.experiment.protocol.judging import JudgingProtocol
+    from tactuator.experiment.protocol.file import JudgingProtocol, read_any_protocol, read_protocol
     from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.judging_sitting import run_judging
+    from tactuator.experiment.simulated.judging_quality import run_judging
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
@@ -352,8 +350,8 @@ class StoreThresholds(Result):
         return self.results.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.experiment.language.words import shipped_words
         from tactuator.experiment.result.confusion import threshold_table
+        from tactuator.experiment.words import shipped_words
 
         measured = threshold_table(self.results.thresholds, shipped_words("en"))
         return [measured, *([] if self.results.group is None else [self._curve(self.results.group)])]
@@ -452,7 +450,7 @@ def export(
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
 ) -> ExportedResult:
     """Write every answered trial in an open format. The folder has a data dictionary, too."""
-    from tactuator.experiment.export.export import export as exported
+    from tactuator.experiment.export import export as exported
     from tactuator.experiment.store.store import Store
 
     with working("exporting"), closing(Store(store, must_exist=True)) as database:
@@ -557,7 +555,6 @@ def simulate(
 
 
 def _judged(task: str, runs: int, lapse: float, seed: int, law: str | None, trials: int | None) -> QualityResult:
-    """Say how good a task of judging is."""
     from tactuator.experiment.simulated.judging_quality import JudgingSetting, simulate_judging
 
     with working(f"{runs} people", 1.0) as step:

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
-from tactuator.verbs.chosen import paper_display, read
-from tactuator.verbs.parameters import ControllerOption, Option, Place, constant
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result
+from tactuator.verbs.parameters import ControllerOption, Option, Place, constant, paper_display, read
+from tactuator.verbs.result import Result, working
 
 if TYPE_CHECKING:
     from tactuator.model.controller import Controller
     from tactuator.rig.board.rig import BoardRig
-    from tactuator.rig.board_check.period_check import PeriodCheck
-    from tactuator.rig.board_check.period_cost import PeriodCost, PeriodCycles
-    from tactuator.rig.board_check.streaming_check import StreamingCheck
+    from tactuator.rig.period_check import PeriodCheck
+    from tactuator.rig.period_cost import PeriodCost, PeriodCycles
+    from tactuator.rig.streaming_check import StreamingCheck
 
 Board = Annotated[str, Option("Board: the name of its folder in firmware/.")]
 
@@ -88,9 +86,9 @@ def verify(
     controller: ControllerOption = None,
 ) -> CheckResult:
     """Compare a board's interrupt with this machine's. Every bit has to be the same; exit status 1 if one differs."""
-    from tactuator.rig.board_check.period_check import check_period
     from tactuator.rig.boards import find_board
     from tactuator.rig.open import open_rig
+    from tactuator.rig.period_check import check_period
 
     if rig is not None:
         _require_board(rig)
@@ -110,12 +108,12 @@ def stream(
     board: Board = "mps2-an500",
     seconds: Annotated[float, Option("Seconds of the board's time.")] = 10.0,
     instruction_ns: Annotated[int, Option("What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")] = constant(
-        "rig.board_check.streaming_check", "INSTRUCTION_NS"
+        "rig.streaming_check", "INSTRUCTION_NS"
     ),
     controller: ControllerOption = None,
 ) -> CheckResult:
     """Stream a reference to a board whose time goes on. Exit status 1 if an interrupt was late or a row missing."""
-    from tactuator.rig.board_check.streaming_check import check_streaming
+    from tactuator.rig.streaming_check import check_streaming
 
     loaded = _controller(controller)
     with working(f"streaming {seconds:g} s"):
@@ -166,9 +164,9 @@ def bench(
     """Count the instructions of one period. On every board, in every format, in the usual run and in others. With
     --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
     """
-    from tactuator.rig.board_check.period_cost import count_cycles, count_instructions
     from tactuator.rig.boards import BOARDS
     from tactuator.rig.open import open_rig
+    from tactuator.rig.period_cost import count_cycles, count_instructions
     from tactuator.runtime.image import FORMATS
 
     if rig is not None:

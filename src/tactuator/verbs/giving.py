@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from tactuator.arrays import FloatArray
     from tactuator.io.reference import ReferenceFile, ReferenceHead
     from tactuator.patterns.device import DeviceSheet
+    from tactuator.patterns.files import GivenLoss
     from tactuator.patterns.rendering import PatternMap
-    from tactuator.patterns.writing import GivenLoss
 
 OF_DISPLAYS, OF_REFERENCES = (".csv", ".acf", ".md"), (".haptic", ".ahap", ".wav")
 
@@ -167,9 +167,8 @@ def _reference(source: Path, out: Path, channel: str | None, most_loss_db: float
     from tactuator.io.atomic import write_text
     from tactuator.io.reference import open_reference
     from tactuator.patterns.ahap import parse_ahap
-    from tactuator.patterns.reading import parse_haptic
+    from tactuator.patterns.files import ahap_text, haptic_text, loss_of_clip, moving_tone, parse_haptic, shares_of
     from tactuator.patterns.rendering import MAPS
-    from tactuator.patterns.writing import ahap_text, haptic_text, loss_of_clip, moving_tone, shares_of
 
     file = open_reference(source)
     head, waves = file.head, _waves(file)
@@ -218,7 +217,7 @@ def _acceleration(waves: "FloatArray", head: "ReferenceHead", out: Path, most_lo
 
     from tactuator.io.atomic import atomic_path
     from tactuator.patterns.device import acceleration_g
-    from tactuator.patterns.writing import GivenLoss
+    from tactuator.patterns.files import GivenLoss
 
     asked_g = np.stack([acceleration_g(wave, head, name) for wave, name in zip(waves.T, head.channels, strict=True)])
     peak = float(np.abs(asked_g).max(initial=0.0))
@@ -248,7 +247,7 @@ def _quantised(wave: "FloatArray", asked_g: "FloatArray", given_g: "FloatArray",
     """Return what an acceleration of whole steps loses; both are brought to the rms of the reference (n,)."""
     import numpy as np
 
-    from tactuator.patterns.writing import loss_between
+    from tactuator.patterns.files import loss_between
 
     scale = float(np.sqrt(np.mean(wave**2) / np.mean(asked_g**2)))
     return loss_between(scale * asked_g, scale * given_g, rate_hz)

@@ -17,9 +17,8 @@ from tactuator.identification.result import Identification, Validation, resonanc
 from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.io.model import write_coupling, write_identified
 from tactuator.model.coupling import RADIUS, CoupledResponse
-from tactuator.model.plant_model import PlantModel
+from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.model.plausibility import pairs_doubts
-from tactuator.model.trust import Weighed
 from tactuator.parameters import plain
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db

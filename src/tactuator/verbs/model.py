@@ -7,10 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tactuator.errors import BadInput
-from tactuator.verbs.chosen import chosen_display, opened, paths
-from tactuator.verbs.parameters import Argument, Fields, Figures, Load, Option, Place, RigOption, Seed
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, promoted
+from tactuator.verbs.parameters import (
+    Argument,
+    Fields,
+    Figures,
+    Load,
+    Option,
+    Place,
+    RigOption,
+    Seed,
+    chosen_display,
+    opened,
+    paths,
+)
+from tactuator.verbs.result import Result, promoted, working
 
 if TYPE_CHECKING:
     import numpy as np
@@ -364,7 +374,6 @@ def _joint(source: "Record | JointRecord | Place") -> "JointRecord | None":
 
 
 def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "CoupledModels":
-    """Identify the coupling of several channels, and the model of each without it."""
     from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
     from tactuator.identification.identify import identify as identified
     from tactuator.verbs.identified import CoupledModels, IdentificationResult
@@ -382,7 +391,6 @@ def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "Co
 
 
 def _response_model(path: Path, asked: Any, out: Place | None) -> "ResponseModelResult":
-    """Identify a frequency response."""
     from tactuator.identification.by_response import identify_response
     from tactuator.io.record import read_foreign_response
     from tactuator.verbs.identified import ResponseModelResult

@@ -4,22 +4,35 @@
 
 A parameter without such a mark is for Python alone. The default is that of the signature; `shell` is the command line's
 where it differs (a file is written by default, say).
+
+Chosen by such parameters of several verbs: a display, a controller, a rig, a load that a person puts on.
 """
 
 import ast
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.errors import BadInput, within
+from tactuator.verbs.result import say, working
+
 if TYPE_CHECKING:
     from tactuator.model.controller import Controller
     from tactuator.model.description import Display
     from tactuator.rig.rig import Rig
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
+    from tactuator.experiment.session.task import Apparatus
+    from tactuator.model.controller import Controller
+    from tactuator.model.description import Display
+    from tactuator.rig.rig import Rig
 
 Place = str | PathLike[str]
 AS_IN_PYTHON: Any = object()
@@ -121,3 +134,150 @@ class Fields:
         words = (node for node in ast.walk(self._fields[name].annotation) if isinstance(node, ast.keyword))
         sentence = next(ast.literal_eval(node.value) for node in words if node.arg == "description")
         return Option(sentence, names, **more)
+
+
+def chosen_display(display: "Display | Place", curve: "Any" = None) -> "Display":
+    """Return the display, or that of a file; with a curve, or the name or file of one, in place of its own."""
+    from tactuator.io.csv_tables import resolve_curve
+    from tactuator.io.display import read_display, with_curve
+    from tactuator.model.description import Display
+    from tactuator.perception.curve import ThresholdCurve
+
+    described = display if isinstance(display, Display) else read_display(Path(display))
+    if curve is None:
+        return described
+    return with_curve(described, curve if isinstance(curve, ThresholdCurve) else resolve_curve(str(curve)))
+
+
+def read(controller: "Controller | Place") -> "Controller":
+    """Return the controller, or that of a file."""
+    from tactuator.io.controller import read_controller
+    from tactuator.model.controller import Controller
+
+    return controller if isinstance(controller, Controller) else read_controller(Path(controller))
+
+
+def chosen_controller(display: "Display | Place | None", controller: "Controller | Place | None") -> "Controller":
+    """Return the controller, or that of a file, or one designed for a display; with both, the controller on that
+    display.
+
+    BadInput for neither, or for two that do not fit.
+    """
+    if controller is not None:
+        loaded = read(controller)
+        if display is None:
+            return loaded
+        shown = chosen_display(display)
+        with within(f"{controller} was not designed for {display}"):
+            loaded.require_runs(shown)
+        return replace(loaded, display=shown)
+    if display is None:
+        raise BadInput("neither --display nor --controller", "one of them")
+    from tactuator.synthesis.design import design_controller
+
+    with working("designing a controller"):
+        return design_controller(chosen_display(display))
+
+
+def paper_display() -> "Display":
+    """Return the display as the paper describes it, index finger first, with two plausible siblings."""
+    from tactuator.io.display import read_display
+    from tactuator.io.shipped import EXAMPLES
+
+    return read_display(EXAMPLES / "display.toml")
+
+
+def paper_controller(display: "Display") -> "Controller":
+    """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
+    from tactuator.synthesis import paper
+    from tactuator.synthesis.design import design_controller
+
+    channels = tuple(
+        replace(channel, feedback=replace(channel.feedback, structure="paper")) for channel in display.channels
+    )
+    return design_controller(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
+
+
+@contextmanager
+def opened(rig: "Rig | str", display: "Display", seed: int = 0) -> "Iterator[Rig]":
+    """Yield the rig of that name with the display on it, closed in the end; a rig that is open already stays so."""
+    from tactuator.rig.open import open_rig
+
+    if isinstance(rig, str):
+        with open_rig(rig, display, seed) as ready:
+            yield ready
+    else:
+        yield rig
+
+
+@contextmanager
+def opened_apparatus(
+    rig: "Rig | str",
+    display: "Display | Place | None",
+    controller: "Controller | Place | None",
+    seed: int,
+    speed: float | None,
+    lsl: bool = False,
+) -> "Iterator[Apparatus]":
+    """Yield the rig with a controller loaded, open for the length of the context and left at rest.
+
+    Without a display or controller: the paper's display and C. speed: of presentation on a rig that could go faster,
+    None: as fast as it can. lsl: with an outlet. Raises BadInput for a speed that is none, and as `chosen_controller`,
+    `open_rig` and `Outlet` do.
+    """
+    from tactuator.experiment.presenter import Outlet
+    from tactuator.experiment.session.task import Apparatus
+    from tactuator.rig.simulated import PacedRig
+
+    if speed is not None and not speed > 0.0:
+        raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")
+    paper = display is None and controller is None
+    loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
+    with opened(rig, loaded.display, seed) as ready:
+        ready.load(loaded)
+        played, name = ready if speed is None else PacedRig(ready, speed), rig if isinstance(rig, str) else "simulated"
+        if not lsl:
+            yield Apparatus(played, loaded, name)
+            return
+        with closing(Outlet(played, name, loaded.display.name)) as outlet:
+            yield Apparatus(played, loaded, name, outlet)
+
+
+def require_stable(controller: "Controller", load: str = "none") -> None:
+    """Refuse a loop that the display's own models call unstable, without a load or under `load`: it is never closed."""
+    from tactuator.measure.noise import unstable_channels
+
+    unstable = unstable_channels(controller, load)
+    if unstable:
+        raise BadInput(
+            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r})",
+            "a controller whose loop is stable there",
+        )
+
+
+def put_on(rig: "Rig", controller: "Controller", load: str) -> None:
+    """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it."""
+    from tactuator.rig.rig import touch_all
+
+    by_hand = touch_all(rig, controller.display.channels, load)
+    if by_hand:
+        say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
+
+
+def numbers(values: Any) -> "NDArray[np.float64]":
+    """Return an array of what is one already, or of a text with commas between numbers. BadInput for another text."""
+    import numpy as np
+
+    if not isinstance(values, str):
+        return np.asarray(values, dtype=np.float64)
+    try:
+        return np.array([float(cell) for cell in values.split(",") if cell.strip()], dtype=np.float64)
+    except ValueError:
+        raise BadInput(f"frequencies {values!r}", "numbers of hertz with commas between") from None
+
+
+def paths(places: Any) -> list[Any]:
+    """Return a list of places, or of what stands for them, of one or several; empty for None."""
+    if places is None:
+        return []
+    return list(places) if isinstance(places, list | tuple) else [places]

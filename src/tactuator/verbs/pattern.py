@@ -121,7 +121,7 @@ def pattern(
     >>> tt.pattern("knock.haptic")
     <Pattern format: haptic, duration: 0.3 s, tones: 1, taps: 1, clamped: 0>
     """
-    from tactuator.patterns.reading import read_clip
+    from tactuator.patterns.files import read_clip
 
     path = Path(clip)
     result: PatternResult | ActuatorResult
@@ -208,7 +208,7 @@ def render_pattern(
 ) -> ClipResult:  # fmt: skip
     """Render a clip to a reference, strength 1 being `level_db_sl`. Raises BadInput as `render` does."""
     from tactuator.io.reference import write_reference
-    from tactuator.patterns.reading import read_clip
+    from tactuator.patterns.files import read_clip
     from tactuator.patterns.rendering import render_clip
 
     asked = read_clip(clip, legacy)

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.table import ResultTable
-from tactuator.verbs.chosen import chosen_controller
-from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place
+from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, chosen_controller
 from tactuator.verbs.pattern import MOST_LOSS_DB
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, figure, plain
+from tactuator.verbs.result import Result, columns_of, figure, plain, working
 from tactuator.verbs.speech import PROTOCOL, recognition_protocol
 
 if TYPE_CHECKING:
@@ -115,8 +113,7 @@ def phonemes(
     <Phonemes written: hello.wav, phonemes: 4, short by up to: 0 dB>
     """
     from tactuator.io.atomic import atomic_folder, write_text
-    from tactuator.patterns.phonemes import SpokenPhoneme, phonemes_of
-    from tactuator.patterns.taps import CODES, code_phonemes, felt_levels_db, usual_layout
+    from tactuator.patterns.taps import CODES, SpokenPhoneme, code_phonemes, felt_levels_db, phonemes_of, usual_layout
 
     loaded, target = chosen_controller(display, controller), Path(out)
     channels = tuple(channel.name for channel in loaded.display.channels)

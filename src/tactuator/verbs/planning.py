@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Fields, Figures, Option, Place, Seed
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, plain
+from tactuator.verbs.result import Result, plain, working
 
 if TYPE_CHECKING:
     from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan

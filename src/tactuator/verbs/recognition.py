@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
-from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.experiment import StoreFile
-from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, RigOption, Seed
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result
+from tactuator.verbs.parameters import (
+    Argument,
+    ControllerOption,
+    DisplayOption,
+    Option,
+    Place,
+    RigOption,
+    Seed,
+    opened_apparatus,
+)
+from tactuator.verbs.result import Result, working
 
 if TYPE_CHECKING:
     from tactuator.experiment.result.confusion import AbxResult, SubjectResult
@@ -56,7 +63,7 @@ def recognise(
     from tactuator.experiment.session.presented_session import PresentedSession, run_session
     from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.respondents import ErringRespondent
+    from tactuator.experiment.simulated.sitting import ErringRespondent
     from tactuator.experiment.store.records import Sitting
     from tactuator.experiment.store.store import opened_store, sessions_of
 
@@ -88,7 +95,7 @@ def _terminal(task: "SessionTask") -> "Respondent":
     """Return a person at the terminal, who types keys."""
     from tactuator.experiment.session.presented_session import Respondent
     from tactuator.experiment.session.session import Acknowledged, NextTrial
-    from tactuator.experiment.trial.trial import Trial
+    from tactuator.experiment.trial import Trial
 
     question, words = task.question, task.words
     keys = {key: choice.response for choice in question.choices for key in choice.keys}
@@ -220,8 +227,8 @@ def _title(each: "SubjectResult") -> str:
 
 
 def _information_table(title: str, information: "Information", simulated: bool = False) -> ResultTable:
-    from tactuator.experiment.language.words import shipped_words
     from tactuator.experiment.result.confusion import information_table
+    from tactuator.experiment.words import shipped_words
 
     return information_table(title, information, shipped_words("en"), simulated)
 

@@ -19,7 +19,6 @@ from tactuator.measure.options import (
     MeasurementOptions,
 )
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.chosen import chosen_controller, numbers, opened, put_on, require_stable
 from tactuator.verbs.parameters import (
     Channels,
     ControllerOption,
@@ -31,9 +30,13 @@ from tactuator.verbs.parameters import (
     Place,
     RigOption,
     Seed,
+    chosen_controller,
+    numbers,
+    opened,
+    put_on,
+    require_stable,
 )
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of
+from tactuator.verbs.result import Result, columns_of, working
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -226,7 +229,6 @@ class MeasuredResponses(Result):
         return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)
 
     def _levels(self) -> "list[tuple[Response, ResponseLevels]]":
-        """Return each response with its levels."""
         from tactuator.measure.error import ResponseLevels
 
         return [(response, ResponseLevels.of(response, self.controller)) for response in self.responses]
@@ -371,8 +373,8 @@ def measure_response(
 
     from tactuator.measure.adaptive import settle_weights
     from tactuator.measure.error import response_verdict
-    from tactuator.measure.frequencies import over_the_band
     from tactuator.measure.response import multisine_response, stepped_sine
+    from tactuator.signals.multisine import over_the_band
 
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
@@ -406,7 +408,6 @@ def measure_response(
 
 
 def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:
-    """Return the band that every measured channel has."""
     measured = [each for each in controller.display.channels if not channels or each.name in channels]
     bands = [each.threshold.band_hz for each in measured]
     if not bands:
@@ -573,7 +574,6 @@ class FingerResult(Result):
 
 
 def _said(estimate: "FingerEstimate") -> str:
-    """Return what describes what touches, in words."""
     from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE
 
     if estimate.saturated:

@@ -1,11 +1,16 @@
-"""Manners of every verb's result: it prints itself in a few lines, draws itself, becomes plain or a table."""
+"""Manners of every verb's result: it prints itself in a few lines, draws itself, becomes plain or a table; and progress
+of a verb, told to whoever watches: the command line's bars, the console, or nobody (the default).
+"""
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ResultTable
@@ -144,7 +149,6 @@ def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:
 
 
 def _cell(value: object, form: str = "g") -> str:
-    """Return a value as a table's cell."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:{form}}" if isinstance(value, float) else str(value)
@@ -159,3 +163,47 @@ def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str,
     """Return the columns of a table from its rows."""
     cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]
     return {name: [row[k] for row in cells] for k, name in enumerate(names)}
+
+
+class Step(Protocol):
+    """Told how far a stretch of work is."""
+
+    def __call__(self, done: float | None = None, total: float | None = None, text: str | None = None) -> None:
+        """Tell what is done of `total` (None: as before), and what is at hand."""
+
+
+Watcher = Callable[[str, float | None], AbstractContextManager[Step]]
+"""Given the name of a stretch of work and its length (None: nobody knows it), the context in which it is shown."""
+
+
+def _nothing(done: float | None = None, total: float | None = None, text: str | None = None) -> None:
+    pass
+
+
+@contextmanager
+def _nobody(text: str, total: float | None) -> Iterator[Step]:
+    yield _nothing
+
+
+_WATCHER: ContextVar[Watcher] = ContextVar("watcher", default=_nobody)
+
+
+@contextmanager
+def watched(watcher: Watcher) -> Iterator[None]:
+    """Let `watcher` show the progress of the verbs that are called in the context."""
+    token = _WATCHER.set(watcher)
+    try:
+        yield
+    finally:
+        _WATCHER.reset(token)
+
+
+def working(text: str, total: float | None = None) -> AbstractContextManager[Step]:
+    """Return the context of a stretch of work; it yields the function to be told how far it is."""
+    return _WATCHER.get()(text, total)
+
+
+def say(text: str) -> None:
+    """Tell the person at the terminal, at once, what is to be done or known while a verb is at work."""
+    sys.stderr.write(f"tactuator: {text}\n")
+    sys.stderr.flush()

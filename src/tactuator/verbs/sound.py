@@ -11,18 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.chosen import chosen_display, numbers
-from tactuator.verbs.parameters import Argument, Curve, Fields, Option, Place, Seed
-from tactuator.verbs.progress import say, working
-from tactuator.verbs.result import Result, columns_of
+from tactuator.verbs.parameters import Argument, Curve, Fields, Option, Place, Seed, chosen_display, numbers
+from tactuator.verbs.result import Result, columns_of, say, working
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser
     from tactuator.model.description import Display
-    from tactuator.rig.sound.cards import Card
-    from tactuator.rig.sound.loopback import Delay
+    from tactuator.rig.sound.cards import Card, Delay
 
 _REQUEST = Fields("measure.open_loop:CalibrationRequest")
 
@@ -99,7 +96,7 @@ def latency(
     import numpy as np
 
     from tactuator.rig.open import open_rig
-    from tactuator.rig.sound.loopback import measure_delay, wire_display
+    from tactuator.rig.sound.cards import measure_delay, wire_display
 
     if input_number < 1:
         raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
@@ -146,7 +143,7 @@ def calibrate_output(
 ) -> FullScaleResult:
     """Turn a multimeter's reading into volts at full scale. It reads a tone that is played."""
     from tactuator.rig.open import open_rig
-    from tactuator.rig.sound.loopback import full_scale_v, tone, wire_display
+    from tactuator.rig.sound.cards import full_scale_v, tone, wire_display
 
     if reading_v is not None:
         full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.table import Chart, ChartLine, ResultTable
-from tactuator.verbs.chosen import chosen_controller, opened
 from tactuator.verbs.parameters import (
     Argument,
     ControllerOption,
@@ -26,10 +25,11 @@ from tactuator.verbs.parameters import (
     Place,
     RigOption,
     Seed,
+    chosen_controller,
+    opened,
 )
 from tactuator.verbs.pattern import LEGACY_HELP, MADE_FOR_HELP, MOST_LOSS_DB, ClipResult, render_pattern
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, figure
+from tactuator.verbs.result import Result, columns_of, figure, working
 
 if TYPE_CHECKING:
     from tactuator.rig.player import Played, Wish
@@ -199,7 +199,7 @@ def render(
     >>> tt.render("speech.wav", controller, "reference.wav").path.name
     'reference.wav'
     """
-    from tactuator.patterns.reading import is_clip
+    from tactuator.patterns.files import is_clip
     from tactuator.speech.coding import coding_of, write_coding
     from tactuator.speech.render import RenderJob, render_file
 

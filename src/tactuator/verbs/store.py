@@ -15,13 +15,13 @@ from tactuator.verbs.parameters import Argument, Option, Place
 from tactuator.verbs.result import Result
 
 if TYPE_CHECKING:
-    from tactuator.experiment.language.words import Words
     from tactuator.experiment.protocol.study import StudyProtocol
-    from tactuator.experiment.result.norms import Norm
+    from tactuator.experiment.result.group_level import Norm
     from tactuator.experiment.result.thresholds import MeasuredThreshold
     from tactuator.experiment.store.chain import Altered
     from tactuator.experiment.store.merge import Conflict
     from tactuator.experiment.store.records import Found
+    from tactuator.experiment.words import Words
 
 
 StoreArgument = Annotated[
@@ -193,15 +193,15 @@ def sheet(
     """Write the sheet of a visit, for a clinician to sign. It has who, when, conditions, thresholds with intervals,
     open to the side that was not reached, and z-scores against a norm of the clinic's.
     """
-    from tactuator.experiment.language.words import shipped_words
     from tactuator.experiment.protocol.detection import Protocol
-    from tactuator.experiment.result.norms import read_norm
+    from tactuator.experiment.result.group_level import read_norm
     from tactuator.experiment.result.thresholds import thresholds
     from tactuator.experiment.session.studies import books_of, fresh_token
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store import records
     from tactuator.experiment.store.store import Store
     from tactuator.experiment.store.stored_runs import detection_runs
+    from tactuator.experiment.words import shipped_words
     from tactuator.io.atomic import write_text
 
     given = None if norm is None else read_norm(Path(norm))

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Argument, Figures, Option, Place
-from tactuator.verbs.progress import working
-from tactuator.verbs.result import Result, columns_of, plain
+from tactuator.verbs.result import Result, columns_of, plain, working
 
 if TYPE_CHECKING:
     from tactuator.experiment.result.strength_results import ContourResults
@@ -89,8 +88,8 @@ class StoreContours(Result):
         return answer
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.experiment.language.words import shipped_words
         from tactuator.experiment.task.matching import law_table, pairs_table
+        from tactuator.experiment.words import shipped_words
 
         words, lines = shipped_words("en"), list[ResultTable | str]()
         for person in self.results.people:
@@ -186,9 +185,9 @@ def judged(
 
     Raises BadInput where the store has no finished run of such a task, or several tasks and none is named.
     """
-    from tactuator.experiment.language.words import shipped_words
     from tactuator.experiment.store.store import Store
-    from tactuator.experiment.store.stored_answers import answered_runs, task_keys
+    from tactuator.experiment.store.stored_runs import answered_runs, task_keys
+    from tactuator.experiment.words import shipped_words
 
     opened, words = Store(Path(store), must_exist=True), shipped_words("en")
     try:

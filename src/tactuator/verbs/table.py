@@ -44,7 +44,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "calibrate-display": "verbs.sound:calibrate_display",
     },
     "What a person feels": {
-        "curves": "verbs.curves:curves",
+        "curves": "verbs.start:curves",
         "experiment serve": "web.serve:serve",
         "experiment enrol": "verbs.experiment:enrol",
         "experiment correct": "verbs.experiment:correct",

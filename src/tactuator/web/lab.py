@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
-from tactuator.experiment.language.words import Words
+from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import Study
@@ -19,7 +19,7 @@ from tactuator.experiment.session.task import JumpWatch
 from tactuator.experiment.store import records
 from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.records import Found
-from tactuator.experiment.trial.presenter import Halted, Watch
+from tactuator.experiment.words import Words
 from tactuator.table import ResultTable
 
 _T = TypeVar("_T")

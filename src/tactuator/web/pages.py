@@ -14,7 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, PlainTextResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
-from tactuator.experiment.language.words import Words
+from tactuator.experiment.words import Words
 
 _TYPES = {
     ".css": "text/css",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tactuator.errors import BadInput, within
-from tactuator.verbs.chosen import opened_apparatus
 from tactuator.verbs.experiment import ProtocolFile, StoreFile
 from tactuator.verbs.parameters import (
     AllowedHosts,
@@ -23,6 +22,7 @@ from tactuator.verbs.parameters import (
     Seed,
     TlsCertificate,
     TlsKey,
+    opened_apparatus,
 )
 
 if TYPE_CHECKING:

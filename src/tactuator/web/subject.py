@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from fastapi import WebSocket, WebSocketDisconnect
 
 from tactuator.errors import BadInput
+from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
-from tactuator.experiment.trial.presenter import Halted, Watch
 from tactuator.table import picked
 from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (

@@ -29,8 +29,7 @@ from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import closed_roots, is_inside
-from tactuator.signals.sections import backward_difference, check_sections
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference, check_sections
 
 Form = Literal["direct", "sections", "delta"]
 FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
@@ -64,9 +63,7 @@ def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float)
 
 
 def in_difference(coefficients: FloatArray) -> FloatArray:
-    """Return a polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding
-    error.
-    """
+    """Return a polynomial in z, descending powers, as one in d = z - 1, summed without rounding error."""
     order = len(coefficients) - 1
     sums = [Fraction(0)] * (order + 1)
     for index, value in enumerate(coefficients):
@@ -93,9 +90,7 @@ def rows_response(rows: FloatArray, frequency_hz: ArrayLike, rate_hz: float) -> 
 
 
 def is_stable(rows: FloatArray, plant: SampledSystem | None = None) -> bool:
-    """Return whether the poles lie inside the unit circle; with a plant (its delay included): those of the loop closed
-    around both.
-    """
+    """Return whether the poles lie inside the unit circle; with a plant and its delay: those of the closed loop."""
     poles = np.concatenate([np.roots(den) for _, den in map(_fraction, rows)])
     if plant is None:
         return is_inside(poles)
@@ -173,9 +168,7 @@ def _section_at(section: FloatArray, old_hz: float, new_hz: float) -> FloatArray
 
 
 def _with_integrator(other: float) -> tuple[float, float]:
-    """Return a1 and a2 of (z - 1)(z - other): their sum with 1 is exactly 0, else the integrator would leak, or run
-    away.
-    """
+    """Return a1 and a2 of (z - 1)(z - other): their sum with 1 is exactly 0, so that the integrator holds."""
     exact = float(np.ldexp(np.round(np.ldexp(other, 52)), -52))
     return -(1.0 + exact), exact
 
@@ -202,9 +195,7 @@ class BitsNeeded:
 
 
 def filter_bits(system: SampledSystem, form: Form, frequency_hz: FloatArray = _HZ) -> BitsNeeded:
-    """Return the bits that a filter by itself (the prefilter) needs: poles inside the unit circle; its own response
-    within 0.1 dB.
-    """
+    """Return the bits that a prefilter needs: poles inside the unit circle, its response within 0.1 dB."""
     exact = system.response(frequency_hz)
 
     def error_db(rows: FloatArray) -> float:
@@ -216,9 +207,7 @@ def filter_bits(system: SampledSystem, form: Form, frequency_hz: FloatArray = _H
 def loop_bits(
     controller: SampledSystem, plant: SampledSystem, form: Form, frequency_hz: FloatArray = _HZ
 ) -> BitsNeeded:
-    """Return the bits that a feedback controller needs: the closed loop stable; T within 0.1 dB. plant: with the
-    computing delay.
-    """
+    """Return the bits of a feedback controller: loop stable, T within 0.1 dB. plant: with the computing delay."""
     behind = plant.response(frequency_hz)
     loop = controller.response(frequency_hz) * behind
     exact = loop / (1.0 + loop)

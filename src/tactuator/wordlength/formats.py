@@ -33,7 +33,7 @@ from tactuator.runtime.coefficients import (
     q31_cascade,
 )
 from tactuator.runtime.image import build_image
-from tactuator.signals.sections import check_sections
+from tactuator.signals.systems import check_sections
 from tactuator.wordlength.bits import quantised_rows
 from tactuator.wordlength.roundoff import Step
 
@@ -221,7 +221,6 @@ def _q31_delta(controller: Controller, index: int) -> Written:
 
 
 def _core(controller: Controller, index: int, loads: str) -> Callable[[], Step]:
-    """Return the core's own step of one channel, from the image."""
     image, parsed = build_image(controller, loads), ffi.new("tact_image *")
     shape = (controller.rate_hz, controller.delay_samples, len(controller.channels))
     refusal = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), *shape)

@@ -54,9 +54,7 @@ class _Double:
 
 
 def run_loop(channel: Channel, display: Display, step: Step, reference: FloatArray) -> FloatArray:
-    """Return y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time
-    between them.
-    """
+    """Return y (n,), V, of the sampled plant with `step` around it; display's delay and dead time between them."""
     whole, fraction = whole_delay(channel, display)
     a, b, c, d = held_state_space(channel.plant, 1.0 / display.rate_hz, fraction)
     rows, drive, seen = a.tolist(), b.tolist(), c.tolist()
@@ -106,9 +104,7 @@ def _run_second_order(
 
 
 def roundoff_reference(rate_hz: float, level: float) -> tuple[FloatArray, slice, slice]:
-    """Return a tone of `level` upon a constant of `level`, then silence; and the stretches to be examined for round-off
-    and for limit cycles.
-    """
+    """Return a tone of `level` upon a constant of `level`, then silence; and where round-off and limit cycles show."""
     listen = round(_LISTEN_S * rate_hz)
     first, silent = (round(settle_s * rate_hz) + listen for settle_s in _SETTLE_S)
     tone = level * np.sin(2.0 * np.pi * _TONE_HZ * np.arange(first) / rate_hz)
@@ -155,9 +151,7 @@ def exact_loop(
 
 
 class _Loop:
-    """The linear loop: change (n, n + 1) of its states in a sample by states and reference; position (n,), command
-    (n + 1,) by the same.
-    """
+    """The linear loop: change (n, n + 1) of its states by states and reference; position (n,), command (n + 1,)."""
 
     def __init__(
         self,

@@ -13,9 +13,9 @@ from tactuator.io.controller import write_controller
 from tactuator.model.description import Display
 from tactuator.rig import boards as program
 from tactuator.rig import emulator
-from tactuator.rig.board_check.period_check import PeriodCheck
-from tactuator.rig.board_check.period_cost import PeriodCost
 from tactuator.rig.boards import BOARDS, build_firmware
+from tactuator.rig.period_check import PeriodCheck
+from tactuator.rig.period_cost import PeriodCost
 from tests.cli.controller.controller_files import made  # noqa: F401
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display
@@ -36,7 +36,7 @@ def test_verify__few_ticks__bit_exact_in_both_formats(made: str, capsys: pytest.
 
 def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
-    monkeypatch.setattr("tactuator.rig.board_check.period_check.check_period", lambda *arguments: differing)
+    monkeypatch.setattr("tactuator.rig.period_check.check_period", lambda *arguments: differing)
     monkeypatch.setattr("tactuator.rig.open.open_rig", lambda *arguments: nullcontext())
     assert main(["firmware", "verify", "--ticks", "5"]) == 1
     assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
@@ -47,7 +47,7 @@ def test_bench__at_80_columns__names_of_boards_are_whole(made, monkeypatch, caps
     share = {"168 MHz": 0.02}
     counted = [PeriodCost(name, "float32", 1, 1234, 1234, cases, share, share) for name in BOARDS]
     monkeypatch.setattr(
-        "tactuator.rig.board_check.period_cost.count_instructions",
+        "tactuator.rig.period_cost.count_instructions",
         lambda board, *given: counted[list(BOARDS).index(board)],
     )
     monkeypatch.setenv("COLUMNS", "80")

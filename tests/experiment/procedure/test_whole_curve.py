@@ -11,11 +11,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import norm
 
 from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
-from tactuator.experiment.procedure.curve_reading import mixed
+from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior, mixed
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods, Sites, refine
 from tactuator.experiment.procedure.procedure import Answering
-from tactuator.experiment.procedure.unseen_notch import EXCLUDED_ODDS, unseen_notch
+from tactuator.experiment.procedure.run_flags import EXCLUDED_ODDS, unseen_notch
 from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export.export import export
+from tactuator.experiment.export import export
 from tactuator.experiment.protocol.clinic import Gates
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.presented_session import PresentedSession

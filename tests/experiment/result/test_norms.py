@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.norms import read_norm
+from tactuator.experiment.result.group_level import read_norm
 
 HEAD = "# source: a made-up table, of no people\nfinger,age_low,age_high,frequency_hz,mean_db_re_1um,sd_db\n"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export.export import export
+from tactuator.experiment.export import export
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.store_results import circumstances, group_curve, psychometric_trials

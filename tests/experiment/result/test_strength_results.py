@@ -7,7 +7,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.simulated.judging_sitting import run_judging
+from tactuator.experiment.simulated.judging_quality import run_judging
 from tactuator.experiment.simulated.strength_people import people_of
 from tactuator.experiment.store.store import Store
 from tactuator.io.csv_tables import read_contours, write_contours

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.experiment.language.words import Words, shipped_languages, shipped_words
 from tactuator.experiment.result.confusion import (
     AbxResult,
     SubjectResult,
@@ -17,6 +16,7 @@ from tactuator.experiment.result.confusion import (
 )
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
 from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold
+from tactuator.experiment.words import Words, shipped_languages, shipped_words
 from tactuator.table import ResultTable
 
 MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})

@@ -9,7 +9,6 @@ import pytest
 from matplotlib.lines import CARETUPBASE
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.file import parse_protocol
@@ -27,6 +26,7 @@ from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
+from tactuator.experiment.words import shipped_words
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate

@@ -10,10 +10,10 @@ from tactuator.experiment.session.studies import Study, open_session, open_study
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial import Trial
 from tactuator.model.controller import Controller
-from tactuator.paper.loops import paper_controller
 from tactuator.paper.plan import paper_display
+from tactuator.paper.steps import paper_controller
 from tactuator.rig.simulated import SimulatedRig
 
 PROTOCOL = """

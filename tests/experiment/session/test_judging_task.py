@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export.rows import exported
+from tactuator.experiment.export_rows import exported
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_answers import answered_runs
+from tactuator.experiment.store.stored_runs import answered_runs
 from tests.experiment.session.apparatuses import apparatus
 
 HEAD = """

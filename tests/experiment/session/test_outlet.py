@@ -12,9 +12,9 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
+from tactuator.experiment.presenter import THIS_MACHINE, UNITS, Outlet
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.outlet import THIS_MACHINE, UNITS, Outlet
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock

@@ -10,9 +10,10 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_recognition, read_recognition
 from tactuator.experiment.protocol.recognition import block_trials, plan_trials
 from tactuator.experiment.result.confusion import recognition_results
-from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
+from tactuator.experiment.simulated.sitting import ErringRespondent
 from tactuator.experiment.store import schema
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tests.experiment.session.feeling import FeelingRespondent
 from tests.experiment.session.recognising import SET, controller, items, opened, protocol_text  # noqa: F401
 
 

@@ -9,12 +9,13 @@ from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.session.presented_session import Respondent
 from tactuator.experiment.session.task import Apparatus
-from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
+from tactuator.experiment.simulated.sitting import ErringRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import require_finger_ports
 from tactuator.rig.simulated import SimulatedRig
+from tests.experiment.session.feeling import FeelingRespondent
 from tests.experiment.session.recognising import Opened, controller, items, opened, protocol_text  # noqa: F401
 
 

@@ -11,7 +11,7 @@ from tactuator.experiment.session.presented_session import PresentedSession, Res
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.trial import BLANK
+from tactuator.experiment.trial import BLANK
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
 
 YES_NO = (

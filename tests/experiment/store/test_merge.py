@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput, StoreFault
-from tactuator.experiment.export.export import export
+from tactuator.experiment.export import export
 from tactuator.experiment.result.store_results import store_results
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.merge import Shared

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.simulated.judging_quality import answered
 from tactuator.experiment.simulated.strength_people import StrengthPerson
@@ -12,7 +11,8 @@ from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, estimate, parse_task
-from tactuator.experiment.trial.trial import Timing
+from tactuator.experiment.trial import Timing
+from tactuator.experiment.words import shipped_words
 
 PLACE = Place(Playable(), Timing())
 TASKS = {

@@ -19,9 +19,9 @@ from unittest.mock import patch
 import pytest
 
 from tactuator.rig.board.stream import StreamDry
-from tactuator.rig.board_check.streaming_check import HostWatch, waited_s
 from tactuator.rig.boards import build_firmware
 from tactuator.rig.emulator import emulator_command
+from tactuator.rig.streaming_check import HostWatch, waited_s
 from tactuator.rig.transport import LinkDown
 
 BOARD = "mps2-an500"

@@ -24,13 +24,13 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial import Trial
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import EXAMPLES
 from tactuator.model.controller import Controller
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.loopback import measure_delay, wire_display
+from tactuator.rig.sound.cards import measure_delay, wire_display
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import Exciter, simulated_card
 from tactuator.synthesis.design import design_controller

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.sound.loopback import full_scale_v, measure_delay, tone, wire_display
+from tactuator.rig.sound.cards import full_scale_v, measure_delay, tone, wire_display
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardRows
 from tests.rig.sound.turned_card import PERIOD, RATE_HZ, TurnedCard

@@ -29,8 +29,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-from tactuator.experiment.procedure.curve_reading import CurveReading, mixed
+from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveReading, mixed
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods, Refined, Sites, refine
 from tactuator.experiment.procedure.procedure import Answering
 

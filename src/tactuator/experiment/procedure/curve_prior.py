@@ -21,14 +21,14 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Share
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.parameters import Band, NotNegative, Number, Positive, Whole, table
+from tactuator.parameters import Band, NotNegative, Number, Positive, Share, Whole, table
 
 _EDGE_DECADES = 0.02
 """Width of an edge's logistic: narrower than the spacing of any grid of points in use."""
@@ -87,9 +87,7 @@ class CurveKind:
         return self._feature(np.log10(np.asarray(frequency_hz, dtype=np.float64)))
 
     def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike, middle_hz: float) -> FloatArray:
-        """Return the prior covariance, dB^2, shape (first, second). middle_hz: the frequency about which the tilt
-        turns.
-        """
+        """Return the prior covariance, dB^2, shape (first, second). middle_hz: about which the tilt turns."""
         a = np.log10(np.asarray(first_hz, dtype=np.float64))[:, None]
         b = np.log10(np.asarray(second_hz, dtype=np.float64))[None, :]
         middle, apart = np.log10(middle_hz), np.abs(a - b)
@@ -118,9 +116,7 @@ class CurveKind:
         return np.asarray(self.mean(frequency_hz) + rng.standard_normal((count, len(covariance))) @ root.T)
 
     def between(self, points_hz: FloatArray, others_hz: ArrayLike, middle_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Return the conditional mean at others as weights of the points, (others, points), and its variance,
-        (others,).
-        """
+        """Return the conditional mean at others as weights of the points, (others, points), and its variance."""
         among = self.covariance(points_hz, points_hz, middle_hz) + 1e-6 * np.eye(points_hz.size)
         across = self.covariance(points_hz, others_hz, middle_hz)
         weights: FloatArray = np.asarray(np.linalg.solve(among, across).T, dtype=np.float64)
@@ -259,3 +255,47 @@ def clear_of_mains(
     down = (nearest + clearance_hz > band_hz[1]) | ((gap < 0.0) & (nearest - clearance_hz >= band_hz[0]))
     moved = nearest + np.where(down, -clearance_hz, clearance_hz)
     return np.where(np.abs(gap) < clearance_hz, moved, frequency_hz)
+
+
+_TAIL = 0.025
+_HALVINGS = 24
+_WIDENED = 1.3
+"""Factor by which bands are wider than the belief has them: it makes them hold for people whose slopes and lapse rates
+lie between the few of the belief, as witnesses.curve.populations draws them."""
+
+
+@dataclass(frozen=True)
+class CurveReading:
+    """A curve in dB SL: mean, standard deviation and 95 % band, each (runs, frequencies), or (frequencies,)."""
+
+    mean: FloatArray
+    sd: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def mixed(share: FloatArray, level: FloatArray, sd: FloatArray) -> CurveReading:
+    """Return the reading of a mixture of normal marginals.
+
+    share: (runs, components), of sum 1. level, sd: (runs, components, frequencies).
+    """
+    mean = np.einsum("rk,rkf->rf", share, level)
+    spread = np.sqrt(np.einsum("rk,rkf->rf", share, sd**2 + (level - mean[:, None]) ** 2))
+    used = np.flatnonzero((share > 0.0).any(axis=0))
+    part = share[:, used], level[:, used], sd[:, used]
+    low, high = (_quantile(*part, mean, spread, tail) for tail in (_TAIL, 1.0 - _TAIL))
+    low, high = (mean + _WIDENED * (edge - mean) for edge in (low, high))
+    return CurveReading(mean, _WIDENED * spread, low, high)
+
+
+def _quantile(
+    share: FloatArray, level: FloatArray, sd: FloatArray, mean: FloatArray, spread: FloatArray, tail: float
+) -> FloatArray:
+    """Return a quantile of the mixture by halving, (runs, frequencies)."""
+    reach = 1.0 / np.sqrt(min(tail, 1.0 - tail))  # Chebyshev: no quantile lies further from the mean
+    low, high = mean - reach * spread, mean + reach * spread
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = np.einsum("rk,rkf->rf", share, scipy.special.ndtr((middle[:, None] - level) / sd)) < tail
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray(0.5 * (low + high))

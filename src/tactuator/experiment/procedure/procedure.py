@@ -26,9 +26,7 @@ _TYPICAL_TRIALS = 80.0
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a trial: level in dB SL of the display, and the frequency where the procedure chooses it (else
-    None).
-    """
+    """Where a trial is put: level, dB SL of the display, and the frequency where the procedure chooses it."""
 
     level_db_sl: float
     frequency_hz: float | None = None

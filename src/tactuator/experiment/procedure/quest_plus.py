@@ -18,10 +18,10 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level, Share
 from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys
 from tactuator.experiment.procedure.up_down import Probability, Tracks
-from tactuator.parameters import NotNegative, Number, Positive, Whole, table
+from tactuator.parameters import NotNegative, Number, Positive, Share, Whole, table
+from tactuator.perception.curve import Level
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 _BATCH_RUNS = 64

@@ -13,10 +13,9 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
 from tactuator.experiment.procedure.procedure import Estimate, Placement, Playable, ProcedureKeys
 from tactuator.parameters import Flag, Positive, Whole, table
-from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL, Level
 
 _LEVEL_TOLERANCE_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 
@@ -156,9 +155,7 @@ class UpDown:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Return `floor` or `ceiling` where the track was to go beyond, `trial-limit` where it ended without its
-        reversals.
-        """
+        """Return `floor` or `ceiling` where the track was to go beyond, `trial-limit` if it ended short."""
         short = self.finished and len(self.reversal_levels) < self.rule.reversals
         return tuple(sorted(self._limits | ({"trial-limit"} if short else set())))
 
@@ -245,8 +242,6 @@ def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probabili
 
 
 class _State:
-    """State of all tracks between two trials."""
-
     def __init__(self, rule: UpDownRule, start_db_sl: FloatArray) -> None:
         runs = start_db_sl.size
         self.rule = rule

@@ -20,10 +20,8 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
 from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveShares
-from tactuator.experiment.procedure.curve_reading import CurveReading
+from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveReading, CurveShares
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods
 from tactuator.experiment.procedure.procedure import (
     Answering,
@@ -35,6 +33,7 @@ from tactuator.experiment.procedure.procedure import (
 )
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE, POWER_DRIFT_DB
 from tactuator.parameters import Whole, table
+from tactuator.perception.curve import Level
 
 
 @table("[procedure]")

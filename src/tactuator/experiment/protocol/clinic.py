@@ -13,8 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Seconds
-from tactuator.parameters import NotNegative, Positive, table
+from tactuator.parameters import NotNegative, Positive, Seconds, table
 from tactuator.perception.curve import Contact
 
 Celsius = Annotated[Positive, Field(lt=50.0)]
@@ -127,9 +126,7 @@ class StandardConditions:
         return unmet + outside("stimulus", stimulus_s, self.stimulus_low_s, self.stimulus_high_s, "s", True)
 
     def unmet_by(self, contact: Contact, band_hz: tuple[float, float], ramp_s: Mapping[float, float]) -> list[Unmet]:
-        """Return each condition that a display does not meet. contact: where a finger is. ramp_s: as it plays one at
-        each frequency.
-        """
+        """Return each condition that is not met. contact: where a finger is. ramp_s: at each frequency."""
         low, high = band_hz
         beyond = [hertz for hertz in self.frequencies_hz if not low <= hertz <= high]
         unmet = [Unmet("the display's band", f"{low:g} to {high:g} Hz", f"{hertz:g} Hz within it") for hertz in beyond]

@@ -8,8 +8,6 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
-from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.procedure.procedure import (
     Playable,
     Practice,
@@ -19,9 +17,11 @@ from tactuator.experiment.procedure.procedure import (
 )
 from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
-from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
+from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.model.description import Channel
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
+from tactuator.perception.curve import Level
 
 
 @table("[conditions]")

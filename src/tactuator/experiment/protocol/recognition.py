@@ -13,11 +13,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from tactuator.experiment.keys import Seconds
-from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol, each_once
-from tactuator.experiment.trial.trial import Timing, Trial
-from tactuator.parameters import Flag, Number, Whole, table
+from tactuator.experiment.trial import Timing, Trial
+from tactuator.experiment.words import Words, shipped_words
+from tactuator.parameters import Flag, Number, Seconds, Whole, table
 
 Paradigm = Literal["recognition", "middle-of-three", "abx"]
 _Pause = Annotated[Seconds, Field(le=60.0)]

@@ -9,10 +9,9 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Seconds
 from tactuator.experiment.protocol.clinic import Celsius, Gates, Unmet
 from tactuator.model.description import Channel
-from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, Wording, table
+from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
 
 Group = Annotated[

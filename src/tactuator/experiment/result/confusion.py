@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.information import Information, information
@@ -19,6 +18,7 @@ from tactuator.experiment.result.played import was_simulated
 from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.words import Words
 from tactuator.table import ResultTable
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
@@ -199,9 +199,7 @@ def session_results(
 
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
-    """Return (subject, correct response, response, whether nobody felt it) of every answered trial of test blocks that
-    were not given up.
-    """
+    """Return (subject, correct, response, nobody felt it) of each trial of test blocks that were not given up."""
     run = schema.run.c
     query = (
         select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)

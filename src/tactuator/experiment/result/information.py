@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.words import Words, shipped_words
 
 _TINY = 1e-300
 _CHUNK_DRAWS = 64
@@ -202,9 +202,7 @@ with 1.3), and below where they are even (0.04 of 200)."""
 
 @dataclass(frozen=True)
 class InformationEstimate:
-    """An estimate in bits, and its interval of the stated confidence; the interval is None where it would not be
-    trusted.
-    """
+    """An estimate in bits, and its interval of that confidence; None where it would not be trusted."""
 
     bits: float
     low_bits: float | None = None
@@ -352,7 +350,6 @@ def _posterior(
 
 
 def _no_interval(counts: NDArray[np.int64]) -> Reason | None:
-    """Return why there is no interval, or None where there is one."""
     if counts.shape[0] != counts.shape[1]:
         return Reason("other_responses")
     if np.any(counts.sum(axis=1) == 0):

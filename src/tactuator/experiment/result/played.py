@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
-from tactuator.experiment.trial.trial import Timing
+from tactuator.experiment.trial import Timing
 from tactuator.signals.decibels import from_db
 
 _LAPSE_RATE = 0.03

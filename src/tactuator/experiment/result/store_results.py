@@ -184,7 +184,6 @@ FLAGGED = "flagged"
 def _parted(
     measured: Sequence[MeasuredThreshold], leave_out: Sequence[str]
 ) -> tuple[list[MeasuredThreshold], list[MeasuredThreshold]]:
-    """Return the thresholds that are taken in, and those that are left out."""
     names = names_of_people(measured)
     strangers = sorted(set(leave_out) - {FLAGGED, *names.values()})
     if strangers:

@@ -15,9 +15,9 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_answers import answered_runs, task_keys
-from tactuator.experiment.strength.estimate import Equality, Measured, StrengthEstimate, equality, estimate
-from tactuator.experiment.strength.matches import ContourSetting, Matches
+from tactuator.experiment.store.stored_runs import answered_runs, task_keys
+from tactuator.experiment.task.estimate import Equality, Measured, StrengthEstimate, equality, estimate
+from tactuator.experiment.task.matches import ContourSetting, Matches
 from tactuator.experiment.task.matching import MatchingKeys
 from tactuator.experiment.task.task_keys import Answered, AnsweredRun
 from tactuator.perception.contours import Contours
@@ -26,7 +26,6 @@ from tactuator.perception.curve import Contact, Provenance, ThresholdCurve
 KIND = "matching"
 _POINTS = 24
 _SAME_HZ = 1e-6
-_NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, eq=False)

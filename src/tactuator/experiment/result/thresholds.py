@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_reading import CurveReading
+from tactuator.experiment.procedure.curve_prior import CurveReading
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.refit import ALIKE_DB, Refit, RefitPrior, refit
-from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
-from tactuator.experiment.procedure.unseen_notch import UnseenNotch, unseen_notch
+from tactuator.experiment.procedure.run_flags import RunFlags, UnseenNotch, run_flags, unseen_notch
 from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
 from tactuator.experiment.result.played import (
     DeliveredLevel,

@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.presenter import Presenter, Watch, amplitude
 from tactuator.experiment.procedure.procedure import Practice, Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
@@ -24,8 +24,8 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.presenter import Presenter, Watch, amplitude
-from tactuator.experiment.trial.trial import BLANK, LOUD, NOT_FELT, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
+from tactuator.experiment.trial import BLANK, LOUD, NOT_FELT, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps

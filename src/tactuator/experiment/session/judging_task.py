@@ -12,16 +12,16 @@ from sqlalchemy import Connection
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words, shipped_words
-from tactuator.experiment.protocol.judging import JudgingProtocol, plan_judging
+from tactuator.experiment.presenter import PlayedInterval, Presenter, Watch, amplitude
+from tactuator.experiment.protocol.file import JudgingProtocol, plan_judging
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules, track
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_answers import answered_runs
+from tactuator.experiment.store.stored_runs import answered_runs
 from tactuator.experiment.task.task_keys import JudgedTone, Judgement, Place, TaskRun
-from tactuator.experiment.trial.presenter import PlayedInterval, Presenter, Watch, amplitude
-from tactuator.experiment.trial.trial import IntervalRecord, Timing, Trial
+from tactuator.experiment.trial import IntervalRecord, Timing, Trial
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.excitation import tone as tone_wave

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from tactuator.errors import BadInput, TimingMissed
+from tactuator.experiment.presenter import Watch
 from tactuator.experiment.session.session import Acknowledged, NextTrial, Session
 from tactuator.experiment.store.records import PROGRAM, Answer, PlayedTrial
-from tactuator.experiment.trial.presenter import Watch
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial import Trial
 
 
 class Respondent:

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.presenter import Presenter, Watch
 from tactuator.experiment.protocol.recognition import (
     ABX_RESPONSES,
     RecognitionProtocol,
@@ -38,8 +38,8 @@ from tactuator.experiment.session.task import (
 from tactuator.experiment.store import chain, schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import Presenter, Watch
-from tactuator.experiment.trial.trial import IntervalRecord, Trial
+from tactuator.experiment.trial import IntervalRecord, Trial
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
 from tactuator.rig.rig import Rig

@@ -23,7 +23,7 @@ from tactuator.experiment.session.task import Clock, Course, SessionTask
 from tactuator.experiment.store import chain, records
 from tactuator.experiment.store.records import Found, stamp
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial import Trial
 
 _BETWEEN_TRIALS_S = 1.5
 """Time from the end of a trial to the next one where nothing is known of the subject yet."""

@@ -15,10 +15,8 @@ from typing import Any
 from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import read_words, shipped_words
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.protocol.judging import JudgingProtocol
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -29,6 +27,7 @@ from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Change, Found, Sitting, Tokens, note, stamp
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.words import read_words, shipped_words
 
 _TOKEN_BYTES = 16
 
@@ -267,9 +266,7 @@ class Study:
                 note(connection, session, "day", "", now, who, subject=row.subject_id, change=change)
 
     def correct(self, subject: str, correction: Correction, reason: str, who: str = records.PROGRAM) -> None:
-        """Write correct data of the subject of that code; what stood there is kept as an event. Raises BadInput as the
-        function does.
-        """
+        """Correct data of the subject of that code; an event keeps the former. Raises BadInput."""
         with self.store.begin() as connection:
             correct(connection, self.books(who), subject, correction, reason)
 

@@ -14,14 +14,13 @@ from sqlalchemy import Connection
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words
+from tactuator.experiment.presenter import Outlet, Watch
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, RunRules, StudyProtocol
-from tactuator.experiment.session.outlet import Outlet
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import Watch
-from tactuator.experiment.trial.trial import Timing, Trial
+from tactuator.experiment.trial import Timing, Trial
+from tactuator.experiment.words import Words
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.rig.rig import Rig
@@ -281,9 +280,7 @@ class SessionTask(Protocol):
         """Return the rules of a session."""
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """Store what a new study has besides its sessions. Raises BadInput where the study is there with something
-        else.
-        """
+        """Store what a new study has besides its sessions. Raises BadInput where it is there with something else."""
 
     def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
         """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""

@@ -16,19 +16,17 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Share
 from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.procedure.procedure import Playable, ProcedureKeys, procedure_kind
 from tactuator.experiment.procedure.quest_plus import QuestPlusKeys, QuestPlusRule, run_quests
 from tactuator.experiment.procedure.refit import RefitPrior, refit
-from tactuator.experiment.procedure.run_flags import run_flags
-from tactuator.experiment.procedure.unseen_notch import unseen_notch
+from tactuator.experiment.procedure.run_flags import run_flags, unseen_notch
 from tactuator.experiment.procedure.up_down import PaperKeys, Probability, Tracks, UpDownRule, run_tracks
 from tactuator.experiment.procedure.whole_curve import CurveKeys, Trials, WholeCurveRule, curve_flags
 from tactuator.experiment.protocol.detection import CatchTrials, LoudShare
 from tactuator.experiment.result.played import inattentive
-from tactuator.parameters import Number, Positive, Whole, table
+from tactuator.parameters import Number, Positive, Share, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL, RelativeCurve
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 
@@ -326,8 +324,6 @@ def simulate_curve(
 
 
 class _Batch:
-    """Several runs that are computed together."""
-
     def __init__(
         self, rule: WholeCurveRule, setting: Setting, truth: RelativeCurve | None, runs: int, rng: np.random.Generator
     ) -> None:

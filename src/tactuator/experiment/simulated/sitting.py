@@ -1,4 +1,4 @@
-"""Simulated subjects whose finger is on a simulated display, and a whole study with them, into a store."""
+"""Simulated subjects on a simulated display, a whole study with them into a store, and a respondent that errs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import protocol_hash
@@ -20,8 +21,7 @@ from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, Clock
 from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import amplitude
-from tactuator.experiment.trial.trial import Trial, trial_rng
+from tactuator.experiment.trial import Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 from tactuator.rig.rig import Rig, require_finger_ports
@@ -245,3 +245,25 @@ class ObserverAtRig(Respondent):
             port.touch(None)
             self._channel = None
             self._felt_mm.clear()
+
+
+@dataclass
+class ErringRespondent(Respondent):
+    """A respondent that is right with probability 1 - error and otherwise gives any other answer, all alike.
+
+    Raises BadInput for an error rate outside [0, 1].
+    """
+
+    error: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error <= 1.0:
+            raise BadInput(f"error rate {self.error:g}", "0 to 1")
+
+    def respond(self, trial: Trial) -> str:
+        """Return the right answer or, at the error rate, another."""
+        if self.rng.random() >= self.error:
+            return trial.correct
+        others = [response for response in trial.responses if response != trial.correct]
+        return others[int(self.rng.integers(len(others)))]

@@ -44,9 +44,7 @@ def _key(table: Table) -> Any:
 
 
 def add(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]], origin: str = "") -> list[Row[Any]]:
-    """Write new rows of a table with their links, and return them. origin: uid of the store that they were merged
-    from.
-    """
+    """Write new rows of a table with their links, and return them. origin: uid of the store they come from."""
     if not rows:
         return []
     # the rows go beside the statement, not into it: it is then compiled once for all trials

@@ -24,7 +24,7 @@ from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol, SubjectPart
 from tactuator.experiment.store import chain, schema
-from tactuator.experiment.trial.trial import IntervalRecord, Trial
+from tactuator.experiment.trial import IntervalRecord, Trial
 
 Found = Row[Any]
 
@@ -293,9 +293,7 @@ def note(
     subject: int | None = None,
     change: Change | None = None,
 ) -> None:
-    """Store an event of that kind; who: whose doing it was; subject: whose it is, where it is of no session; change:
-    what it replaced.
-    """
+    """Store an event. who: whose doing; subject: whose it is, where of no session; change: what it replaced."""
     row = {"session_id": session, "at_utc": stamp(now), "who": who, "kind": kind, "detail": detail, "trials": trials}
     _add(connection, schema.event, row | {"subject_id": subject, **(vars(change) if change is not None else {})})
 

@@ -194,9 +194,7 @@ class Store:
             return bool(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
 
     def mark(self, mark: int) -> None:
-        """Write a mark into the file itself, and with it what was committed so far. Raises StoreFault where it cannot
-        be.
-        """
+        """Write a mark, and what was committed so far, into the file itself. Raises StoreFault where it cannot."""
         if not self.is_file:
             return
         try:

@@ -1,10 +1,10 @@
-"""Runs as they are in the store, with their trials, ready for analysis."""
+"""Runs with their trials, and answers to tasks, as they are in the store, ready for analysis."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,12 @@ from sqlalchemy import Connection, Integer, Select, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import LOUD, SIGNAL
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, JudgedTone, TaskKeys
+from tactuator.experiment.trial import LOUD, SIGNAL
 
 _RUNS = 256
 """Runs that are read at once."""
@@ -146,3 +147,74 @@ def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
         .order_by(trial.c.run_id, trial.c.number, interval.c.position)
     )
     return _Rows.read(connection, query, (np.uint8, np.float64, np.float64))
+
+
+def answered_runs(
+    store: Store, kind: str, session: int | None = None, group: str | None = None, state: str = "done"
+) -> tuple[AnsweredRun, ...]:
+    """Return the runs of that task and state in all the store's studies, or of one session or group of subjects.
+
+    Practice and what was withdrawn are left out. Raises BadInput without any.
+    """
+    run = schema.run.c
+    with store.read() as connection:
+        sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
+        wanted = [run.state == state, run.practice.is_(False), run.paradigm == kind]
+        if session is not None:
+            wanted.append(run.session_id == session)
+        query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
+        rows = [row for row in connection.execute(query) if row.session_id in sessions]
+        if group is not None:
+            rows = [row for row in rows if sessions[row.session_id].subject_group == group]
+        trials = _answered(connection, [row.id for row in rows])
+    if not rows:
+        where = f"store {store.path}" if session is None else "the session"
+        raise BadInput(f"{where} has no {state} run of {kind}", "one with at least one")
+    return tuple(_run(sessions[row.session_id], row, trials.get(row.id, ())) for row in rows)
+
+
+def task_keys(store: Store, kind: str | None = None) -> tuple[TaskKeys, ...]:
+    """Return the tables [task] that the store's protocols have, the newest last. kind: only of that kind."""
+    with store.read() as connection:
+        texts = connection.execute(select(schema.protocol_version.c.toml).order_by(schema.protocol_version.c.id))
+        protocols = [parse_any_protocol(text) for text in texts.scalars()]
+    tasks = [protocol.task for protocol in protocols if isinstance(protocol, JudgingProtocol)]
+    return tuple(task for task in tasks if kind in (None, task.kind))
+
+
+def _run(session: Found, run: Found, trials: Sequence[Answered]) -> AnsweredRun:
+    simulated = run.respondent in ("simulated", "script") or bool(run.rig_simulated)
+    return AnsweredRun(session.subject_code, run.finger, run.frequency_hz, tuple(trials), simulated)
+
+
+def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answered, ...]]:
+    trial, response, interval = schema.trial.c, schema.response.c, schema.interval.c
+    tables = schema.trial.join(schema.response).join(schema.interval, interval.trial_id == trial.id)
+    columns = (
+        *(trial.run_id, trial.id, trial.level_db_sl, trial.frequency_hz, trial.curve_level_db_re_1um),
+        *(response.response, response.correct),
+    )
+    query = (
+        select(*columns, interval.stimulus, interval.commanded_db_sl)
+        .select_from(tables)
+        .where(trial.run_id.in_(runs))
+        .order_by(trial.run_id, trial.number, interval.position)
+    )
+    answers: dict[int, list[Answered]] = {}
+    for (run, *_), rows in groupby(connection.execute(query), key=lambda row: (row.run_id, row.id)):
+        intervals = list(rows)
+        tones = tuple(_tone(row.stimulus, row.commanded_db_sl) for row in intervals)
+        first = intervals[0]
+        about = first.level_db_sl, first.response, bool(first.correct)
+        point = first.frequency_hz, first.curve_level_db_re_1um
+        answers.setdefault(run, []).append(Answered(tones, *about, None if None in point else point))
+    return {run: tuple(trials) for run, trials in answers.items()}
+
+
+def _tone(label: str, level_db_sl: float | None) -> JudgedTone | None:
+    """Return the tone of an interval that had just one."""
+    if level_db_sl is None:
+        return None
+    role, _, rest = label.partition(":")
+    finger, _, hertz = rest.rpartition(":")
+    return JudgedTone(role, finger, float(hertz), level_db_sl)

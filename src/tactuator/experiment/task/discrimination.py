@@ -15,16 +15,15 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
-from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Placement, Playable, Procedure, ProcedureKeys, parse_procedure
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.up_down import UpDownRule
-from tactuator.experiment.strength.estimate import Measured
+from tactuator.experiment.task.estimate import Measured
 from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
-from tactuator.experiment.trial.trial import trial_rng
+from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.words import Words
 from tactuator.parameters import NotNegative, Positive, Whole, kept_by, table
-from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, Level
 from tactuator.signals.decibels import from_db
 from tactuator.table import ResultTable
 

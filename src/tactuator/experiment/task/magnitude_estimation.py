@@ -18,13 +18,13 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
-from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.experiment.strength.estimate import Measured
+from tactuator.experiment.task.estimate import Measured
 from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
-from tactuator.experiment.trial.trial import trial_rng
+from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.words import Words
 from tactuator.parameters import Positive, Whole, table
+from tactuator.perception.curve import Level
 from tactuator.table import Chart, ChartLine, ResultTable
 
 _ROLE = "tone"

@@ -16,14 +16,12 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.keys import Level
-from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.procedure.up_down import UpDown, UpDownRule
-from tactuator.experiment.strength.estimate import Equality, StrengthEstimate, equality, estimate
-from tactuator.experiment.strength.laws import FREE
-from tactuator.experiment.strength.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
+from tactuator.experiment.task.estimate import Equality, StrengthEstimate, equality, estimate
+from tactuator.experiment.task.laws import FREE
+from tactuator.experiment.task.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
 from tactuator.experiment.task.task_keys import (
     Answered,
     AnsweredRun,
@@ -34,10 +32,11 @@ from tactuator.experiment.task.task_keys import (
     TaskKeys,
     TaskPrompt,
 )
-from tactuator.experiment.trial.trial import trial_rng
+from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.words import Words
 from tactuator.parameters import Band, Positive, Whole, table
 from tactuator.perception.contours import REFERENCE_HZ
-from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
+from tactuator.perception.curve import COMFORT_DB_SL, Level, ThresholdCurve
 from tactuator.table import ResultTable
 
 STANDARD, COMPARISON = "standard", "comparison"

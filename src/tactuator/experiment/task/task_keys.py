@@ -14,9 +14,9 @@ from typing import Any, Protocol
 
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
-from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Placement, Playable
-from tactuator.experiment.trial.trial import Timing, Trial
+from tactuator.experiment.trial import Timing, Trial
+from tactuator.experiment.words import Words
 from tactuator.parameters import from_table, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.table import Chart, ResultTable

@@ -75,9 +75,7 @@ def safety_table(display: Display) -> SafetyTable:
 
 
 def soft_ticks(rate_hz: float) -> int:
-    """Return the number of ticks of a run until its soft start is surely over: two ramps, each up to a tick longer by
-    rounding.
-    """
+    """Return the ticks until a run's soft start is surely over: two ramps, each up to a tick longer."""
     return round(SOFT_START_S * rate_hz) + 4
 
 

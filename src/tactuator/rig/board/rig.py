@@ -200,9 +200,7 @@ class BoardRig(Rig):
         self.client.must(Request.TOUCH, struct.pack("<BB", channel, loads.index(load)))
 
     def off(self) -> None:
-        """Bring the board to OFF, whatever it does; a fault is cleared once the guard has had time to believe a sensor
-        again.
-        """
+        """Bring the board to OFF; a fault is cleared once the guard has had time to believe a sensor again."""
         self.rest()
         status = self.client.status()
         if status.mode is Mode.FAULT:
@@ -264,9 +262,7 @@ class BoardRig(Rig):
         )
 
     def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
-        """Send blocks to the board without a gap and yield its traces. However it ends before its time, the output goes
-        to rest.
-        """
+        """Send blocks to the board without a gap and yield its traces. However it ends, the output goes to rest."""
         asked: list[Rows] = []
 
         def fed() -> Iterator[Rows]:

@@ -126,9 +126,7 @@ class BoardStream:
         self._forces = None if self._forces is None else self._forces[taken:]
 
     def _feed_first(self, start: int) -> int:
-        """Send the first rows, for a tick that is far enough ahead or that follows on what is there; return how many
-        were taken.
-        """
+        """Send the first rows, for a tick far enough ahead or the next one; return how many were taken."""
         for attempt in range(_START_ATTEMPTS):
             there = self._look()
             while self._tick < there < self._tick + start:
@@ -231,9 +229,7 @@ class BoardTone:
         return np.where((at >= 0) & (at < length), wave, 0.0)
 
     def content(self, rate_hz: float, first: int) -> bytes:
-        """Return the tone as the link carries it; first: tick of the run at which its time begins. Raises BadInput from
-        half the rate on.
-        """
+        """Return the tone as the link carries it, from tick `first` on. Raises BadInput from half the rate on."""
         if not self.frequency_hz < 0.5 * rate_hz:
             raise BadInput(f"tone of {self.frequency_hz:g} Hz", f"below {0.5 * rate_hz:g} Hz on this board")
         start, length, ramp = self._ticks(rate_hz)
@@ -249,9 +245,7 @@ class BoardTone:
 def stimulus_payloads(
     tones: Mapping[str, Sequence[BoardTone]], channels: Sequence[str], rate_hz: float, first: int
 ) -> list[bytes]:
-    """Return a payload for every channel, silent ones too. Raises BadInput for an unknown channel, or for more tones
-    than it takes.
-    """
+    """Return a payload for every channel, silent ones too. Raises BadInput: unknown channel, or too many tones."""
     unknown = sorted(set(tones) - set(channels))
     if unknown:
         raise BadInput(f"channel {unknown[0]!r} is not there", f"{', '.join(channels)}")

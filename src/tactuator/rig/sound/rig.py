@@ -141,9 +141,7 @@ class SoundRig(Rig):
         self._display = replace(self._display, sound=self._card)
 
     def load(self, controller: Controller) -> None:
-        """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig, or closes a
-        loop.
-        """
+        """Make the controller the one that runs, from rest. Raises BadInput for another rig's, or a loop."""
         controller.require_runs(self._display)
         controller.require_limits_of(self._display)
         self.rest()

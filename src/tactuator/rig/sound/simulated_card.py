@@ -248,7 +248,6 @@ def _schedule() -> list[str]:
 
 
 def _started_client(settings: Path) -> subprocess.Popen[bytes]:
-    """Return the client's process once it is ready."""
     client = subprocess.Popen(
         [sys.executable, "-m", "tactuator.rig.sound.simulated_card", str(settings)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -102,9 +102,7 @@ class CardRows:
         return int(self._rows.gaps)
 
     def check(self, allow_gaps: bool = False) -> None:
-        """Raise SoundGap where the run is broken: rows that came too late or were lost, and, unless it is allowed, gaps
-        of which the card told.
-        """
+        """Raise SoundGap where rows were late or lost, or, unless that is allowed, the card told of gaps."""
         for at, words in (
             (self._rows.dry_at, "the program was too slow to feed the sound card"),
             (self._rows.lost_at, "the program was too slow to read the sound card"),

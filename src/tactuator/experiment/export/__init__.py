@@ -1,1 +1,0 @@
-"""Export of a store in open formats, for R and for reviewers."""

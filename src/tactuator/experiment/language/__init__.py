@@ -1,1 +1,0 @@
-"""Words that subjects and operators read, in their language."""

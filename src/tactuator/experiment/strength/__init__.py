@@ -1,1 +1,0 @@
-"""What is felt equally strong: laws of strength, and what a person's matches tell of them."""

@@ -1,0 +1,259 @@
+"""A trial of any paradigm: what is played in its intervals and when, which responses are allowed, which is right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import scipy
+from pydantic import Field
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.parameters import Flag, Number, Positive, Seconds, Whole, table
+from tactuator.perception.curve import COMFORT_DB_SL, Level
+from tactuator.signals.decibels import from_db
+from tactuator.signals.excitation import ramps, tone
+
+
+@table("[timing]")
+class Timing:
+    """Keys of [timing]: durations of the parts of a trial."""
+
+    stimulus_s: Annotated[Seconds, Field(gt=0.0, description="each interval, or `periods` of a slow tone")] = 0.5
+    ramp_s: Annotated[Seconds, Field(description="ramp at both ends of an interval, inside it")] = 0.1
+    gap_s: Annotated[Seconds, Field(description="silence between intervals")] = 0.3
+    lead_s: Annotated[Seconds, Field(description="silence before the first interval")] = 0.3
+    periods: Annotated[Positive, Field(description="fewest periods of a tone")] = 2.0
+    feedback_s: Annotated[Seconds, Field(description="time for which feedback is shown")] = 0.4
+
+    def __post_init__(self) -> None:
+        if 2.0 * self.ramp_s > self.stimulus_s:
+            raise BadInput(f"ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s", "half of it at most")
+
+    def duration_s(self, frequency_hz: float) -> float:
+        """Return the duration of one interval at that frequency."""
+        return max(self.stimulus_s, self.periods / frequency_hz)
+
+    def ramp_at_s(self, frequency_hz: float) -> float:
+        """Return the duration of each ramp, in proportion to the interval: slow tones begin as gently as fast ones."""
+        return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
+
+    def played_s(self, frequency_hz: float, intervals: int, marks: Marks | None) -> float:
+        """Return how long a trial of so many intervals at that frequency plays."""
+        marked_s = 0.0 if marks is None else marks.duration_s(intervals)
+        return self.lead_s + intervals * self.duration_s(frequency_hz) + (intervals - 1) * self.gap_s + marked_s
+
+    def clearance_hz(self, frequency_hz: float) -> float:
+        """Return the distance that a tone keeps from a mains line: the reciprocal of its duration, at least 2 Hz.
+
+        That is where the spectrum of a tone without ramps has its first zero.
+        """
+        return max(2.0, 1.0 / self.duration_s(frequency_hz))
+
+
+@table("[masker]")
+class Masker:
+    """Keys of [masker], which is played in every interval of a trial under the stimulus."""
+
+    kind: Annotated[Literal["tone", "noise"], Field(description="a tone, or noise of one third-octave")]
+    frequency_hz: Annotated[Positive, Field(description="of the tone, or the middle of the noise")]
+    level_db_sl: Annotated[Level, Field(description="of the tone; noise has the rms of a sinusoid of this level")]
+    channel: Annotated[str | None, Field(description="where it is played; none: the stimulus's own channel")] = None
+
+    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> FloatArray:
+        """Return the masker's signal, shape (count,), in threshold units."""
+        amplitude = float(from_db(self.level_db_sl))
+        if self.kind == "tone":
+            return tone(self.frequency_hz, amplitude, count / rate_hz, rate_hz, ramp_s=ramp_s)
+        edge = 10.0 ** (1.0 / 20.0)
+        band = [self.frequency_hz / edge, self.frequency_hz * edge]
+        noise = scipy.signal.sosfilt(
+            scipy.signal.butter(2, band, "bandpass", fs=rate_hz, output="sos"), rng.standard_normal(2 * count)
+        )[count:]
+        return np.asarray(amplitude / np.sqrt(2.0) * noise / np.std(noise) * ramps(count, rate_hz, ramp_s))
+
+
+@dataclass(frozen=True)
+class ToneInterval:
+    """One interval of a detection trial: a tone of frequency_hz at level_db_sl, or nothing (level None).
+
+    Raises BadInput for a level above comfort.
+    """
+
+    frequency_hz: float
+    level_db_sl: float | None
+
+    def __post_init__(self) -> None:
+        if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
+            raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL", f"{COMFORT_DB_SL:g} at most")
+
+    def wave(self, rate_hz: float, timing: Timing) -> FloatArray:
+        """Return the interval's signal, shape (n,), in threshold units."""
+        duration = timing.duration_s(self.frequency_hz)
+        if self.level_db_sl is None:
+            return np.zeros(round(duration * rate_hz))
+        amplitude = float(from_db(self.level_db_sl))
+        return tone(self.frequency_hz, amplitude, duration, rate_hz, ramp_s=timing.ramp_at_s(self.frequency_hz))
+
+
+_Tap = Annotated[Seconds, Field(le=5.0)]
+
+
+@table("[marks]")
+class Marks:
+    """Keys of [marks]: taps before each interval (one, then two ...), and a long one when all are over."""
+
+    channel: Annotated[str, Field(description="where taps are played")]
+    frequency_hz: Annotated[Positive, Field(description="of a tap")] = 60.0
+    level_db_sl: Annotated[Level, Field(description="of a tap")] = 25.0
+    tap_s: Annotated[_Tap, Field(gt=0.0, description="length of a tap")] = 0.08
+    pause_s: Annotated[_Tap, Field(description="silence between taps")] = 0.12
+    after_s: Annotated[_Tap, Field(description="silence before the interval: no tap masks what follows")] = 0.5
+
+    def before(self, interval: int, silence_s: float, rate_hz: float, channels: Sequence[str]) -> FloatArray:
+        """Return what precedes an interval (from 0), (n, channels) in threshold units.
+
+        It ends in silence of after_s, or of silence_s where that is longer.
+        """
+        pause = np.zeros(round(self.pause_s * rate_hz))
+        taps = [part for _ in range(interval + 1) for part in (self._tap(self.tap_s, rate_hz), pause)]
+        rest = np.zeros(round(max(self.after_s, silence_s) * rate_hz))
+        lead = np.zeros(round(silence_s * rate_hz))
+        return self._placed(np.concatenate([lead, *taps, rest]), channels)
+
+    def end(self, rate_hz: float, channels: Sequence[str]) -> FloatArray:
+        """Return the signal that asks for an answer, (n, channels): silence and a tap four times as long."""
+        return self._placed(
+            np.concatenate([np.zeros(round(self.after_s * rate_hz)), self._tap(4.0 * self.tap_s, rate_hz)]), channels
+        )
+
+    def duration_s(self, intervals: int) -> float:
+        """Return the longest time that marks add to a trial of that many intervals, in seconds."""
+        taps = intervals * (intervals + 1) // 2
+        return taps * (self.tap_s + self.pause_s) + (intervals + 1) * self.after_s + 4.0 * self.tap_s
+
+    def _tap(self, duration_s: float, rate_hz: float) -> FloatArray:
+        level = float(from_db(self.level_db_sl))
+        return tone(self.frequency_hz, level, duration_s, rate_hz, ramp_s=0.25 * duration_s)
+
+    def _placed(self, wave: FloatArray, channels: Sequence[str]) -> FloatArray:
+        if self.channel not in channels:
+            raise BadInput(f"marks: channel {self.channel!r} is not on the rig", f"{', '.join(channels)}")
+        placed = np.zeros((wave.size, len(channels)))
+        placed[:, list(channels).index(self.channel)] = wave
+        return placed
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of a run.
+
+    number: counted from 0 in its run. stimuli: one label for each interval, as in the store's stimulus table.
+    responses: the allowed ones, in the order in which they are offered. correct: the right one. placement: where an
+    adaptive procedure put the trial, None elsewhere. Raises BadInput where the right response is not an allowed one.
+    """
+
+    number: int
+    stimuli: tuple[str, ...]
+    responses: tuple[str, ...]
+    correct: str
+    placement: Placement | None = None
+
+    def __post_init__(self) -> None:
+        if self.correct not in self.responses:
+            raise BadInput(f"trial: correct response {self.correct!r}", f"{', '.join(self.responses)}")
+
+    def judge(self, response: str) -> bool:
+        """Return whether the response is right. Raises BadInput if it is not among the allowed ones."""
+        if response not in self.responses:
+            raise BadInput(f"response {response!r}", f"{', '.join(self.responses)}")
+        return response == self.correct
+
+
+@dataclass(frozen=True)
+class IntervalRecord:
+    """An interval of a trial as it was played.
+
+    commanded_db_sl: None where nothing was played, or no one level. measured_db_sl: at the sensor, at the stimulus's
+    frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own clock, from the trial's first
+    sample. lamp_late_s: how far the rig was past the onset when the lamp was lit. The times are None in stores that
+    were made before they were recorded.
+    """
+
+    stimulus: str
+    commanded_db_sl: float | None
+    measured_db_sl: float | None
+    saturated: bool
+    onset_s: float | None = None
+    duration_s: float | None = None
+    lamp_late_s: float | None = None
+
+
+BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
+"""Labels of the stimuli of a detection trial; LOUD is that of a catch trial that anyone attentive gets right."""
+
+
+FELT, NOT_FELT = "1", "0"
+"""Responses to a single interval."""
+
+
+@table("[paradigm]")
+class ForcedChoice:
+    """Keys of [paradigm], detection in one of m intervals; the responses are "1" to str(m).
+
+    One interval is yes or no: "1" says that it was felt, "0" that it was not, and blank catch trials show who says yes
+    to nothing.
+    """
+
+    intervals: Annotated[Whole, Field(ge=1, le=9, description="intervals of a trial; 1: felt or not")] = 3
+    false_alarms: Annotated[
+        Number, Field(ge=0.01, le=0.3, description="share of blank trials taken to be felt, of one interval")
+    ] = 0.02
+    held: Annotated[Flag, Field(description="1 is held while bursts are felt, which answers each at its end")] = False
+
+    def __post_init__(self) -> None:
+        if self.held and not self.yes_no:
+            raise BadInput(f"held with {self.intervals} intervals", "with one interval")
+
+    @property
+    def yes_no(self) -> bool:
+        """Return whether a subject says that it was felt, or not."""
+        return self.intervals == 1
+
+    @property
+    def guess(self) -> float:
+        """Return the probability of a correct guess; of one interval, that nothing is taken to be felt."""
+        return self.false_alarms if self.yes_no else 1.0 / self.intervals
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Return one key for each interval, or those of yes and no."""
+        if self.yes_no:
+            return (FELT, NOT_FELT)
+        return tuple(str(1 + interval) for interval in range(self.intervals))
+
+    def trial(self, number: int, placement: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
+        """Return the trial of that number; the interval with the tone depends on the seed and the number alone.
+
+        label: of the interval that is asked for; with BLANK nothing is played in any interval.
+        """
+        if self.yes_no:
+            return Trial(number, (label,), self.responses, NOT_FELT if label == BLANK else FELT, placement)
+        target = int(trial_rng(seed, number).integers(self.intervals))
+        stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
+        return Trial(number, stimuli, self.responses, self.responses[target], placement)
+
+    def tones(self, trial: Trial, frequency_hz: float) -> tuple[ToneInterval, ...]:
+        """Return the tone, or silence, of each interval."""
+        assert trial.placement is not None
+        level = trial.placement.level_db_sl
+        return tuple(ToneInterval(frequency_hz, None if label == BLANK else level) for label in trial.stimuli)
+
+
+def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:
+    """Return the random generator of one trial, which is the same after any interruption."""
+    return np.random.default_rng([*seed, number])

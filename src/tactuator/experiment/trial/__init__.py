@@ -1,1 +1,0 @@
-"""One psychophysical trial: stimulus, timing, presentation, delivered level."""

@@ -1,0 +1,73 @@
+"""Helper processes, which leave interrupts to the process that started them and end when it ends; and one thread for
+matrices of a few dozen columns, whatever the machine has.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import wait
+from multiprocessing.context import BaseContext
+from threading import Lock
+
+import scipy
+from threadpoolctl import threadpool_limits
+
+
+def helper_context(module: str) -> BaseContext:
+    """Return a context whose processes start from one that has loaded `module`, where the system can do that.
+
+    They are not forked from this process, in which a progress bar's thread may hold a lock at that moment.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    return context
+
+
+def begin_helper(nicer: int = 0) -> None:
+    """Begin the life of a helper process, by so much nicer to others; it is the initializer of a pool.
+
+    Ctrl-C at the terminal is for the process that started it. Where that one is killed, nobody would ever tell the
+    helper that no more work comes: it ends by itself.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if nicer and hasattr(os, "nice"):
+        os.nice(nicer)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
+
+
+_changing = Lock()
+_within: list[threadpool_limits] = []
+"""The limits of those who are at work, the first to come first."""
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Keep BLAS to one thread: sums that it splits over threads round differently, and its threads wait for each other.
+
+    SciPy brings a BLAS of its own, which comes with the first of its parts that needs it: a limit that was set before
+    does not hold for it. The limit is the whole process's: of several threads at work, the last to end takes it away.
+    """
+    _ = scipy.linalg.blas
+    with _changing:
+        _within.append(threadpool_limits(limits=1))
+    try:
+        yield
+    finally:
+        with _changing:
+            ended = _within.pop()
+            if not _within:
+                ended.restore_original_limits()

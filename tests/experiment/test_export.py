@@ -1,0 +1,313 @@
+"""Exports: every table whole and explained, thresholds that follow from the tables alone, nothing that executes."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+from dataclasses import asdict
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tactuator.experiment.export import export
+from tactuator.experiment.export_rows import cell
+from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.studies import Correction
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
+from tactuator.experiment.trial import LOUD, SIGNAL
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
+
+STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
+QUESTS = 'kind = "quest-plus"\ntrials = 16'
+QUICK = (
+    PROTOCOL.replace(STAIRS, QUESTS).replace('experimenter = "EX"', 'experimenter = "=1+1"\nvisits = 2')
+) + '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\n'
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    """Two simulated subjects, two visits of the first, and a person who withdraws with all of it."""
+    made, place = Store(tmp_path_factory.mktemp("store") / "lab.db"), apparatus()
+    curve = place.controller.display.channels[0].threshold.curve
+    protocol = parse_protocol(QUICK)
+    for _ in range(2):
+        run_study(made, protocol, QUICK, place, simulated_observers(curve, 2, 3, place.band_hz), ObedientClock())
+    text, clock = QUICK + '[[subject]]\ncode = "S3"\n', ObedientClock()
+    person = begin(made, clock, text, subject=2)
+    for _ in range(5):
+        answer_one(person, clock)
+    person.withdraw(keep=False)
+    study = opened_study(made, clock, text)
+    for code in ("S3", "S1"):
+        study.correct(code, Correction("unknown" if code == "S1" else "hearing"), "a slip")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def tidy(store, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out") / "tidy"
+    export(store, folder, "tidy")
+    return folder
+
+
+def rows(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_tidy__every_column_of_every_table__is_explained(tidy) -> None:
+    explained = {(row["table"], row["column"]) for row in rows(tidy / "dictionary.csv") if row["description"]}
+    tables = [path for path in tidy.glob("*.csv") if path.stem != "dictionary"]
+    assert {path.stem for path in tables} == {"trials", "intervals", "events", "subjects", "thresholds"}
+    for path in tables:
+        with path.open() as stream:
+            assert {(path.stem, name) for name in next(csv.reader(stream))} <= explained
+
+
+def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
+    assert {row["subject_group"] for row in rows(tidy / "trials.csv")} == {"simulated"}
+    assert {row["respondent"] for row in rows(tidy / "trials.csv")} == {"simulated"}
+    assert {(row["group"], row["respondent"], row["rig_simulated"]) for row in rows(tidy / "thresholds.csv")} == {
+        ("simulated", "simulated", "1")
+    }
+    groups = {row["subject"]: row["subject_group"] for row in rows(tidy / "subjects.csv")}
+    assert groups == {"S1": "simulated", "S2": "simulated"}
+
+
+def test_tidy__subject_who_took_the_answers_along__is_in_no_table_of_data(tidy) -> None:
+    for name in ("trials", "intervals", "thresholds", "subjects"):
+        assert "S3" not in {row["subject"] for row in rows(tidy / f"{name}.csv")}
+    events = rows(tidy / "events.csv")
+    assert "withdrawn-discard" in {row["kind"] for row in events}
+    assert [row["subject"] for row in events if row["item"]] == ["S1"]  # S3's correction tells data of S3
+
+
+def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy) -> None:
+    trials = {(row["run"], row["trial"]) for row in rows(tidy / "trials.csv")}
+    intervals = rows(tidy / "intervals.csv")
+    assert {(row["run"], row["trial"]) for row in intervals} == trials
+    assert len(intervals) == 3 * len(trials)
+    for first, second in pairwise(intervals):
+        if first["trial"] == second["trial"] and first["run"] == second["run"]:
+            gap_s = float(second["onset_s"]) - float(first["onset_s"]) - float(first["duration_s"])
+            assert gap_s == pytest.approx(0.01, abs=1 / 4000)
+
+
+def test_tidy__settings__are_the_protocol_of_each_version(tidy) -> None:
+    found = [json.loads(path.read_text()) for path in sorted((tidy / "settings").iterdir())]
+    assert [one["version"] for one in found] == [1, 2]
+    assert found[0]["protocol"]["procedure"] == {"kind": "quest-plus", "trials": 16}
+    assert [one["reason"] for one in found] == ["", "subjects"]
+
+
+def test_tidy__words_that_a_spreadsheet_would_execute__are_not(tidy) -> None:
+    assert {row["experimenter"] for row in rows(tidy / "trials.csv")} == {"'=1+1"}
+    for text in ("=A1", "+1", "-2+3", "@SUM(A1)", "\tx", "\rx"):
+        assert cell(text) == f"'{text}"
+    assert [cell(-3.5), cell(None), cell("plain")] == [-3.5, "", "plain"]
+
+
+def posterior_by_hand(levels, correct, settings):
+    """Median, standard deviation and 95 % interval of the threshold, from trials and the side-car's prior alone."""
+    where, (slope, lapse) = settings["threshold_db_sl"], (settings[name] for name in ("slope", "lapse"))
+    reach, step = where["reach_db"], where["step_db"]
+    threshold = np.median(levels[len(levels) // 2 :]) + np.arange(-reach, reach + step / 2, step)
+    t, s, g = np.meshgrid(threshold, slope["values"], lapse["values"], indexing="ij")
+    log = np.log(slope["prior"])[None, :, None] + np.log(lapse["prior"])[None, None, :] + np.zeros_like(t)
+    guess = settings["guess"]
+    at_threshold = -np.log(1.0 - (settings["point"] - guess) / (1.0 - guess - g))
+    for level, right in zip(levels, correct, strict=True):
+        rise = 1.0 - np.exp(-at_threshold * 10.0 ** (s * (level - t) / 20.0))
+        chance = np.clip(guess + (1.0 - guess - g) * rise, 1e-6, 1.0 - 1e-6)
+        log += np.log(chance if right else 1.0 - chance)
+    weight = np.exp(log - log.max()).sum(axis=(1, 2))
+    weight /= weight.sum()
+    mean = weight @ threshold
+    edges, reached = np.append(threshold - step / 2, threshold[-1] + step / 2), np.append(0.0, np.cumsum(weight))
+    low, median, high = np.interp((0.025, 0.5, 0.975), reached, edges)
+    return median, math.sqrt(weight @ (threshold - mean) ** 2), low, high
+
+
+def test_tidy__thresholds__follow_from_the_exported_trials_and_side_cars_alone(tidy) -> None:
+    """A refit written anew from the side-car's words, with nothing of the program."""
+    trials = [row for row in rows(tidy / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
+    table = rows(tidy / "thresholds.csv")
+    assert {row["run"] for row in trials} == {row["run"] for row in table}
+    for row in table:
+        mine = [one for one in trials if one["run"] == row["run"]]
+        assert len(mine) == int(row["trials"])
+        assert {one["protocol_version"] for one in mine} == {row["protocol_version"]}
+        settings = json.loads((tidy / "settings" / f"protocol-1-{row['protocol_version']}.json").read_text())["refit"]
+        assert float(row["point"]) == pytest.approx(settings["point"], abs=1e-6)
+        levels = np.array([float(one["level_db_sl"]) for one in mine])
+        found = posterior_by_hand(levels, [one["correct"] == "1" for one in mine], settings)
+        names = ("refit_db_sl", "refit_sd_db", "refit_low_db_sl", "refit_high_db_sl")
+        told = [float(row[name]) if row[name] else math.nan for name in names]
+        bound = ">=" if found[0] > levels.max() else "<=" if found[0] < levels.min() else ""
+        low = math.nan if bound == "<=" or found[2] < levels.min() - 6.0 else min(found[2], levels.max())
+        high = math.nan if bound == ">=" or found[3] > levels.max() + 6.0 else max(found[3], levels.min())
+        expected = [np.clip(found[0], levels.min(), levels.max()), math.nan if bound else found[1], low, high]
+        assert told == pytest.approx(expected, abs=1e-6, nan_ok=True)
+        assert row["bound"] == bound
+        shift = float(row["level_db_re_1um"]) - float(row["refit_db_sl"]) - float(mine[0]["curve_level_db_re_1um"])
+        assert shift == pytest.approx(float(row["delivered_db"] or 0.0), abs=1e-9)
+
+
+def test_tidy__simulated_people__every_interval_and_event_says_so(tidy) -> None:
+    assert {row["simulated"] for row in rows(tidy / "intervals.csv")} == {"simulated"}
+    of_sessions = [row for row in rows(tidy / "events.csv") if row["visit"]]
+    assert of_sessions
+    assert {row["simulated"] for row in of_sessions} == {"simulated"}
+
+
+CATCH = "[catch]\nloud_share = 0.2\nblank_share = 0.2\n"
+ONE_SUBJECT = QUICK[: QUICK.index('[[subject]]\ncode = "S2"')].replace("visits = 2", "visits = 1") + CATCH
+WHOLE = (
+    ONE_SUBJECT.replace(QUESTS, 'kind = "curve"\ntrials = 20')
+    .replace("frequencies_hz = [30, 90, 210]\n", "")
+    .replace('name = "short"', 'name = "whole"')
+)
+
+
+def runs_of_export(folder):
+    """The runs that are done, put together from the tables and side-cars of an export."""
+
+    def numbers(table, name):
+        return np.array([float(row[name]) if row[name] else math.nan for row in table])
+
+    protocols = {}
+    for path in (folder / "settings").iterdir():
+        settings = json.loads(path.read_text())
+        protocols[settings["study"], str(settings["version"])] = Protocol(**settings["protocol"])
+    done = [row for row in rows(folder / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
+    intervals = rows(folder / "intervals.csv")
+    for number in dict.fromkeys(row["run"] for row in done):
+        trials = [row for row in done if row["run"] == number]
+        first = trials[0]
+        hertz = set(numbers(trials, "frequency_hz"))
+        seen = [row for row in intervals if row["run"] == number]
+        yield StoredRun(
+            SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"], study_id=1),
+            SimpleNamespace(
+                id=int(number), finger=first["finger"], procedure=first["procedure"], curve=first["curve"],
+                frequency_hz=min(hertz), rig=first["rig"], respondent=first["respondent"],
+                rig_simulated=first["rig_simulated"] == "1",
+                band_low_hz=float(first["band_low_hz"]), band_high_hz=float(first["band_high_hz"]),
+            ),
+            protocols[first["study"], first["protocol_version"]],
+            numbers(trials, "frequency_hz"),
+            numbers(trials, "level_db_sl"),
+            numbers(trials, "curve_level_db_re_1um"),
+            np.array([row["correct"] == "1" for row in trials]),
+            StoredIntervals(
+                *(np.array([row["stimulus"] == label for row in seen]) for label in (SIGNAL, LOUD)),
+                numbers(seen, "commanded_db_sl"), numbers(seen, "measured_db_sl"),
+                np.array([row["saturated"] == "1" for row in seen]),
+            ),
+        )  # fmt: skip
+
+
+def test_tidy__whole_table_of_thresholds__is_computed_anew_from_the_export(tmp_path) -> None:
+    """Of staircases, QUEST+ and whole curves with catch trials: every number, bound and flag of the table."""
+    made, place = Store(tmp_path / "lab.db"), apparatus()
+    curve = place.controller.display.channels[0].threshold.curve
+    stairs = ONE_SUBJECT.replace(QUESTS, STAIRS).replace('"short"', '"stairs"')
+    for text in (*(one.replace("[30, 90, 210]", "[210]") for one in (ONE_SUBJECT, stairs)), WHOLE):
+        people = simulated_observers(curve, 1, 3, place.band_hz)
+        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
+    export(made, tmp_path / "tidy", "tidy")
+    made.close()
+    table, found = rows(tmp_path / "tidy" / "thresholds.csv"), thresholds(list(runs_of_export(tmp_path / "tidy")))
+    assert {row["procedure"] for row in table} == {"quest-plus", "up-down", "curve"}
+    assert len(table) == len(found) == 1 + 1 + 28
+    for row, one in zip(table, found, strict=True):
+        values = asdict(one) | {"flags": "|".join(one.flags)}
+        for name in set(values) & set(row):
+            if isinstance(values[name], float) and math.isfinite(values[name]):  # an end that is open is empty
+                assert float(row[name]) == pytest.approx(values[name], abs=1e-9), name
+            elif isinstance(values[name], float | None):
+                assert row[name] == "", name
+            else:
+                assert row[name] == str(values[name]), name
+
+
+@pytest.mark.parametrize("form", ["psych-ds", "bids"])
+def test_export__every_variable_described__stands_in_a_table(store, tmp_path, form) -> None:
+    """What the Psych-DS validator refuses: a variable in the description that no file has (it found one here)."""
+    export(store, tmp_path / form, form)
+    if form == "psych-ds":
+        document = json.loads((tmp_path / form / "dataset_description.json").read_text())
+        described = {one["name"] for one in document["variableMeasured"]}
+        found = set()
+        for path in (tmp_path / form / "data").iterdir():
+            with path.open() as stream:
+                found |= set(next(csv.reader(stream)))
+        assert found == described
+        return
+    for path in (tmp_path / form).rglob("*_events.tsv"):
+        with path.open() as stream:
+            onsets = [float(row["onset"]) for row in csv.DictReader(stream, delimiter="\t")]
+        assert onsets == sorted(onsets)
+    header = (tmp_path / form / "participants.tsv").read_text().splitlines()[0].split("\t")
+    assert header == ["participant_id", "subject_group", "enrolled_utc", "age"]
+    described = json.loads((tmp_path / form / "participants.json").read_text())
+    assert described["age"] == {"Description": "Age", "Units": "year"}
+
+
+@pytest.mark.parametrize("form", ["psych-ds", "bids"])
+def test_export__same_code_in_two_studies__is_two_participants(tmp_path, form) -> None:
+    made, place = Store(tmp_path / "lab.db"), apparatus()
+    curve = place.controller.display.channels[0].threshold.curve
+    for name in ("one", "an other"):
+        text = ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]")
+        people = simulated_observers(curve, 1, 3, place.band_hz)
+        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
+    export(made, tmp_path / form, form)
+    made.close()
+    if form == "bids":
+        table = (tmp_path / form / "participants.tsv").read_text().splitlines()
+        assert [row.split("\t")[0] for row in table] == ["participant_id", "sub-anotherS1", "sub-oneS1"]
+    files = sorted((tmp_path / form).rglob("*_beh.tsv" if form == "bids" else "*description-trials_data.csv"))
+    assert len(files) >= 2
+    for path in files:
+        with path.open() as stream:
+            studies = {row["study"] for row in csv.DictReader(stream, delimiter="\t" if form == "bids" else ",")}
+        assert studies == {"an other" if "another" in path.name else "one"}
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(shutil.which("bids-validator-deno") is None, reason="the validator is not installed")
+def test_bids__its_own_validator__finds_no_error(store, tmp_path) -> None:
+    export(store, tmp_path / "bids", "bids")
+    done = subprocess.run(
+        ["bids-validator-deno", "--json", str(tmp_path / "bids")], capture_output=True, text=True, check=False
+    )
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    assert [one for one in issues if one["severity"] == "error"] == []
+
+
+def test_trials__times__are_of_page_and_server(tmp_path) -> None:
+    clock, made = ObedientClock(), Store(tmp_path / "lab.db")
+    presented = begin(made, clock)
+    following = presented.present(lambda interval, begins: None)
+    clock.wait(1.5)
+    answer = Answer(following.trial.correct, clock.utc(), 100.0, 900.0, (10.0, 60.0, 110.0), clock.monotonic_s())
+    presented.answer(answer)
+    export(made, tmp_path / "out", "tidy")
+    (trial,) = rows(tmp_path / "out" / "trials.csv")
+    assert [float(trial[name]) for name in ("response_time", "server_response_time")] == [0.8, 1.5]
+    assert (trial["rig_rate_hz"], trial["presentations"], trial["respondent"]) == ("4000.0", "1", "person")
+    lit = [float(row["client_lit_ms"]) for row in rows(tmp_path / "out" / "intervals.csv")]
+    assert lit == [10.0, 60.0, 110.0]
+    assert not math.isnan(float(trial["rig_tick"]))
+    opened_study(made, clock)
+    made.close()

@@ -1,0 +1,60 @@
+"""Helper processes end with the process that started them, however it ends."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tactuator.processors import begin_helper
+
+PROGRAM = """
+import sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from tactuator.processors import begin_helper
+
+if __name__ == "__main__":
+    begun = begin_helper if sys.argv[2] == "begun" else None
+    pool = ProcessPoolExecutor(2, get_context(sys.argv[1]), initializer=begun)
+    for _ in range(2):
+        pool.submit(time.sleep, 3600.0)
+    pool.submit(abs, 1)
+    while len(pool._processes) < 2:
+        time.sleep(0.01)
+    print(*pool._processes, flush=True)
+    time.sleep(3600.0)
+"""
+
+
+def left_after_kill(folder: Path, method: str, begun: str) -> list[psutil.Process]:
+    """The helpers that are there five seconds after their starter was killed; they are ended then."""
+    program = folder / "starter.py"
+    program.write_text(PROGRAM)
+    command = [sys.executable, str(program), method, begun]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as starter:
+        assert starter.stdout is not None
+        helpers = [psutil.Process(int(one)) for one in starter.stdout.readline().split()]
+        starter.kill()
+    assert len(helpers) == 2
+    _, alive = psutil.wait_procs(helpers, timeout=5.0 if begun == "begun" else 1.0)
+    for one in alive:
+        one.kill()
+    return alive
+
+
+@pytest.mark.parametrize("method", ["spawn", "forkserver"])
+def test_helpers__their_starter_killed__end(tmp_path: Path, method: str) -> None:
+    assert left_after_kill(tmp_path, method, "begun") == []
+
+
+def test_helpers__without_this__are_left_over(tmp_path: Path) -> None:
+    assert len(left_after_kill(tmp_path, "spawn", "not")) == 2
+
+
+def test_pools__of_this_package__begin_their_helpers_so() -> None:
+    source = Path(begin_helper.__code__.co_filename).parent
+    pools = [path for path in source.rglob("*.py") if "ProcessPoolExecutor(" in path.read_text()]
+    assert len(pools) >= 2
+    assert all("initializer=begin_helper" in path.read_text() for path in pools)
