@@ -12,9 +12,9 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
 HEAD = """# The commands
 
 Written by `make docs` from the commands themselves. An argument is required unless it is said to be optional, an
-option only where it says so. A default stands in brackets and shows the type of the value.
+option only where it says so. A default stands in brackets and shows the type of the value; `…` is text or a path.
 
-- `--json`, of every command that ends by itself: one JSON object on standard output, nothing else. Numbers that JSON
+- `--json`, of every command that ends by itself: one JSON object on standard output, nothing else; numbers that JSON
   cannot say are `null`. Progress goes to standard error, if that is a terminal.
 - Exit status 0: done. 1: done, and the verdict is no. 2: bad input, told in one line. 3: a device failed.
   130: interrupted. 70: a fault of tactuator's own, with its traceback.
@@ -82,7 +82,7 @@ def row(parameter, context):
     if argument:
         default = "" if parameter.required else "optional"
     elif not getattr(parameter, "is_flag", False) and not default.startswith("`"):  # a default shows its type
-        names += " " + kind
+        names += " …" if kind.lower() in ("<str>", "<path>") else " " + kind
     return f"- `{names}`: {meaning}" + (f" ({default})" if default else "")
 
 

@@ -11,6 +11,14 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "display.md"
 TABLE = re.compile(r"(<!-- keys of (\w+) -->\n).*?(<!-- end -->)", flags=re.DOTALL)
 
 
+SHORT = {
+    "each a number, ": "each ",
+    "each a number": "of numbers",
+    "each a text": "of texts",
+    "a whole number": "whole",
+}
+
+
 def reference(page):
     """Return the text of the page with the tables of today."""
     return TABLE.sub(lambda place: place[1] + table(place[2]) + place[3], page)
@@ -21,8 +29,11 @@ def table(name):
     lines = []
     for key, about in keys_of(name).items():
         usual, may_be = default(about), allowed(about)
+        may_be = may_be.removeprefix("a number, ")
         if unit(key):
-            may_be = may_be.removeprefix("a number, ").removeprefix("a number")
+            may_be = may_be.removeprefix("a number")
+        for words, short in SHORT.items():
+            may_be = may_be.replace(words, short)
         said = (unit(key), may_be, {None: "required", "none": "optional"}.get(usual, f"default {usual}"))
         lines.append(f"- `{key}` ({'; '.join(part for part in said if part)}): {about.description}")
     return "\n".join(lines) + "\n"

@@ -310,11 +310,9 @@ class Channel:
         Wording("`{ num, den }`, `{ zeros, poles, gain }`, the path of a file, or a list of paths"),
         Field(
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
-            "in rad/s (complex roots as `[re, im]`), each with an optional `delay_s`; or a `model.json` that "
-            "`tactuator identify` wrote, or a list of them (fingers, persons, hot and cold): the design holds for all, "
-            "the verdict names each, and the first is the nominal one; "
-            'with `structure = "none"` also a frequency response (`frequency_hz` with '
-            "`magnitude` or `magnitude_db`, a phase is not used)"
+            "in rad/s (complex roots as `[re, im]`), and perhaps `delay_s`; or a `model.json` of `identify`, or a list "
+            "of them: the design holds for all, and the first is the nominal one; with "
+            '`structure = "none"` also a response (`frequency_hz` with `magnitude` or `magnitude_db`, no phase)'
         ),
     ]
     threshold: Threshold

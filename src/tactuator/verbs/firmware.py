@@ -161,9 +161,7 @@ def bench(
     controller: ControllerOption = None,
     rig: Annotated[str | None, Option("A connected board with a counter of cycles, instead; it plays.")] = None,
 ) -> BenchResult | CheckResult:
-    """Count the instructions of one period. On every board, in every format, in the usual run and in others. With
-    --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
-    """
+    """Count the instructions of one period, on every board. With --rig, a connected board's cycles."""
     from tactuator.rig.boards import BOARDS
     from tactuator.rig.open import open_rig
     from tactuator.rig.period_cost import count_cycles, count_instructions

@@ -154,8 +154,7 @@ def noise(
     ] = None,
     seed: Seed = 0,
 ) -> FeltLevels:
-    """Compare felt hum and noise with the threshold. It is done under proportional gains and under the loop; exit
-    status 1 if one is felt.
+    """Compare felt hum and noise with the threshold. Under proportional gains, then the loop; exit status 1 if felt.
 
     The display is held at rest. A rig that is open already is used as it stands. Raises BadInput for a loop that the
     display's own models call unstable.
@@ -599,8 +598,8 @@ def finger(
     channel: Channels = None,
     seed: Seed = 0,
 ) -> FingerResult:
-    """Find mass, damping and stiffness of what touches. It plays free and touched, and tells with confidence whether
-    they describe it; exit status 1 where they do not.
+    """Find mass, damping and stiffness of what touches. Played free and touched; exit status 1 where they do not
+    describe it.
 
     Raises BadInput for a load that the display does not have.
 

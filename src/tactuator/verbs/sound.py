@@ -90,9 +90,7 @@ def latency(
     input_number: Annotated[int, Option("Input of the card that a wire joins to it.", ("--input",))] = 1,
     level: Level = 0.1,
 ) -> LatencyResult:
-    """Measure the delay through a wire. It is latency_samples of [sound]; the wire leads from an output to an input.
-    Exit status 1 where the delay does not stay.
-    """
+    """Measure the delay through a wire. It is latency_samples of [sound]; exit status 1 where it does not stay."""
     import numpy as np
 
     from tactuator.rig.open import open_rig

@@ -221,7 +221,7 @@ def curves(
     ] = (),
     figures: Figures = None,
 ) -> CurvesResult:
-    """List the threshold curves of the library, and your own. Each with where it was felt, and how the numbers came.
+    """List the threshold curves of the library, and your own. Each with where it was felt.
 
     A curve holds for the contact that it was measured at.
     """

@@ -57,8 +57,8 @@ def verify(
     store: StoreArgument,
     head: Annotated[str | None, Option("Head that was kept: it has to be there.", metavar="NUMBER:SHA256")] = None,
 ) -> VerifiedResult:
-    """Tell which rows of a store were altered. Rows are held against the chain of hashes that was written with them;
-    rows that were taken away at the end are found by a head that was kept elsewhere.
+    """Tell which rows of a store were altered. Rows are held against their chain of hashes; a head that was kept
+    elsewhere finds rows that were taken away at the end.
 
     Raises BadInput for a head of another form.
     """
@@ -190,9 +190,7 @@ def sheet(
     study: StudyName = None,
     visit: Annotated[int, Option("Visit of the subject.", ge=1)] = 1,
 ) -> SheetResult:
-    """Write the sheet of a visit, for a clinician to sign. It has who, when, conditions, thresholds with intervals,
-    open to the side that was not reached, and z-scores against a norm of the clinic's.
-    """
+    """Write the sheet of a visit, for a clinician to sign: conditions, thresholds with intervals, perhaps z-scores."""
     from tactuator.experiment.protocol.detection import Protocol
     from tactuator.experiment.result.group_level import read_norm
     from tactuator.experiment.result.thresholds import thresholds
