@@ -43,7 +43,7 @@ Levels = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class BandFrames:
-    """Levels of one stretch of time. long_db: (frames of 0.5 s, bands to 40 Hz); short_db: (frames of 0.1 s, above)."""
+    """Levels of one stretch of time. long_db: (..., frames of 0.5 s, bands to 40 Hz); short_db: (..., of 0.1 s, above)."""
 
     long_db: Levels
     short_db: Levels
@@ -93,24 +93,28 @@ class BandAnalysis:
         """Return the frequencies of the bins of a chunk's spectrum."""
         return np.asarray(scipy.fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
 
-    def frames(self, spectrum: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
-        """Return the levels in the frames wholly within `seconds` after a chunk's margin; `spectrum`: its rfft."""
+    def frames(self, spectra: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
+        """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectra`: its rfft,
+        (..., bins). Four signals that go together take little longer than one.
+        """
         return BandFrames(
-            self._levels(spectrum, self.long_bands, LONG_FRAME_S, seconds),
-            self._levels(spectrum, self.short_bands, SHORT_FRAME_S, seconds),
+            self._levels(spectra, self.long_bands, LONG_FRAME_S, seconds),
+            self._levels(spectra, self.short_bands, SHORT_FRAME_S, seconds),
         )
 
-    def _levels(self, spectrum: Spectrum, bands: tuple[Band, ...], frame_s: float, seconds: float) -> Levels:
+    def _levels(self, spectra: Spectrum, bands: tuple[Band, ...], frame_s: float, seconds: float) -> Levels:
         count = int((seconds + 1e-9) / frame_s)
         samples = round(ENVELOPE_RATE_HZ * (CHUNK_S + 2.0 * MARGIN_S))
         first, per_frame = round(ENVELOPE_RATE_HZ * MARGIN_S), round(ENVELOPE_RATE_HZ * frame_s)
-        levels = np.empty((count, len(bands)), dtype=np.float32)
-        for column, band in enumerate(bands):
+        signals = spectra.shape[:-1]
+        levels = np.empty((*signals, count, len(bands)), dtype=np.float32)
+        bins = np.zeros((*signals, samples), dtype=spectra.dtype)
+        for column, band in enumerate(bands):  # each band is wider than the last, and covers it
             start, weights = self._bins[band]
-            bins = spectrum[start : start + len(weights)] * weights
-            envelope = scipy.fft.ifft(bins, samples)[first : first + count * per_frame]
-            power = envelope.real**2 + envelope.imag**2
-            levels[:, column] = power.reshape(count, per_frame).mean(axis=1) * (2.0 * samples / self.chunk) ** 2
+            bins[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
+            envelope = scipy.fft.ifft(bins)[..., first : first + count * per_frame]
+            power = (envelope.real**2 + envelope.imag**2).reshape(*signals, count, per_frame)
+            levels[..., column] = power.mean(axis=-1) * (2.0 * samples / self.chunk) ** 2
         with np.errstate(divide="ignore"):
             return np.asarray(10.0 * np.log10(levels), dtype=np.float32)
 
@@ -135,26 +139,39 @@ class Chunker:
     analysis: BandAnalysis
     channels: int
     _kept: NDArray[np.float32] = field(init=False)
+    _filled: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self._kept = np.zeros((self.analysis.margin, self.channels), dtype=np.float32)
+        self._kept = np.zeros((self.channels, self.analysis.chunk), dtype=np.float32)
+        self._filled = self.analysis.margin
 
-    def push(self, block: NDArray[np.float64]) -> Iterator[NDArray[np.float32]]:
-        """Count a block in; the chunks (channels, chunk) that are whole now."""
-        self._kept = np.concatenate((self._kept, block.astype(np.float32)))
-        while len(self._kept) >= self.analysis.chunk:
-            yield np.ascontiguousarray(self._kept[: self.analysis.chunk].T)
-            self._kept = self._kept[self.analysis.hop :]
+    def push(self, *columns: NDArray[np.float64]) -> Iterator[NDArray[np.float32]]:
+        """Count in arrays (n, ...) that have the stream's columns between them; the chunks (channels, chunk) that are
+        whole now.
+        """
+        at, count = 0, len(columns[0])
+        while at < count:
+            part = min(count - at, self.analysis.chunk - self._filled)
+            row = 0
+            for block in columns:
+                rows = self._kept[row : row + block.shape[1], self._filled : self._filled + part]
+                rows[:] = block[at : at + part].T
+                row += block.shape[1]
+            at, self._filled = at + part, self._filled + part
+            if self._filled == self.analysis.chunk:
+                yield self._kept
+                self._move_on()
 
     def finish(self) -> Iterator[tuple[NDArray[np.float32], float]]:
         """Yield the chunks that are left, each with the seconds of signal that its frames may cover."""
-        while len(self._kept) > self.analysis.margin:
-            seconds = min(CHUNK_S, (len(self._kept) - self.analysis.margin) / self.analysis.rate_hz)
-            chunk = np.zeros((self.channels, self.analysis.chunk), dtype=np.float32)
-            part = self._kept[: self.analysis.chunk].T
-            chunk[:, : part.shape[1]] = part
-            yield chunk, seconds
-            self._kept = self._kept[self.analysis.hop :]
+        while self._filled > self.analysis.margin:
+            self._kept[:, self._filled :] = 0.0
+            yield self._kept, min(CHUNK_S, (self._filled - self.analysis.margin) / self.analysis.rate_hz)
+            self._move_on()
+
+    def _move_on(self) -> None:
+        self._kept[:, : -self.analysis.hop] = self._kept[:, self.analysis.hop :]
+        self._filled -= self.analysis.hop
 
 
 Sink = Callable[[NDArray[np.float64]], None]
@@ -218,13 +235,16 @@ class FeltReport:
         return {finger.finger: _figures(finger) for finger in self.fingers}
 
 
+_analysis = lru_cache(maxsize=2)(BandAnalysis)
+
+
 @lru_cache(maxsize=2)
 def _weights(controller: Controller) -> NDArray[np.complex64]:
     """Return what makes each channel's displacement felt amplitude, in phase with the reference, (channels, lines).
 
     They are kept for the next file under the same controller.
     """
-    frequency = BandAnalysis(controller.rate_hz).frequency_hz()
+    frequency = _analysis(controller.rate_hz).frequency_hz()
     weights = []
     for channel in controller.display.channels:
         prediction = ChannelPrediction.of(controller, channel.name)
@@ -243,7 +263,7 @@ class FeltComparison:
     """
 
     def __init__(self, controller: Controller, sink: Sink | None = None) -> None:
-        self.analysis = BandAnalysis(controller.rate_hz)
+        self.analysis = _analysis(controller.rate_hz)
         self._sink = sink
         self._names = tuple(channel.name for channel in controller.display.channels)
         self._weights = _weights(controller)
@@ -264,19 +284,23 @@ class FeltComparison:
             )
         if reference.size:
             self._peak = max(self._peak, float(np.max(np.abs(reference))))
-        for chunk in self._chunker.push(np.concatenate((reference, displacement), axis=1)):
+        for chunk in self._chunker.push(reference, displacement):
             self._count(chunk, CHUNK_S)
 
     def _count(self, chunk: NDArray[np.float32], seconds: float) -> None:
-        spectra = scipy.fft.rfft(chunk * self._taper)
-        spectra[len(self._names) :] *= self._weights
+        fingers = len(self._names)
+        is_same = bool((chunk[1:fingers] == chunk[0]).all())  # fingers often have the same reference
+        spectra = scipy.fft.rfft(chunk[fingers - 1 if is_same else 0 :] * self._taper)
+        spectra[-fingers:] *= self._weights
         if self._sink is not None:
             start = self.analysis.margin
             stop = start + round(seconds * self.analysis.rate_hz)
-            felt = scipy.fft.irfft(spectra[len(self._names) :], self.analysis.chunk)
+            felt = scipy.fft.irfft(spectra[-fingers:], self.analysis.chunk)
             self._sink(felt[:, start:stop].T.astype(np.float64))
-        for frames, spectrum in zip(self._frames, spectra, strict=True):
-            frames.append(self.analysis.frames(spectrum, seconds))
+        levels = self.analysis.frames(spectra, seconds)
+        for row, frames in enumerate(self._frames):
+            signal = max(0, row + len(spectra) - len(self._frames))
+            frames.append(BandFrames(levels.long_db[signal], levels.short_db[signal]))
 
     def finish(self) -> FeltReport:
         """Return the comparison of all that was pushed."""
