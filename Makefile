@@ -89,7 +89,7 @@ docs: install-test ## write docs/cli.md and the keys in docs/display.md anew fro
 	$(BIN)/python tools/floors.py
 
 site: install-site ## the documentation as pages, into out/site (open out/site/index.html)
-	$(TEST_ENV) $(BIN)/python -m sphinx -b html -q -W --keep-going -c docs/site -d out/site-cache/doctrees $(ARGS) . out/site
+	$(TEST_ENV) $(BIN)/python -m sphinx -b html -q -W --keep-going -j auto -c docs/site -d out/site-cache/doctrees $(ARGS) . out/site
 
 readme: install ## write README's picture and table anew from a run
 	$(BIN)/python tools/readme_table.py

@@ -24,6 +24,7 @@ exclude_patterns = ["docs/site", "out", "build", "src", "tests", "core", "firmwa
 myst_heading_anchors = 4
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_use_type_comments = False  # there are none, and looking for them means parsing every function again
 python_maximum_signature_line_length = 90
 toc_object_entries = False
 nitpicky = False

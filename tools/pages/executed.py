@@ -5,10 +5,12 @@ A page is run again when its text, the package or the core changed; else what it
 
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tools.pages.blocks import read_page
@@ -30,24 +32,21 @@ def sources_hash():
     return digest.hexdigest()
 
 
-def executed(page, sources):
-    """Return what the blocks of a page said, and the folder of its figures; run it where it is not kept.
-
-    It runs in a process of its own: Sphinx imports the package in ways that a reader's program does not.
-    """
+def kept_at(page, sources):
+    """Return the folder of what a page said; its name is a hash of all that the page depends on."""
     text = (ROOT / f"{page}.md").read_text(encoding="utf-8")
-    kept = CACHE / hashlib.sha256((text + sources).encode()).hexdigest()[:24]
-    if not (kept / "said.json").exists():
-        print(f"site: running {page}", flush=True)
-        shutil.rmtree(kept, ignore_errors=True)
-        kept.mkdir(parents=True)
-        command = [sys.executable, "-m", "tools.pages.executed", page, str(kept)]
-        done = subprocess.run(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
-        )
-        if done.returncode != 0:
-            raise PageFault(done.stdout)
-    return [Said(**each) for each in json.loads((kept / "said.json").read_text())], kept
+    return CACHE / hashlib.sha256((text + sources).encode()).hexdigest()[:24]
+
+
+def execute(page, kept):
+    """Run a page in a process of its own: Sphinx imports the package in ways that a reader's program does not."""
+    print(f"site: running {page}", flush=True)
+    shutil.rmtree(kept, ignore_errors=True)
+    kept.mkdir(parents=True)
+    command = [sys.executable, "-m", "tools.pages.executed", page, str(kept)]
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    if done.returncode != 0:
+        raise PageFault(done.stdout)
 
 
 def run_into(page, kept):
@@ -87,18 +86,31 @@ def _shown(output):
     return "\n".join(["````{code-block} text", ":class: output", "", *lines, "````"])
 
 
-def _run_tutorial(app, page, source):
-    if app.config.run_tutorials and page.startswith(SHOWN) and not page.endswith("README"):
-        said, folder = executed(page, app.tactuator_sources)
-        source[0] = with_outputs(source[0], said, folder)
+def _shows_outputs(app, page):
+    return app.config.run_tutorials and page.startswith(SHOWN) and not page.endswith("README")
+
+
+def _execute_pages(app, env, pages):
+    """Run what is to be read and is not kept, as many pages at a time as there are cores."""
+    runs = [(page, kept_at(page, app.tactuator_sources)) for page in pages if _shows_outputs(app, page)]
+    with ThreadPoolExecutor(os.cpu_count()) as cores:
+        list(cores.map(lambda run: execute(*run), [run for run in runs if not (run[1] / "said.json").exists()]))
+
+
+def _add_outputs(app, page, source):
+    if _shows_outputs(app, page):
+        kept = kept_at(page, app.tactuator_sources)
+        said = [Said(**each) for each in json.loads((kept / "said.json").read_text())]
+        source[0] = with_outputs(source[0], said, kept)
 
 
 def setup(app):
-    """Run tutorials as they are read; `make site ARGS="-D run_tutorials=0"` leaves it out."""
+    """Run tutorials before they are read; `make site ARGS="-D run_tutorials=0"` leaves it out."""
     app.add_config_value("run_tutorials", True, "env", bool)
     app.tactuator_sources = sources_hash()
-    app.connect("source-read", _run_tutorial, priority=100)
-    return {"parallel_read_safe": False, "parallel_write_safe": True}
+    app.connect("env-before-read-docs", _execute_pages)
+    app.connect("source-read", _add_outputs, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """Words of art: the first one of each on a page of the site leads to the glossary."""
 
+from functools import cache
 from pathlib import Path
 
 from docutils import nodes
+from sphinx.search.en import SearchEnglish
 
 from tools.pages.glossary import anchor, glossary, pattern
 
@@ -10,6 +12,15 @@ ROOT = Path(__file__).resolve().parents[2]
 GLOSSARY = "docs/glossary"
 #: Where a word is not linked: it is a link, a heading, code or a caption already.
 WITHIN = (nodes.reference, nodes.title, nodes.literal, nodes.literal_block, nodes.caption, nodes.raw)
+
+
+class StemsOnce(SearchEnglish):
+    """English for the search, each word stemmed once: a word stands on many pages."""
+
+    @cache  # noqa: B019 (there is one of it, and it lives until the end)
+    def stem(self, word):
+        """Return the stem of a word."""
+        return super().stem(word)
 
 
 def _link_first(app, tree, page):
@@ -60,7 +71,8 @@ def _link_within(text, find, forms, linked, place):
 
 
 def setup(app):
-    """Link words of art when a page is written."""
+    """Link words of art when a page is written, and stem what is searched for."""
+    app.add_search_language(StemsOnce)
     app.tactuator_forms = glossary((ROOT / f"{GLOSSARY}.md").read_text(encoding="utf-8"))
     app.connect("doctree-resolved", _link_first)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
