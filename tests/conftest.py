@@ -14,6 +14,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from tactuator.entry_points import plugins
 from tactuator.model.controller import Controller
+from tests.made_once import made_once
 from tests.three_fingers import three_finger_display
 
 pytest_plugins = ["tests.browser"]
@@ -26,6 +27,21 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "test"))
 # A shell starts what runs in the background with SIGINT ignored; the programs under test would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Each channel is designed, and each record identified, once for all tests that ask for the same."""
+    import tactuator.identification.identify as identification
+    from tactuator.synthesis import design
+
+    base = tmp_path_factory.getbasetemp()  # of this run; a worker's is in the folder of all workers
+    kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
+    kept.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in ((design, "design_channel"), (identification, "identify")):
+            patch.setattr(module, name, made_once(kept, getattr(module, name)))
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -61,7 +77,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 #: What is made once for several tests: those tests go to one worker.
 _SHARED = {
     "tests/paper/test_": "the installed wheel and its study",
-    "tests/packaging/": "the installed wheel and its study",
+    "tests/packaging/test_wheel.py::test_wheel": "the installed wheel and its study",
+    "tests/packaging/test_libraries.py": "the installed wheel and its study",
     "tests/verbs/test_flat_api.py": "the results that the examples begin with",
     "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
     "tests/console/test_state.py": "a designed display",

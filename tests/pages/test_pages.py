@@ -1,7 +1,5 @@
 """Every command and every Python block of the documents runs, in a folder made by `tactuator init --examples`."""
 
-import hashlib
-import pickle
 import re
 import shutil
 import tomllib
@@ -11,9 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.io.atomic import atomic_path
 from tactuator.io.display import parse_display
-from tactuator.synthesis import design
 from tools.pages.blocks import commands, read_page
 from tools.pages.run import PageFault, make_folder, run_page
 
@@ -43,26 +39,6 @@ def examples(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="session")
-def designs(tmp_path_factory):
-    """Every channel is designed once for all pages, which design the same displays over and over."""
-    kept = tmp_path_factory.getbasetemp().parent / "designs"  # of all workers
-    kept.mkdir(exist_ok=True)
-    search = design.design_channel
-
-    def design_once(*asked):
-        file = kept / hashlib.sha256(pickle.dumps(asked)).hexdigest()
-        if not file.exists():
-            with atomic_path(file) as beside:
-                beside.write_bytes(pickle.dumps(search(*asked)))
-        return pickle.loads(file.read_bytes())
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(design, "design_channel", design_once)
-        yield
-
-
-@pytest.mark.usefixtures("designs")
 @pytest.mark.parametrize("page", cases())
 @pytest.mark.filterwarnings("default")  # what a page starts may warn in other libraries; a reader sees it as well
 def test_page__typed_in_order__does_what_it_says(page, examples, tmp_path):
