@@ -20,8 +20,15 @@ from tests.rig.every_rig import BOARDS, RIGS, begin, tones
 from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display
 
-#: The board at a socket waits much; it is in the quick tests of tests/rig/board.
-_NAMES = [pytest.param(name, marks=pytest.mark.slow if name == "board:socket" else ()) for name in RIGS]
+
+def _marked(mark: pytest.MarkDecorator) -> list[object]:
+    """The rigs, with a mark on the board at a socket: its emulator works for 4 ms at every sample that it plays."""
+    return [pytest.param(name, marks=mark if name == "board:socket" else ()) for name in RIGS]
+
+
+_NAMES = _marked(pytest.mark.slow)
+#: For tests that play a second and more.
+_long = pytest.mark.parametrize("opened", _marked(pytest.mark.soak), indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module", params=_NAMES)
@@ -211,6 +218,7 @@ def test_finger__pressed__is_felt_where_and_while_it_presses(touched: Rig) -> No
     assert np.concatenate(felt["middle"]).size == before
 
 
+@_long
 def test_finger__touched__takes_level_at_high_frequencies(touched: Rig) -> None:
     felt: list = []
     reference = np.zeros((1600, 3))
@@ -240,6 +248,7 @@ def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refuse
         touched.finger("index").detach(print)
 
 
+@_long
 def test_measure__multisine__is_the_response_of_the_simulated_display(rig: Rig) -> None:
     plain = SimulatedRig(designed().display, 2)
     plain.load(designed())
