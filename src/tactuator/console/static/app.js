@@ -18,9 +18,9 @@ const link = new Link(takeToken(), (what) => {
   if (shown?.isOpen) shown.again?.(); else route();
 }, (message) => shown?.take?.(message));
 
-// Every view; one that needs what is not there says so.
+// Every view; one that needs what is not there says so. The display is the page's, or else the one of the command line.
 function navigation(state) {
-  const { display } = state;
+  const display = state.display ?? about.named;
   // of the moment in which it is followed: a loop is shaped meanwhile
   const to = (view) => { const { channel, shapes, own } = state; return address({ view, display, channel, shapes, own: view === state.view ? own : remembered[view] }); };
   const links = Object.entries(VIEWS).map(([view, { title, ofDisplay, ofRig }]) => {

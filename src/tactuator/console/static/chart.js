@@ -7,13 +7,14 @@ const NAMED = [1, 2, 5, 10], FEW = 1e-6, FAR = 40, DECADE = 95;
 // series: { name, hue, x, y, dash, width, points, bars: half lengths, band: [least, greatest], quiet: not in the legend }.
 // range: [low, high] of y, or null; marks: limits { hz (null: everywhere), db }; sync: charts of one key share their crosshair.
 export class Chart {
-  constructor(title, { height = 220, log = false, unit = "", range = null, role = "img", marks = [], sync = null, legend = true } = {}) {
-    Object.assign(this, { height, log, unit, range, marks, sync, series: [], still: false });
+  // high: called for the height, where it follows the window.
+  constructor(title, { height = 220, high = () => height, log = false, unit = "", range = null, role = "img", marks = [], sync = null, legend = true } = {}) {
+    Object.assign(this, { high, log, unit, range, marks, sync, series: [], still: false });
     this.legend = make("ul", { class: "legend", hidden: legend ? null : "" });
     this.out = make("output", { class: "readout", "aria-hidden": "true" });
     this.host = make("div", { class: "plot", role, "aria-label": title });
     this.box = make("div", { class: "chart" }, make("div", { class: "head" }, make("h3", {}, title), this.out), this.host, this.legend);
-    this.host.style.minHeight = `${height}px`; // what stands below does not move when the curves come
+    this.host.style.minHeight = `${high()}px`; // what stands below does not move when the curves come
   }
 
   show(series) {
@@ -46,7 +47,7 @@ export class Chart {
     const named = (value) => (roomy ? NAMED : [1, 10]).some((one) => Math.abs(value / 10 ** Math.floor(Math.log10(value) + FEW) - one) < FEW);
     const texts = this.log ? (_, splits) => splits.map((one) => (one !== null && named(one) ? String(Number(one.toPrecision(2))) : "")) : (_, splits) => splits.map((one) => `${Math.round(one * 1000)}`);
     this.plot = new uPlot({
-      width: Math.max(200, this.host.clientWidth || 500), height: this.height * size, legend: { show: false }, bands, padding: [8, 14, 0, 0],
+      width: Math.max(200, this.host.clientWidth || 500), height: this.high() * size, legend: { show: false }, bands, padding: [8, 14, 0, 0],
       cursor: { points: { show: false }, drag: { x: false, y: false }, ...(this.sync ? { sync: { key: this.sync, setSeries: false, scales: ["x", null] } } : {}) },
       scales: { x: { time: false, distr: this.log ? 3 : 1, range: () => this.ends() }, y: { range: (_, low, high) => this.limits(low, high) } },
       axes: [{ ...axis, size: 28 * size, values: texts, ...(this.log ? { filter: (_, splits) => splits } : {}) }, { ...axis, size: 48 * size }], series: lines,
@@ -111,7 +112,10 @@ export class Chart {
     ctx.restore();
   }
 
-  resize() { if (this.plot && this.host.clientWidth) this.plot.setSize({ width: this.host.clientWidth, height: this.height * large() }); }
+  resize() {
+    this.host.style.minHeight = `${this.high()}px`;
+    if (this.plot && this.host.clientWidth) this.plot.setSize({ width: this.host.clientWidth, height: this.high() * large() });
+  }
   restyle() { this.key = null; this.draw(); }
 }
 

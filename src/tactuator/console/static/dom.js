@@ -37,7 +37,8 @@ export function saved(words, name, text, type = "application/json") {
 
 export function command(text) {
   const copy = make("button", { type: "button", onclick: () => navigator.clipboard?.writeText(text).then(() => say("copied")) }, "Copy");
-  return make("div", { class: "command" }, make("code", { tabindex: "0" }, text), copy);
+  const words = text.split(" ").flatMap((word) => [" ", make("span", {}, word)]).slice(1); // a line is broken between them
+  return make("div", { class: "command" }, make("code", { tabindex: "0" }, ...words), copy);
 }
 
 // How much larger than usual the page's text is: a wall display is read from afar. Charts follow it.

@@ -46,10 +46,10 @@ export class Editor {
       const { title: words, unit } = PARAMETERS[name];
       const input = make("input", { type: "number", step: "any", "data-name": name, "aria-label": `${title} ${index + 1}: ${words}${unit ? `, ${unit}` : ""}`,
         onchange: (event) => this.set((shape) => { shape.factors[index][name] = limited(name, Number(event.target.value) || 0); }) });
-      return make("div", {}, make("label", { "aria-hidden": "true" }, unit ? `${words}, ${unit}` : words), input);
+      return make("div", {}, make("label", { "aria-hidden": "true" }, name === "hz" ? unit : unit ? `${words}, ${unit}` : words), input);
     });
     const fixed = fields.length || factor.kind === "integrator" ? "" : `z = ${factor.re.toPrecision(4)}${factor.im ? ` ± ${factor.im.toPrecision(4)}j` : ""}`;
     return make("div", { class: "factor" }, make("b", {}, title), ...fields, fixed,
-      make("button", { type: "button", "aria-label": `Remove ${title} ${index + 1}`, onclick: () => this.set((shape) => shape.factors.splice(index, 1)) }, "Remove"));
+      make("button", { type: "button", class: "remove", title: "Remove", "aria-label": `Remove ${title} ${index + 1}`, onclick: () => this.set((shape) => shape.factors.splice(index, 1)) }, "×"));
   }
 }

@@ -13,9 +13,10 @@ export function tiles(into, found) {
 }
 
 const NUMBER = /^[−-]?[\d.]/;
-const cell = (text) => make("td", { class: NUMBER.test(text) || text === "—" ? "number" : "" }, text);
+const isNumber = (text) => NUMBER.test(text) || text === "—";
+const cell = (text) => make("td", { class: isNumber(text) ? "number" : /^at (least|most) /.test(text) ? "whole" : null }, text);
 export const table = (caption, head, rows) => make("table", {}, make("caption", {}, caption),
-  make("thead", {}, make("tr", {}, ...head.map((text) => make("th", { scope: "col" }, text)))),
+  make("thead", {}, make("tr", {}, ...head.map((text, i) => make("th", { scope: "col", class: i && rows.length && rows.filter((row) => isNumber(row[i] ?? "")).length * 2 > rows.length ? "number" : null }, text)))),
   make("tbody", {}, ...rows.map(([first, ...others]) => make("tr", {}, make("th", { scope: "row" }, first), ...others.map(cell)))));
 
 export const designTable = (rows, kept) => table("Figures, the worst over loads and models", ["figure", "now", ...kept.map((one) => one.name)],

@@ -17,7 +17,7 @@ export default class Identify {
       taken: (key, name) => { this.validate = [...this.validate, { key, name }]; this.keep(); return this.model(); } });
     this.bits = { columns: make("div"), model: make("div") };
     view.replaceChildren(make("h1", {}, "Identify a mechanism"),
-      make("p", {}, "A record of command and position gives a model of the ", term("plant"), " (", term("identification"), "), with the band in which it may be wrong."),
+      make("p", { class: "intro" }, "A record of command and position gives a model of the ", term("plant"), " (", term("identification"), "), with the band in which it may be wrong."),
       make("div", { class: "panel" }, this.drop.box, this.bits.columns), this.bits.model);
     if (this.own.record) {
       this.drop.name.textContent = this.own.name ?? "";
@@ -85,6 +85,7 @@ export default class Identify {
   }
 
   show(found) {
+    this.view.classList.add("known");
     const { response, residual, departure } = found, own = response.own;
     const magnitude = new Chart("Magnitude (dB) over frequency (Hz)", { log: true }), phase = new Chart("Phase (degrees) over frequency (Hz)", { log: true, height: 170 });
     const left = new Chart(residual ? "Spectrum of position and residual (dB re 1 unit²/Hz) over frequency (Hz)" : "Departure of the response from the model (dB) over frequency (Hz)", { log: true, height: 190 });
@@ -124,6 +125,7 @@ export default class Identify {
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What was tried" }, make("table", { id: "tried" }, make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...rows)));
   }
 
+  close() { this.view.classList.remove("known"); }
   resize() { this.charts.forEach((one) => one.resize()); }
   restyle() { this.charts.forEach((one) => one.restyle()); }
 }

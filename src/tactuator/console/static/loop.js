@@ -71,7 +71,6 @@ export default class Loop {
     this.bits.plots.replaceChildren(...this.plots.all.map((one) => one.box));
     this.handles = new Handles(this.plots.open, (change, begun) => this.change(change, begun), () => this.done(), (index) => this.remove(index));
     this.editor = new Editor(this.bits.editor, (change) => { this.change(change, true); this.done(); });
-    this.legend();
     this.lists();
     this.request("draw", {}, performance.now());
   }
@@ -82,7 +81,7 @@ export default class Loop {
     this.bits.legend.replaceChildren(
       ...this.basis.loads.map((load, i) => entry(line(HUES[i] ?? "load", STYLES[i] ?? "7 4"), ...(load === "none" ? ["no load"] : [term("load"), ` ${load}`]))),
       ...(this.basis.plants > 1 ? [entry(`<svg viewBox="0 0 26 10" aria-hidden="true"><rect width="26" height="10" fill="var(--shade)" stroke="var(--load)"/></svg>`, `all ${this.basis.plants} plants`)] : []),
-      entry(line("limit", "5 3"), "limits"));
+      entry(line("limit", "5 3"), "limits"), ...(this.kept.some((one) => one.compared) ? [entry(line("kept", "2 3"), "kept designs")] : []));
   }
 
   // Changes: of the shape here, or of a point of the curve by the server.
@@ -238,6 +237,7 @@ export default class Loop {
       make("button", { type: "button", "aria-label": `Forget ${one.name}`, onclick: () => { this.kept.splice(i, 1); redo(); } }, "Forget")));
     this.bits.kept.replaceChildren(make("h2", {}, "Kept designs"), ...(entries.length ? entries : [make("p", {}, "None yet. “Keep” keeps the loop as it is, to compare with and to go back to.")]));
     this.tables();
+    this.legend();
   }
 
   // The whole verdict, and the file: every channel must have its loop.

@@ -127,7 +127,8 @@ export class Nichols {
     this.layers.kept.replaceChildren(...this.kept.map((one) => draw("path", { class: "kept", d: this.curve(one) })));
     for (const [name, paths] of Object.entries(this.regions)) paths.forEach((path) => path.classList.toggle("over", frame.crossed.includes(name)));
     const placed = [];
-    this.drawn = frame.curves.flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])])).filter((_, i) => i % 2 === 0);
+    this.drawn = [...frame.curves, ...this.kept].flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])])).filter((_, i) => i % 2 === 0);
+    if (this.basis.ground.phase !== null) for (let at = -1; at <= 1; at += 0.1) this.drawn.push([this.x(at * this.basis.ground.phase - 180), this.y(0)]);
     for (const one of [...this.marks, this.free]) if (one.hz !== null) this.place(one, placed);
     // what names the ground gives way to what is dragged
     for (const { x, y, label } of this.levels) label.setAttribute("visibility", this.clear(x, y, 46) && placed.every(([a, b, wide]) => Math.abs(b - y) > 12 || a > x + 40 || a + wide < x) ? "visible" : "hidden");

@@ -14,7 +14,7 @@ export class Plots {
     this.open = over("Open loop |L|", 160, "gain_db");
     this.sense = over("Sensitivity |S|", 112, "s_db", [...bars(limits.s_db), ...(limits.s_peak_db === null ? [] : [{ hz: null, db: limits.s_peak_db }])]);
     this.closed = over("Complementary sensitivity |T|", 112, "t_db", [...bars(limits.t_db), { hz: null, db: limits.t_peak_db }]);
-    this.asked = inTime("Step of 1 V at the input (V)");
+    this.asked = inTime("Step of 1 V (V)");
     this.pushed = inTime("Press of 1 V (V)");
     this.all = [this.open, this.sense, this.closed, this.asked, this.pushed];
   }

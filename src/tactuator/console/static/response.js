@@ -32,7 +32,7 @@ export default class Response {
     this.needs = make("span", { id: "needs", class: "needs" });
     this.save = make("a", { id: "save-response", download: "response.csv", hidden: "" }, "Save response.csv");
     this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }), within: make("p", { id: "within", class: "within" }), kept: make("div") };
-    this.chart = new Chart("Felt level (dB SL) over frequency (Hz)", { height: Math.max(300, Math.min(460, innerHeight - 480)), log: true, unit: "dB SL" });
+    this.chart = new Chart("Felt level (dB SL) over frequency (Hz)", { high: () => Math.max(300, Math.min(460, innerHeight - 480)), log: true, unit: "dB SL" });
     this.view.replaceChildren(make("div", { class: "workbench" }, this.loader.box, this.rig.bar,
       make("div", { class: "panel settings" }, make("div", { class: "bar strip" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains,
         make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.needs, this.save), this.bits.command, this.bits.progress),

@@ -56,7 +56,7 @@ export class Rig {
     for (const [name, button] of Object.entries(this.buttons)) button.disabled = !this.open;
     if (!one) return;
     if (this.open) this.mode.textContent = MODES[one.mode];
-    const guard = one.guard.mode ? `guard: ${one.guard.mode}${one.guard.fault ? `, ${one.guard.fault} at ${one.guard.channel}` : ""}${one.guard.late ? `, ${one.guard.late} late ticks` : ""}` : one.touchable ? "simulated, no guard" : "";
+    const guard = one.guard.mode ? `guard: ${one.guard.mode}${one.guard.fault ? `, ${one.guard.fault} at ${one.guard.channel}` : ""}${one.guard.late ? `, ${one.guard.late} late ticks` : ""}` : one.touchable ? "no guard" : "";
     this.more.textContent = [one.rig, guard, one.fault, one.gaps ? `${one.gaps} gaps` : ""].filter(Boolean).join(" · ");
     this.held.textContent = HOLDERS[one.controls];
     this.buttons.take.hidden = ["you", "experiment"].includes(one.controls);

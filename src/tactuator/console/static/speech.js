@@ -21,13 +21,13 @@ export default class Speech {
     this.heard = make("audio", { controls: "", hidden: "", "aria-label": "The speech file, as it sounds" });
     const coding = make("select", { id: "coding", onchange: () => { this.own.coding = coding.value; this.again(); } }, ...codings.map((name) => make("option", { value: name, selected: name === this.own.coding ? "" : null }, name)));
     const input = make("input", { id: "level", type: "number", min: "-20", max: "60", step: "1", value: this.own.level ?? level, onchange: () => { this.own.level = input.value; this.again(); } });
-    this.found = make("div");
-    this.player = make("div");
+    this.found = make("div", { class: "found" });
+    this.player = make("div", { class: "player" });
     this.rig = new Rig(() => this.standing(), () => {});
-    view.replaceChildren(make("h1", {}, "Speech on ", display.name),
-      make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
+    view.replaceChildren(make("div", { class: "spoken" }, make("h1", {}, "Speech on ", display.name),
+      make("p", { class: "intro" }, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel asking" }, this.drop.box, this.heard, make("div", { class: "factor" },
-        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found);
+        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found));
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
   }
 
@@ -130,10 +130,10 @@ export default class Speech {
     for (let i = 0; i < tall; i += 1) { shade(bottom + (top - bottom) * (1 - i / tall)); ctx.fillRect(bar, TOP + i, 12 * size, 1); }
     ctx.globalAlpha = 1; ctx.fillStyle = ctx.strokeStyle = faint; ctx.font = `${13 * size}px system-ui`;
     ctx.strokeRect(LEFT, TOP, wide, tall); ctx.strokeRect(bar, TOP, 12 * size, tall);
-    [[top, 10], [(top + bottom) / 2, tall / 2 + 4], [bottom, tall]].forEach(([value, y]) => write(`${Math.round(value)}`.replace("-", "−"), bar + 15 * size, TOP + y, "left"));
+    [[top, 10 * size], [(top + bottom) / 2, tall / 2 + 4 * size], [bottom, tall]].forEach(([value, y]) => write(`${Math.round(value)}`.replace("-", "−"), bar + 15 * size, TOP + y, "left"));
     write(differs ? "dB" : "dB SL", canvas.width - 2, TOP - 5);
     write("Hz", LEFT - 6, TOP - 5);
-    for (const hz of NAMED) { const band = finger.hz.findIndex((one) => Math.abs(Math.log(one / hz)) < 0.1); if (band >= 0) write(String(hz), LEFT - 6, TOP + tall - (band + 0.5) * high + 4); }
+    for (const hz of NAMED) { const band = finger.hz.findIndex((one) => Math.abs(Math.log(one / hz)) < 0.1); if (band >= 0) write(String(hz), LEFT - 6, TOP + tall - (band + 0.5) * high + 4 * size); }
     const every = [0.5, 1, 2, 5, 10].find((one) => length / one <= 6 / size) ?? 10;
     for (let t = 0; t <= length; t += every) write(`${t} s`, LEFT + wide * t / length, canvas.height - 4, t ? "center" : "left");
   }
@@ -148,5 +148,5 @@ export default class Speech {
   }
 
   resize() { this.charts.forEach(([chart]) => chart.resize()); this.maps.forEach((one) => this.picture(one)); }
-  restyle() { this.draw(); }
+  restyle() { this.charts.forEach(([chart]) => chart.restyle()); this.maps.forEach((one) => this.picture(one)); }
 }

@@ -130,7 +130,9 @@ export class Traces {
     context.fillStyle = colour("faint"); context.textAlign = "center";
     for (let t = Math.ceil(from / step) * step; t <= from + span + 1e-9; t += step) {
       const x = this.x(this.zero + t * this.rate);
-      context.fillStyle = colour("grid"); context.fillRect(x, 0, 1, bottom); context.fillStyle = colour("faint");
+      context.fillStyle = colour("grid");
+      for (const row of this.drawn) context.fillRect(x, row.top, 1, row.bottom - row.top); // what is written between the rows stays free
+      context.fillStyle = colour("faint");
       if (x > this.left + 12 * this.size && x < this.width - 24 * this.size) context.fillText(`${Number((t * unit[0]).toPrecision(6))} ${unit[1]}`, x, bottom + 14 * this.size);
     }
     context.textAlign = "left";
