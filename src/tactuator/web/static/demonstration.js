@@ -3,13 +3,13 @@
 // sound where that is wished. envelope_db_sl: a value each step_s; frequency_hz where there is one.
 class Demonstration {
   constructor(canvas, sound) {
-    Object.assign(this, { canvas, sound, shape: null, began: 0, context: null });
+    Object.assign(this, { canvas, sound, shape: null, began: 0, context: null, source: null });
     sound.onclick = () => this.listen(this.context === null);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw(0));
   }
 
   listen(on) {
-    if (on) this.context = new AudioContext(); else { this.context.close(); this.context = null; }
+    if (on) this.context = new AudioContext(); else { this.context.close(); this.context = this.source = null; }
     this.sound.setAttribute("aria-pressed", String(on));
     this.sound.textContent = word(on ? "sound_off" : "sound_on");
   }
@@ -21,7 +21,14 @@ class Demonstration {
     requestAnimationFrame(() => this.step());
   }
 
+  // Ends what is shown and heard.
+  stop() {
+    this.source?.stop();
+    this.shape = this.source = null;
+  }
+
   level(seconds) {
+    if (this.shape === null) return null;
     const values = this.shape.envelope_db_sl, at = Math.floor(seconds / this.shape.step_s);
     return at >= 0 && at < values.length ? values[at] : null;
   }
@@ -58,5 +65,6 @@ class Demonstration {
     source.connect(gain).connect(this.context.destination);
     source.start(now);
     source.stop(now + (levels.length + 1) * step);
+    this.source = source;
   }
 }

@@ -45,6 +45,7 @@ const handlers = {
     progress(message);
     if (message.stage === "paused" || message.stage === "stopped") {
       page.noise.stop(); // the rig is at rest
+      page.demonstration.stop();
       page.going = false;
       page.unsaved = null;
       stand(null);
@@ -77,8 +78,10 @@ const handlers = {
   ack(message) {
     if (page.unsaved !== null && message.right !== null) {
       const correct = page.unsaved.response === message.right;
-      if (!correct) page.choices.mark(page.unsaved.response, "wrong");
-      page.choices.mark(message.right, "right");
+      if (page.about.released === "") { // where a key is held, the button shows that alone
+        if (!correct) page.choices.mark(page.unsaved.response, "wrong");
+        page.choices.mark(message.right, "right");
+      }
       say(correct ? word("right") : word("wrong", { right: message.right }));
     }
     page.unsaved = null;
@@ -165,6 +168,7 @@ function show() {
     say(word("withdraw_ask"));
     const withdraw = (keep) => () => link.send({ type: "withdraw", keep });
     asked([[word("withdraw_keep"), withdraw(true)], [word("withdraw_discard"), withdraw(false)], [word("back"), () => { page.leaving = false; show(); }]]);
+    el("others").lastElementChild.focus(); // Enter goes back, and leaves nothing
   } else if (page.stage === "trial" && page.going) trial();
   else {
     const [status, text, button, others] = before[page.stage]();
