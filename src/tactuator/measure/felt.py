@@ -43,7 +43,7 @@ Levels = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class BandFrames:
-    """Levels of one stretch of time. long_db: (..., frames of 0.5 s, bands to 40 Hz); short_db: (..., of 0.1 s, above)."""
+    """Levels of a stretch. long_db: (..., frames of 0.5 s, bands to 40 Hz); short_db: (..., of 0.1 s, above)."""
 
     long_db: Levels
     short_db: Levels
