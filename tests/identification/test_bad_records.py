@@ -18,17 +18,14 @@ PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.
 RATE_HZ = 610.35
 GOOD = Record(RATE_HZ, *band_limited(PLANT, np.random.default_rng(1), RATE_HZ, 8.0, 40.0))
 TIME = np.arange(GOOD.command.size) / RATE_HZ
-HALF = TIME.size // 2
-SPREAD = float(np.std(GOOD.position))
+HALF, ODD = TIME.size // 2, np.arange(TIME.size) % 2
+POSITION, SPREAD = GOOD.position, float(np.std(GOOD.position))
 KNOWN = {"order": 2, "zeros": 0, "hold": "band-limited"}
 
 
-def written(
-    folder: Path, keep: slice | np.ndarray, time: np.ndarray = TIME, position: np.ndarray | None = None
-) -> Path:
-    columns = (time[keep], GOOD.command[keep], (GOOD.position if position is None else position)[keep])
-    path = folder / "bench.csv"
-    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header="time_s,command,position", comments="")
+def written(folder: Path, keep: slice | np.ndarray, time: np.ndarray = TIME, position: np.ndarray = POSITION) -> Path:
+    path, columns = folder / "bench.csv", np.stack([time, GOOD.command, position], axis=1)[keep]
+    np.savetxt(path, columns, delimiter=",", header="time_s,command,position", comments="")
     return path
 
 
@@ -44,9 +41,7 @@ def off_db(record: Record) -> float:
         (lambda folder: written(folder, np.r_[:HALF, :HALF]), "time goes back in row"),
         (lambda folder: written(folder, np.r_[:HALF, HALF + 400 : TIME.size]), "400 of .* samples are missing"),
         (
-            lambda folder: written(
-                folder, np.s_[:], position=np.where(np.arange(TIME.size) % 2, np.nan, GOOD.position)
-            ),
+            lambda folder: written(folder, np.s_[:], position=np.where(ODD, np.nan, POSITION)),
             rf"position is not a number in row 2 of {TIME.size} and in {TIME.size // 2 - 1} more; allowed: numbers",
         ),
     ],

@@ -1,6 +1,4 @@
-"""Fixed values in identification: recovered, exact, no wider than free, as an outside optimiser has them, and told
-where they are wrong.
-"""
+"""Fixed values: recovered, exact, no wider than free, as an outside optimiser has them, told where they are wrong."""
 
 from dataclasses import replace
 

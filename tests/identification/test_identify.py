@@ -13,9 +13,11 @@ from tactuator.identification.recursive import companion_states, identify_recurs
 from tactuator.identification.trust import CLIPPED
 from tactuator.signals.excitation import log_chirp, paper_mix, prbs, steps
 from tactuator.signals.record import Record
+from tactuator.signals.systems import ContinuousSystem
 from tests.identification.plants import PAPER, RATE_HZ, closed_loop, open_loop
 
 BAND_HZ = np.geomspace(0.4, 300.0, 200)
+TURN = 2.0 * np.pi * 5.0 * np.arange(40000) / RATE_HZ
 
 
 def error_db(found, plant, frequency=BAND_HZ):
@@ -63,7 +65,8 @@ def test_identify__no_feedback_to_be_seen__cannot_tell() -> None:
 
 def rubbed(rng, coulomb=4e-3, presliding=10e-3, hum=True):
     """The paper's plant with Dahl friction, hum and converters, stepped independently of the package."""
-    command = paper_mix(12.0, RATE_HZ, 10.0, rng, plant=_paper_system(), travel_v=2.4)
+    plant = ContinuousSystem.from_polynomials(PAPER.num, PAPER.den)
+    command = paper_mix(12.0, RATE_HZ, 10.0, rng, plant=plant, travel_v=2.4)
     a, b, c, _, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ)
     (a00, a01), (a10, a11), (b0, b1), (c0, c1) = a.tolist()[0], a.tolist()[1], b[:, 0].tolist(), c[0].tolist()
     x0 = x1 = force = last = 0.0
@@ -82,12 +85,6 @@ def rubbed(rng, coulomb=4e-3, presliding=10e-3, hum=True):
         sensed += 1e-3 * np.sin(2.0 * np.pi * 60.0 * time) + 3e-4 * np.sin(2.0 * np.pi * 120.0 * time + 1.0)
     step = 20.0 / 65536.0
     return Record(RATE_HZ, command, step * np.round(sensed / step))
-
-
-def _paper_system():
-    from tactuator.signals.systems import ContinuousSystem
-
-    return ContinuousSystem.from_polynomials(PAPER.num, PAPER.den)
 
 
 def test_identify__friction_and_hum__response_and_coulomb_level_are_recovered() -> None:
@@ -206,14 +203,7 @@ def short(count: int) -> Record:
         (Record(RATE_HZ, np.ones(5000), np.random.default_rng(0).standard_normal(5000)), "command is constant"),
         (Record(RATE_HZ, np.random.default_rng(0).standard_normal(5000), np.zeros(5000)), "position is constant"),
         (Record(RATE_HZ, np.zeros(10), np.zeros(10)), "100 or more"),
-        (
-            Record(
-                RATE_HZ,
-                np.sin(2.0 * np.pi * 5.0 * np.arange(40000) / RATE_HZ),
-                np.cos(2.0 * np.pi * 5.0 * np.arange(40000) / RATE_HZ),
-            ),
-            "excites order 2",
-        ),
+        (Record(RATE_HZ, np.sin(TURN), np.cos(TURN)), "excites order 2"),
     ],
 )
 def test_identify__record_that_cannot_tell__is_refused(record: Record, match: str) -> None:
@@ -238,16 +228,8 @@ def test_identify__clipped_converter__is_said_or_refused() -> None:
 
 @pytest.mark.parametrize(
     "asked",
-    [
-        {"order": 0},
-        {"order": 9},
-        {"hold": "loose"},
-        {"zeros": -1},
-        {"integrators": 9},
-        {"delay_s": -1.0},
-        {"method": "guess"},
-        {"quantity": "warmth"},
-    ],
+    [{"order": 0}, {"order": 9}, {"zeros": -1}, {"integrators": 9}, {"delay_s": -1.0}]
+    + [{name: "guess"} for name in ("hold", "method", "quantity")],
 )
 def test_identify__unknown_option__is_refused(asked) -> None:
     with pytest.raises(BadInput, match="allowed"):

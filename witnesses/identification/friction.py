@@ -53,7 +53,7 @@ def somebody_elses(path: Path) -> Iterator[tuple[str, Record, Values]]:
     """Yield the motor of a MATLAB file."""
     read = io.loadmat(path)
     force, position = float(read["gtau"].item()) * read["vir"][:, 0], read["qm"][:, 0]
-    yield path.name, Record(RATE_HZ, force, position), PUBLISHED
+    yield path.stem.removeprefix("DATA_"), Record(RATE_HZ, force, position), PUBLISHED
 
 
 def main() -> int:

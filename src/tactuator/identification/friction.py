@@ -60,9 +60,7 @@ class FrictionFit:
 
 
 def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
-    """Return Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit,
-    positive.
-    """
+    """Return Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit."""
     x = np.ascontiguousarray(position, dtype=np.float64)
     friction = ffi.new("tact_friction *", (1.0 / presliding, 1.0 / presliding))
     state, out = ffi.new("tact_friction_state *", (0.0, float(x[0]))), np.empty(x.size)

@@ -65,9 +65,7 @@ class Grid:
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
     def like(self, scale_rad_s: float, hold: Hold) -> Grid:
-        """Return the same lines in another scale of time, under a hold; what depends on neither is not worked out
-        again.
-        """
+        """Return the same lines in another scale of time, under a hold; what depends on neither is not done again."""
         grid = replace(self, scale_rad_s=scale_rad_s, hold=hold)
         grid.__dict__.update(back=self.back, step=self.step)
         return grid
@@ -179,9 +177,7 @@ def held_slopes(
 
 
 def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> ComplexArray:
-    """Return the same for a command that is a straight line between samples; the dead time's fraction is
-    interpolated.
-    """
+    """Return the same for a command that is straight between samples; the dead time's fraction is interpolated."""
     period, back = grid.period, grid.back[:, None]
     first = _integral(poles, period)
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))

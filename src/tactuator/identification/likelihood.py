@@ -372,9 +372,7 @@ def eliminated(products: FloatArray, linear: int, turning: FloatArray | None = N
 
 
 def turning_of(products: FloatArray) -> FloatArray:
-    """Return the weights (k, j) that make orthonormal columns of those with the products (k, k); directions that
-    rounding has taken are left out.
-    """
+    """Return the weights (k, j) that make those with the products (k, k) orthonormal, lost directions left out."""
     if not products.size:
         return np.zeros((0, 0))
     size = np.sqrt(np.maximum(products.diagonal(), 0.0))

@@ -68,9 +68,7 @@ _FEWEST_BANDS = 6
 
 
 def check_direction(response: EmpiricalResponse) -> tuple[Doubt, ...]:
-    """Check whether what is called position follows what is called command: a mechanism falls with
-    frequency, and lags.
-    """
+    """Check whether the position follows the command: a mechanism falls with frequency, and lags."""
     trusted = response.trusted(0.5)
     if trusted.frequency_hz.size < _FEWEST_BANDS:
         return ()

@@ -138,9 +138,7 @@ def identify_recursively(
 
 
 def _corner(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
-    """Return where the response has fallen to a tenth of its largest value, rad/s: above most poles, below
-    most noise.
-    """
+    """Return where the response has fallen to a tenth of its largest value, rad/s: above most poles."""
     response = empirical_response(u, y, rate_hz)
     trusted = response.coherence > 0.3
     if trusted.sum() < 3:

@@ -79,9 +79,7 @@ def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatA
 
 
 def _ljung_box(values: FloatArray) -> float:
-    """Test whiteness by Ljung and Box (1978): n (n + 2) sum r_k^2 / (n - k) is chi-squared of as many
-    degrees as lags.
-    """
+    """Test whiteness by Ljung and Box (1978): n (n + 2) sum r_k^2 / (n - k) is chi-squared, a degree for each lag."""
     n, lags = values.size, min(_LAGS, values.size // 10)
     covariance = autocorrelation(values - values.mean(), lags)
     if covariance[0] == 0.0:
@@ -117,9 +115,7 @@ def _input_test(
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
-    """Return the first-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (k,
-    n).
-    """
+    """Return first-order low-passes of the delayed command, corners from 2 record periods to 0.2 rate, (k, n)."""
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
     decays = np.array([np.exp(-2.0 * np.pi * corner / rate_hz) for corner in corners])

@@ -39,17 +39,13 @@ class Friction:
 
     @property
     def small_command(self) -> float:
-        """Return the level by the describing function of Coulomb friction, 4 c/(pi U), in phase with the command at
-        worst.
-        """
+        """Return the level by the describing function of Coulomb friction, 4 c/(pi U), in phase at worst."""
         return float(4.0 * self.coulomb / np.pi / (1.0 - 10.0 ** (-1.0 / 20.0)))
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One form that was tried: half of -2 log likelihood, the hold it was tried under and how far its criterion (Bayes)
-    is behind the best.
-    """
+    """One form that was tried: half of -2 log likelihood, its hold, and how far its criterion (Bayes) is behind."""
 
     poles: int
     zeros: int

@@ -170,9 +170,7 @@ class Starter:
         return poles
 
     def _first_poles(self, form: Form) -> ComplexArray:
-        """Return the lightly damped pairs over what the response shows, and a real pole in the middle for an odd
-        number.
-        """
+        """Return the lightly damped pairs over what the response shows, for an odd number a real pole amid them."""
         scale = 2.0 * np.pi / self.problem.grid.scale_rad_s
         pairs = np.geomspace(self.low_hz, self.high_hz, form.free // 2 + 2)[1:-1] * scale
         poles = [size * turn for size in pairs for turn in (-0.15 + 1j, -0.15 - 1j)]
