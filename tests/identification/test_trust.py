@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.identification.constancy import losses, resampled
+from tactuator.identification.constancy import losses, resampled, without_images
 from tactuator.identification.trust import GROWING, STANDARDS
 from tactuator.model.plant_model import reasons
+from tactuator.signals.record import Record
 from witnesses.trust.spoilt import RECORDS, judge, none
 
 PAGE = Path(__file__).parents[2] / "docs" / "identification.md"
@@ -57,9 +58,17 @@ def test_resampled__sine_of_another_clock__is_read_at_its_times() -> None:
     np.testing.assert_allclose(read[100:-100], np.sin(0.9 * np.arange(read.size))[100:-100], atol=1e-4)
 
 
+def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
+    """Witness: what a converter that holds a sine puts out at its frequency, sinc(f T), T/2 late."""
+    turn, middle = 2.0 * np.pi * 0.1, np.arange(500, 19_500)
+    command = np.sin(turn * np.arange(40_000))
+    halved = without_images(Record(4000.0, command, command), held=True)
+    seen = 2j * np.mean(halved.command[middle] * np.exp(-2j * turn * middle))
+    assert np.log(seen) == pytest.approx(np.log(np.sinc(0.1)) - 0.5j * turn, abs=2e-3)
+
+
 @pytest.mark.parametrize(
-    ("name", "status"),
-    [("16 samples lost", 0), ("200 ppm back", 0), ("gain falls 20 %", 1)],
+    ("name", "status"), [("16 samples lost", 0), ("200 ppm back", 0), ("gain falls 20 %", 1), ("backlash", 0)]
 )
 def test_identify__spoilt_record__is_mended_or_not_trusted(name: str, status: int, tmp_path: Path) -> None:
     judged = judge(replace(BY_NAME[name], seconds=3.0), 7, tmp_path)

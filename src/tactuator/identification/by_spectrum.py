@@ -118,7 +118,7 @@ def _with_what_is_left(
     at = f"at {tests.jump / rate_hz:.6g} s" if tests.jump is not None else ""
     change, half = tests.drift
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
-    beyond = model.excess.joined(level + 0j).joined(np.full(level.size, drifting + 0j))
+    beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
     return replace(model.judged(KNOCK.of(tests.knock, at), DISTORTION.of(100.0 * share)), excess=beyond)
 
 

@@ -139,6 +139,9 @@ def without_images(record: Record, *, held: bool) -> Record:
     What a held command moves beyond half the rate is not at its place any more where the position was read anew.
     """
     command = np.repeat(record.command, _HELD) if held else record.command
+    if held:
+        # of a step's two values the mean stands at its edge: else the whole came early by half of such a sample
+        command[1:] = 0.5 * (command[1:] + command[:-1])
     halved = [scipy.signal.resample_poly(row - row.mean(), 1, 2, padtype="line") for row in (
         record.position, *(() if record.reference is None else (record.reference,)))]  # fmt: skip
     moved = scipy.signal.resample_poly(command - command.mean(), 1, 2 * _HELD if held else 2, padtype="line")
