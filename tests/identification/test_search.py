@@ -5,8 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tactuator.identification.form import Form, Known
+from tactuator.identification.hold import Grid
 from tactuator.identification.identify import identify
-from tactuator.identification.search import _best
+from tactuator.identification.likelihood import SpectralProblem
+from tactuator.identification.lines import points
+from tactuator.identification.search import Choice, _best, simplest
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited
 
@@ -67,3 +71,15 @@ def test_simplest__what_stands_out_of_the_band__is_kept() -> None:
     plant = Plant(np.array(zeros), np.array(poles), 1.0, 0.0)
     found = identify(Record(2000.0, *band_limited(plant, np.random.default_rng(2), 2000.0, 8.0, 50.0)), friction=False)
     assert (found.order, found.model.num.size - 1) == (4, 2)
+
+
+def test_simplest__simpler_form_that_leaves_less__is_taken_though_it_can_be_told_apart() -> None:
+    """A record of a levitated magnet had six poles and a seventh at 1e17 Hz: without that one, they fitted better."""
+    place = np.geomspace(1.0, 300.0, 60)
+    s = 2j * np.pi * place / 100.0
+    grid, answer = Grid(place, 2000.0, 100.0, "band-limited"), 3.0 / (s * s + 2.0 * s + 5.0)
+    problem = SpectralProblem(points(place, answer, 2000.0), 1e3 / np.abs(answer), grid, with_transient=False)
+    fit = problem.descend(Form(3, 0), np.array([2.5, 6.0, -1e9]), 0.0, most=0)
+    chosen, missed = simplest(Choice("band-limited", fit, {fit.form: fit}, problem), Known(), lambda _: False)
+    assert (missed, chosen.fit.form) == (True, Form(2, 0))
+    np.testing.assert_allclose(chosen.fit.theta, [2.0, 5.0], rtol=1e-6)

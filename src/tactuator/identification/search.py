@@ -261,9 +261,10 @@ def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit],
     return Choice(choice.hold, best, near, problem)
 
 
-def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bool]) -> Choice:
+def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bool]) -> tuple[Choice, bool]:
     """Return the choice with a form of fewest parameters whose response cannot be told from that of the chosen one:
-    those that were fitted, then those that are simpler by a pole, a zero or a dead time, one after the other.
+    those that were fitted, then those that are simpler by a pole, a zero or a dead time, one after the other; or, where
+    one of these leaves less than the chosen one, the choice with it, and true: the search had missed it.
 
     is_within: whether a fit's response lies within the band of the chosen one.
     """
@@ -271,9 +272,19 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
     now = min([choice.fit, *alike], key=lambda fit: (fit.form.count, fit.cost))
     simpler: SpectralFit | None = now
     while simpler is not None:
-        now = simpler
-        simpler = next(filter(is_within, _fitted_simpler(choice.problem, now, known)), None)
-    return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now})
+        now, least, simpler = simpler, choice.fit, None
+        for fit in _fitted_simpler(choice.problem, now, known):
+            if is_within(fit):
+                simpler = fit
+                break
+            least = min(least, fit, key=_cost)
+        if simpler is None and least is not choice.fit:
+            return replace(choice, fit=least, fits={**choice.fits, least.form: least}), True
+    return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now}), False
+
+
+def _cost(fit: SpectralFit) -> float:
+    return fit.cost if np.isfinite(fit.cost) else np.inf
 
 
 def _fitted_simpler(problem: SpectralProblem, fit: SpectralFit, known: Known) -> Iterator[SpectralFit]:

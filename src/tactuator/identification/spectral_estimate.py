@@ -287,7 +287,12 @@ def simplified(estimated: SpectralEstimate, known: Known, shifts: FloatArray | N
 
     shifts: deviations of its parameters beside the noise's, as in `indistinct`.
     """
-    chosen = simplest(estimated.chosen, known, indistinct(estimated.chosen, estimated.local, shifts))
+    before, distinct = estimated.chosen, True
+    while distinct:
+        chosen, distinct = simplest(before, known, indistinct(before, estimated.local, shifts))
+        if distinct and shifts is not None:
+            return estimated  # the deviations are those of the form before
+        before = refitted(chosen, chosen.problem.given) if distinct and estimated.residuals else chosen
     if chosen is estimated.chosen:
         return estimated
     residuals = record_residual(chosen, estimated.spectra) if estimated.residuals else ()
@@ -323,9 +328,7 @@ _FOLLOWS = 0.3
 
 
 def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> SpectralEstimate:
-    """Return the estimate with its chosen forms fitted to what follows the references (n,); the same where that is too
-    little.
-    """
+    """Return the estimate with its chosen forms fitted to what follows the references (n,), if that is enough."""
     choice, pairs = estimated.chosen, list(zip(estimated.spectra, references, strict=True))
     if not all(follows(*pair) for pair in pairs):
         return estimated
