@@ -124,9 +124,7 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
 
 
 def _unsure(given: FrequencyResponse) -> FloatArray:
-    """Return the relative error of a response whose phase was computed: what lies beyond its ends turns it most at
-    them.
-    """
+    """Return the relative error of a response of computed phase: what lies beyond its ends turns it most there."""
     place = np.log(given.frequency_hz)
     to_end = np.minimum(place - place[0], place[-1] - place)
     return np.asarray(np.hypot(given.deviation, 0.02 + 0.13 * np.exp(-2.0 * to_end)))

@@ -251,9 +251,7 @@ def without_cancelled(poles: ComplexArray, zeros: NDArray[Any]) -> ComplexArray 
 
 
 def fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:
-    """Return the poles without the farthest and without the slowest real pole; a far pair becomes one real pole where
-    none is real.
-    """
+    """Return the poles less the farthest, and less the slowest real one; where none is real a far pair becomes one."""
     real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
     if real.size:
         far, slow = real[np.argmax(np.abs(poles[real]))], real[np.argmin(np.abs(poles[real]))]
@@ -420,9 +418,7 @@ def freedom(theta: FloatArray, form: Form, rungs: Ladder) -> FloatArray:
 
 
 def _conditions(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rows (p, numerators) and wanted values (p,) of the numerator's weights, and how these move with theta, (p,
-    free).
-    """
+    """Return rows (p, numerators) and wanted values (p,) of the numerator's weights, and slopes by theta (p, free)."""
     pins = form.pins_above
     rows, wanted, slopes = (
         np.zeros((len(pins), form.numerators)),

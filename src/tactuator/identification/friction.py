@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import Known, freedom
@@ -97,13 +99,19 @@ class _Level:
     held: bool = False
     deviation: float = np.inf
 
+    @cached_property
+    def free(self) -> list[FloatArray]:
+        """Return friction's state along every path, (n,)."""
+        return [dahl_state(path, self.presliding) for path in self.paths]
+
+    @cached_property
     def states(self) -> list[FloatArray]:
-        """Return friction's state along every path, (n,), as it acts from each sample to the next."""
-        return _acting([dahl_state(path, self.presliding) for path in self.paths], self.held)
+        """Return the same as it acts from each sample to the next."""
+        return _acting(self.free, self.held)
 
     def off(self, signals: Signals) -> list[tuple[FloatArray, FloatArray]]:
         """Return the signals with friction off their commands."""
-        pairs = zip(signals, self.states(), strict=True)
+        pairs = zip(signals, self.states, strict=True)
         return [(command - self.coulomb * state, position) for (command, position), state in pairs]
 
 
@@ -142,7 +150,7 @@ def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> Frict
     friction is certain.
     """
     lines = _FrictionLines(now, level)
-    gain, coulomb, power, weights = lines.explained(level.states())
+    gain, coulomb, power, weights = lines.explained(*lines.pulls(level.states))
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
@@ -203,8 +211,8 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
 
     def explain(k: int, presliding: float, holds: Sequence[bool]) -> None:
         states = [dahl_state(path, presliding) for path in both[k]]
-        for held in holds:
-            tried[k, held, presliding] = lines.explained(_acting(states, held))[:3]
+        for held, pull in zip(holds, lines.pulls(*(_acting(states, held) for held in holds)), strict=True):
+            tried[k, held, presliding] = lines.explained(pull)[:3]
 
     def gain(way: tuple[int, bool, float]) -> float:
         return tried[way][0]
@@ -247,7 +255,7 @@ class _FrictionLines:
 
     def __init__(self, now: SpectralEstimate, level: _Level) -> None:
         """Keep what every trial shares; level: what is off the commands of the estimate."""
-        states = level.states() if level.coulomb > 0.0 else []
+        states = level.states if level.coulomb > 0.0 else []
         fit, columns_of, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
         self._spectra, self._weighted = now.spectra, list[ComplexArray]()
         # values that are known stay as they are
@@ -265,13 +273,11 @@ class _FrictionLines:
         self._products, self._along = self._rows @ self._rows.T, self._rows @ self._rest
         self.power = float(self._rest @ self._rest)
 
-    def explained(self, *columns: Sequence[FloatArray]) -> tuple[float, float, float, FloatArray]:
-        """Return by how much the sum of squares falls with friction of those states (n,), the level that brings it (0,
-        0 where it would be negative), the power of its lines, and what of the fit's parameters makes up for one unit.
-
-        columns: states of every record; further ones are other parts of friction beside them.
+    def explained(self, pull: FloatArray) -> tuple[float, float, float, FloatArray]:
+        """Return by how much the sum of squares falls with a friction's pull, the level that brings it (0, 0 where it
+        would be negative), the power of its lines, and what of the fit's parameters makes up for one unit.
         """
-        gain, level, powers, moves, _ = self._together([self._pull(states) for states in columns])
+        gain, level, powers, moves, _ = self._together([pull])
         if not level[0] > 0.0 or not powers[0] > 0.0:
             return 0.0, 0.0, 0.0, moves[:, 0]
         return gain, float(level[0]), float(powers[0]), moves[:, 0]
@@ -291,22 +297,25 @@ class _FrictionLines:
         gain = float(rest[-1, -1] - remaining[0, 0]) if np.any(along) else 0.0
         return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
 
-    def _pull(self, states: Sequence[FloatArray]) -> FloatArray:
-        """Return what one unit of friction of those states (n,) makes of the position's lines, weighted."""
-        parts = zip(self._weighted, states, self._spectra, strict=True)
-        pulled = [np.multiply(weighted, _lines(state, taken)) for weighted, state, taken in parts]
-        return (pulled[0] if len(pulled) == 1 else np.concatenate(pulled)).view(np.float64)
+    def pulls(self, *laws: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return what one unit of friction makes of the position's lines, weighted, by each of some laws: its states
+        (n,) along every record. Two laws at once are transformed in less than twice the time of one.
+        """
+        parts = zip(self._weighted, self._spectra, *laws, strict=True)
+        by_record = [weighted * _lines(np.stack(rows), taken) for weighted, taken, *rows in parts]
+        joined = by_record[0] if len(by_record) == 1 else np.concatenate(by_record, axis=1)
+        return list(joined.view(np.float64))
 
     def other_laws(self, level: _Level) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
         not exclude: one that acts otherwise between samples, and those of another level in either direction and of
         one that falls with the speed (Stribeck), by their evidence.
         """
-        free = [dahl_state(path, level.presliding) for path in level.paths]
-        speed = [np.abs(np.gradient(path)) for path in level.paths]
-        plain, *uneven = (
-            self._pull(_acting(part, level.held)) for part in (free, [np.abs(state) for state in free], speed)
-        )
+        free, speed = level.free, [np.abs(np.gradient(path)) for path in level.paths]
+        sizes = _acting([np.abs(state) for state in free], level.held)
+        plain, *uneven = self.pulls(level.states, sizes)
+        faster, otherwise = self.pulls(_acting(speed, level.held), _acting(free, not level.held))
+        uneven.append(faster)
         solved = [self._together([plain]), self._together([plain, *uneven])]
         for shape in (1, 2):
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
@@ -314,22 +323,23 @@ class _FrictionLines:
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
                 for fading in FADING
             )
-            tried = (self._together([plain, *uneven, self._pull(part)]) for part in falling)
+            pairs = (self.pulls(*pair) for pair in zip(falling, falling, strict=True))
+            tried = (self._together([plain, *uneven, pull]) for pair in pairs for pull in pair)
             solved.append(max(tried, key=lambda law: law[0]))
         scores = np.array([float(np.log(self._rest.size)) * law[1].size for law in solved])
         scores -= 2.0 * np.array([gain for gain, *_ in solved])
         evidence = np.exp(-0.5 * (scores - scores.min()))
         reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
-        solved.append(self._together([self._pull(_acting(free, not level.held))]))
+        solved.append(self._together([otherwise]))
         moves = np.stack([law[4] - solved[0][4] for law in solved])
         levels = np.array([law[1][0] - solved[0][1][0] for law in solved])
         return reach[:, None] * moves, reach * levels
 
 
 def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:
-    """Return the lines but zero of values (n,) at the record's command."""
-    early = values[: taken.samples]
-    lines = np.fft.rfft(early - early.mean())[1:]
+    """Return the lines but zero of values (..., n) at the record's command."""
+    early = values[..., : taken.samples]
+    lines = scipy.fft.rfft(early - early.mean(axis=-1, keepdims=True))[..., 1:]
     # the quotient of complex numbers that NumPy would form, to the last bit
     real = lines.view(np.float64)
     real *= 1.0 / np.sqrt(taken.samples)

@@ -389,9 +389,7 @@ def noise_power(given: Equations, residual: ComplexArray) -> tuple[FloatArray, F
 
 
 def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:
-    """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,); the noise of each
-    record is its own.
-    """
+    """Return one over each record's noise's deviation at each equation up to highest_hz, zero beyond, (e,)."""
     pieces = zip(given.parts, equation_slices(given), strict=True)
     by_equation = np.concatenate([noise_power(part, residual[piece])[0] for part, piece in pieces])
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)

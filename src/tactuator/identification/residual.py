@@ -76,9 +76,7 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
 
 
 def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> Residual:
-    """Return the residual of a fit that comes from elsewhere on all lines of a record, weighted by its own spectrum up
-    to highest_hz.
-    """
+    """Return the residual of another's fit on all lines of a record, weighted by its spectrum up to highest_hz."""
     part = equations(taken)
     grid = replace(fit.grid, frequency_hz=part.frequency_hz, rate_hz=part.rate_hz, shift=part.shift)
     flat = SpectralProblem(part, np.where(part.of_hz <= highest_hz, 1.0, 0.0), grid)
@@ -86,9 +84,7 @@ def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> 
 
 
 def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True) -> ResidualTests:
-    """Return the tests of what the fit leaves of one record; command: (n,), all of it; fitted: the record took part in
-    the fit.
-    """
+    """Return the tests of what the fit leaves of a record; command: (n,), all; fitted: did it take part in it?"""
     taken, residual = of_lines.taken, of_lines.measured - of_lines.simulated
     whitener = whitening_filter(residual)
     skip = whitener.size + 1

@@ -26,9 +26,7 @@ _BESIDE = 0.25
 
 @dataclass(frozen=True)
 class FixedAgainstOwn:
-    """A value that is fixed, beside the record's own (None: its own model has no such thing) with its 95 % half-width
-    (nan: not known).
-    """
+    """A value that is fixed, beside the record's own (None: it has none) with its 95 % half-width (nan: not known)."""
 
     fixed: Fixed
     by_record: tuple[float, float] | None

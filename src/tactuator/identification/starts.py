@@ -153,9 +153,7 @@ class Starter:
         return _least_squares(columns, self._target[chosen] * weight)[1]
 
     def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> ComplexArray:
-        """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros are the
-        next poles.
-        """
+        """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros follow."""
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         target = self._target[chosen] * np.exp(s * lag)
         poles = self._first_poles(form)
