@@ -122,9 +122,8 @@ class Presenter:
     ) -> Presentation:
         """Play every reference (n, channels) after silence of lead_s, with gap_s between and tail_s after the last.
 
-        All of it is one stretch of the rig's time, so that no gap is longer or shorter by a sample. Raises Halted where
-        the trial was stopped, BadInput where a reference has other channels than the rig, and as the rig's `stream`
-        does.
+        All of it is one stretch of the rig's time, no gap longer or shorter by a sample. Raises Halted where the trial
+        was stopped, BadInput where a reference has other channels than the rig, and as the rig's `stream` does.
         """
         stretch, onsets = self._stretch(references, lead_s, gap_s, tail_s)
         edges = [(onset, interval, True) for interval, onset in enumerate(onsets)]

@@ -188,8 +188,7 @@ def read_contours(path: str | Path) -> Contours:
     Columns: level_db_sl (at the reference frequency), frequency_hz, db_sl, and perhaps low_db_sl and high_db_sl. Lines
     `# key: value` of the head give name, provenance, source, reference_hz, and where it was felt.
 
-    Raises BadInput for a file that is missing, not a table, without a level for each contour and frequency, or not
-    contours.
+    Raises BadInput for a file that is missing, not a table, without a level for each contour and frequency, or none.
     """
     path = Path(path)
     require_kind(path, "contours")

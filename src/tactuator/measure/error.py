@@ -59,8 +59,7 @@ class ChannelPrediction:
         return np.asarray(self.loop.position_response(frequency) / self.channel.sensor_gain_v_per_mm / speed)
 
     def felt(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the felt amplitude (threshold units) per threshold unit asked: 1 in magnitude where the design is
-        exact.
+        """Return the felt amplitude (threshold units) per threshold unit asked: 1 where the design is exact.
 
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """

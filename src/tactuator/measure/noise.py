@@ -1,5 +1,4 @@
-"""Noise that a finger at rest would feel of hum, converters and loop resonance: from the command through the plant's
-model.
+"""Noise of hum, converters and loop resonance as a finger at rest feels it: the command through the plant's model.
 
 Hum and noise n of the sensor reach the fingertip as -T n and the sensor's own reading as S n: the reading is not what
 is felt. The command is (design.md, facts): what it does to the fingertip is the plant's response to it.
@@ -43,8 +42,8 @@ _SEEN = 4.0
 class SensorNoise:
     """Hum and noise of a sensor.
 
-    hum_hz, hum_v_peak (k,): the mains lines that stand out, volts peak. noise_v_rms: white noise, the converter's steps
-    taken out.
+    hum_hz, hum_v_peak (k,): the mains lines that stand out, volts peak. noise_v_rms: white, converter's steps taken
+    out.
     """
 
     hum_hz: FloatArray

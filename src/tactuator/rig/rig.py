@@ -49,8 +49,7 @@ class Finger:
         self._put(load)
 
     def press(self, force_v: ArrayLike) -> None:
-        """Press with a force over the coming samples, shape (n,), in volts of command that would push as hard; then
-        none again.
+        """Press with a force over the coming samples, shape (n,), in volts of command that push as hard.
 
         It is added to what is still to come of earlier presses.
         """

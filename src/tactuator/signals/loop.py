@@ -5,8 +5,8 @@ r -> F -> (+) -> e -> C -> u -> P -> y        L = C P, S = 1/(1 + L), T = L/(1 +
            +-------------------------+
 
 Stability follows from zeros and poles alone, with no polynomial expanded. Sampled loops are treated in d = z - 1, where
-slow poles keep their digits at any rate: a cascade of first-order factors is closed in state space and its eigenvalues
-are taken.
+slow poles keep their digits at any rate: a cascade of first-order factors is closed in state space, for its
+eigenvalues.
 
 Disk margin: Seiler, Packard & Gahinet (2020), "An introduction to disk margins", IEEE Control Systems 40(5), after
 Blight, Dailey & Gangsaas (1994): the balanced (S - T) margin alpha = 2 / max|S - T| means that the loop stays stable
@@ -75,7 +75,7 @@ def _ordered(roots: ComplexArray) -> ComplexArray:
 
 
 def closed_poles(open_loop: System) -> ComplexArray:
-    """Return the poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 for a sampled loop, delay
+    """Return the poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 of a sampled one, delay
     included.
 
     Raises BadInput for a continuous loop with dead time: it has infinitely many.
@@ -105,8 +105,7 @@ def is_inside(poles_in_d: ComplexArray) -> bool:
 
 
 def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
-    """Return the number of roots of 1 + L in the right half-plane of a loop with dead time, by the principle of the
-    argument.
+    """Return the number of roots of 1 + L in the right half-plane of a loop with dead time, by the argument principle.
 
     G = (1 + L) D/Q, with D the open loop's denominator and Q a stable polynomial of the same order, has no pole there
     and tends to one; its phase turns by -pi for every root as the frequency goes from 0 to infinity.

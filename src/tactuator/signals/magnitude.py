@@ -56,8 +56,7 @@ def fractions(square: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
-    """Return the roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered
-    diagonal.
+    """Return the roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): eigenvalues of a bordered diagonal.
 
     The small ones stay right where c_0 is next to nothing and one root is all but infinite; no size is beyond 1e12.
     """
@@ -72,8 +71,7 @@ def fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.
 
 
 def shaping_corners(corners: FloatArray, square: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Return corners b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the
-    next.
+    """Return corners b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does between a_k.
 
     A factor changes by a/b as x passes: b_k = a_k / (the change of the ratio around a_k), all different.
     """
@@ -279,8 +277,8 @@ class Program:
         return True
 
     def _seems_possible(self, error_db: float) -> bool:
-        """Tell whether the linear program at that error has a solution on some points of the grid, by the quickest rule
-        of pivoting.
+        """Tell whether the linear program at that error has a solution on some points of the grid, by the quickest
+        pivoting.
 
         Points that the solution passes are taken in from then on. It tells the size of D too, in proportion to which
         later constraints are told.

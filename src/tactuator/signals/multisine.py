@@ -61,8 +61,7 @@ def _synthesise(period: int, bins: Bins, amplitude: FloatArray, phase: FloatArra
 
 
 def place_lines(frequency_hz: ArrayLike, rate_hz: float, period: int, *, mains_hz: float | None = 60.0) -> Bins:
-    """Return the odd lines of a period nearest to `frequency_hz` (m,), each used once, 2 Hz off multiples of
-    mains.
+    """Return the odd lines of a period nearest to `frequency_hz` (m,), each used once, 2 Hz off mains.
 
     Odd lines alone leave every even line free to show even-order distortion. The lowest may be line 1. Raises BadInput
     where no free line is left below rate/2.

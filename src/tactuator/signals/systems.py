@@ -72,8 +72,7 @@ def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -
 def section_roots(c0: float, c1: float, c2: float) -> ComplexArray:
     """Return the roots in z of c0 + c1 z^-1 + c2 z^-2 times the power of z that its first non-zero coefficient leaves.
 
-    Found for d = z - 1 with an exact discriminant: slow roots keep their digits at any rate, and a root at z = 1 is
-    exactly there.
+    Found for d = z - 1 with an exact discriminant: slow roots keep their digits at any rate, a root at z = 1 is exact.
     """
     if c2 == 0.0 or c0 == 0.0:
         if c0 != 0.0:

@@ -217,8 +217,7 @@ def _draw_resolution(controller: "Controller", folder: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImageResult(Result):
-    """An image as the core reads it. image: its file, if any; controller: the hash of its controller; content: its
-    bytes.
+    """An image as the core reads it. image: its file, if any; controller: its controller's hash; content: bytes.
 
     response_error_db: what the number format costs, of an image that was built here. is_of_controller: whether it is
     the image of the controller of which that was asked, which is `asked`.

@@ -158,8 +158,7 @@ def read(controller: "Controller | Place") -> "Controller":
 
 
 def chosen_controller(display: "Display | Place | None", controller: "Controller | Place | None") -> "Controller":
-    """Return the controller, or that of a file, or one designed for a display; with both, the controller on that
-    display.
+    """Return the controller, or that of a file, or one designed for a display; with both, it on that display.
 
     BadInput for neither, or for two that do not fit.
     """

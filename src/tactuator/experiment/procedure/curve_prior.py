@@ -10,8 +10,7 @@ Normal people differ little from the display's curve. A broad loss raises or til
 edge or several steps. A loss of one channel is bounded by the other: where the Pacinian channel is lost, the threshold
 rises with frequency above the knee at which the two meet, until it meets the loss; where the others are lost, it rises
 towards lower frequencies. One kind wide enough for all of them needs many more trials for normal people; a narrow one
-gives people with a loss a curve that is too good, inside a band that is too narrow. All kinds therefore run side by
-side.
+gives people with a loss a curve that is too good, inside a band that is too narrow. So all run side by side.
 """
 
 from __future__ import annotations

@@ -103,8 +103,7 @@ _EASY_ABOVE_DB = 8.0
 class RunFlags:
     """Results of the tests on several runs, each (runs,).
 
-    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of POWER_LAPSE_RATE would
-    be flagged.
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that POWER_LAPSE_RATE would be flagged.
     """
 
     log_bayes_factor: FloatArray

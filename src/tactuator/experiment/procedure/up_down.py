@@ -189,8 +189,7 @@ class UpDown:
         self.level_db_sl = min(max(wanted, self.rule.floor_db_sl), self.rule.ceiling_db_sl)
 
     def estimate(self) -> Estimate | None:
-        """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before the run has its
-        reversals.
+        """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before it has them.
 
         The standard error is the levels' standard deviation over the root of their number.
         """

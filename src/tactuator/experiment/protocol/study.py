@@ -156,8 +156,7 @@ class StudyProtocol:
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.
 
-        Raises BadInput for an item that is not asked for, a value that is not allowed, or one that is required and
-        not given.
+        Raises BadInput for an item that is not asked for, a value not allowed, or one required and not given.
         """
         values = {name: self.fact(name, value) for name, value in given.items()}
         for item in self.demographic:

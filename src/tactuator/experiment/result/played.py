@@ -68,8 +68,7 @@ _LARGEST_SD_DB = 3.0
 class DeliveredLevel:
     """Gain of the display in a run.
 
-    offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. Both NaN where noise hides
-    it.
+    offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. NaN where noise hides it.
     """
 
     offset_db: float

@@ -45,8 +45,7 @@ class StoredIntervals:
 class StoredRun:
     """A stored run with its trials.
 
-    session, run: their rows. frequency_hz, levels_db_sl, curve_level_db_re_1um, correct: (trials,). intervals: of all
-    trials.
+    session, run: their rows. frequency_hz, levels_db_sl, curve_level_db_re_1um, correct: (trials,). intervals: of all.
     """
 
     session: Found

@@ -159,8 +159,7 @@ def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> Law:
     """Return the law by which tones of equal velocity are equally strong, the more so the further above threshold.
 
     Nobody knows how velocity takes over. Its parameters: the share of the way there that is ever gone, the log of the
-    level (dB SL) where most of it is, the log of how abruptly, and whose level decides: 0 the reference's, 1 the
-    tone's own.
+    level (dB SL) where most of it is, the log of how abruptly, whose level decides: 0 the reference's, 1 the tone's.
     """
     at_reference = curve.level_db_re_1um_at(reference_hz)
 

@@ -124,8 +124,7 @@ class BoardRig(Rig):
         return join_traces(self._traces([rows], True, _BLOCK_LEAD_S), self.rate_hz, self.channels)
 
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
-        """Play tones that the board makes itself, by channel, and return their trace: nothing is streamed but the
-        trace.
+        """Play tones that the board makes itself, by channel, and return their trace, the only thing streamed.
 
         A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
         """

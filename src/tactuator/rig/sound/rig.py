@@ -326,11 +326,9 @@ class OpenLoop:
         self._states = [[np.zeros((len(sections), 2)) for sections in cascade] for cascade in self._cascades]
 
     def command(self, reference: FloatArray) -> tuple[FloatArray, Flags]:
-        """Return the volts (n, channels) for a reference (n, channels), threshold units, and where they were cut to the
-        command's limit.
+        """Return the volts (n, channels) for a reference (n, channels), threshold units, and where they were cut.
 
-        Raises BadInput for a reference beyond comfort, and for one that takes a channel beyond its travel by the
-        display's model.
+        Raises BadInput for a reference beyond comfort, or beyond a channel's travel by the display's model.
         """
         peak = float(np.max(np.abs(reference), initial=0.0))
         if peak > _ROUNDING * float(from_db(self._comfort_db_sl)):

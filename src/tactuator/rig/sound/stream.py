@@ -199,8 +199,7 @@ class Port(Protocol):
 class CardPort:
     """A duplex stream between `out` and `taken_from` (None: outputs only) that exchanges `rows`.
 
-    Raises BadInput where the card lacks channels or the rate, and DeviceFault where it cannot be opened or does not
-    answer.
+    Raises BadInput where the card lacks channels or the rate, and DeviceFault where it does not open or answer.
     """
 
     def __init__(
