@@ -41,6 +41,14 @@ def test_room__whatever_it_holds__keeps_its_budget_of_lines(room: str) -> None:
 def test_house__as_a_whole__keeps_its_budget() -> None:
     assert lines_of(PACKAGE) <= BUDGETS["src"]
     assert lines_of(ROOT / "tests") <= BUDGETS["tests"]
+    assert len(TREES) <= BUDGETS["modules"]
+
+
+def test_pages__all_but_decisions__keep_their_budget_of_words() -> None:
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+    pages += [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "tutorials").glob("*.md")]
+    words = " ".join(page.read_text(encoding="utf-8") for page in pages).split()
+    assert sum(any(map(str.isalpha, word)) for word in words) <= BUDGETS["words"], "say each thing once"
 
 
 def test_functions__every_one__fits_a_screen() -> None:
