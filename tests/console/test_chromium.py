@@ -8,11 +8,9 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
-from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN, console_page, tab_to
+from tests.console.pages import ONE, TOKEN, console_page, tab_to
 from tests.web.server import served
 
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 SETTLED = ".tiles[aria-busy=false]"
 
 
@@ -30,15 +28,19 @@ def shape(page):
     return json.loads(parse_qs(page.evaluate("location.hash.slice(1)"))["shapes"][0])["index"]
 
 
+def to_the_loop(page):
+    tab_to(page, ".cards a")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(SETTLED)
+
+
 def gain_text(page):
     return page.locator(".handle.gain").get_attribute("aria-valuetext")
 
 
 @pytest.mark.slow
 def test_loop__by_keyboard_alone__is_designed_changed_and_saved_as_check_judges_it(page, tmp_path):
-    tab_to(page, ".cards a")
-    page.keyboard.press("Enter")
-    page.wait_for_selector(SETTLED)
+    to_the_loop(page)
     assert "token" not in page.url
     tab_to(page, "button.first")
     page.keyboard.press("Enter")
@@ -57,9 +59,7 @@ def test_loop__by_keyboard_alone__is_designed_changed_and_saved_as_check_judges_
 
 
 def test_handles__by_keyboard__change_what_they_say_and_undo_takes_it_back(page):
-    tab_to(page, ".cards a")
-    page.keyboard.press("Enter")
-    page.wait_for_selector(SETTLED)
+    to_the_loop(page)
     before, said = shape(page), gain_text(page)
     tab_to(page, ".handle.gain")
     page.keyboard.press("ArrowUp")
@@ -84,9 +84,7 @@ def test_handles__by_keyboard__change_what_they_say_and_undo_takes_it_back(page)
 
 @pytest.mark.slow
 def test_mark__of_the_curve_by_keyboard__rises_by_half_a_decibel(page):
-    tab_to(page, ".cards a")
-    page.keyboard.press("Enter")
-    page.wait_for_selector(SETTLED)
+    to_the_loop(page)
     mark = page.locator("[aria-label^='Point of the curve at 20 Hz']")
     before = float(mark.get_attribute("aria-valuenow"))
     mark.focus()
@@ -99,9 +97,7 @@ def test_mark__of_the_curve_by_keyboard__rises_by_half_a_decibel(page):
 
 @pytest.mark.slow
 def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
-    tab_to(page, ".cards a")
-    page.keyboard.press("Enter")
-    page.wait_for_selector(SETTLED)
+    to_the_loop(page)
     before = shape(page)
     page.locator("#gain").fill("900")
     page.keyboard.press("Enter")

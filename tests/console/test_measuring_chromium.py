@@ -14,14 +14,12 @@ from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.io.reference import ReferenceHead, write_reference
-from tactuator.io.shipped import EXAMPLES
 from tactuator.rig.board.link import Mode
 from tests.console.board_at_port import board_at_port
-from tests.console.pages import TOKEN, go, saved_by, tab_to, watched_page
+from tests.console.pages import ONE, TOKEN, go, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served
 
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
 
 

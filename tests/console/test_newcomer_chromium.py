@@ -8,11 +8,10 @@ from tactuator.console.app import build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN, tab_to, watched_page
+from tests.console.pages import ONE, TOKEN, tab_to, watched_page
 from tests.web.server import served
 from tests.web.study import ASKED
 
-ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 TRIALS = 10
 
 

@@ -1,5 +1,6 @@
 """The scope in a real Chromium, by keyboard alone: a simulated rig is begun, driven, touched, looked at and stopped."""
 
+import itertools
 import threading
 
 import pytest
@@ -10,6 +11,7 @@ from tactuator.io.controller import read_controller
 from tactuator.io.record import read_record
 from tests.console.pages import TOKEN, address_of, opened_page, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
+from tests.console.test_still_chromium import DIRECTIONS, NEAR_PX, pulled
 from tests.web.server import served
 
 
@@ -60,6 +62,13 @@ def test_scope__on_a_wall_display__is_drawn_larger_and_goes_on(page, console):
     assert page.evaluate("document.querySelector('#banner').hidden")
 
 
+def still_but_for_the_cursor(page):
+    """Pull each cursor by 40 px in each direction: it follows sideways, and nothing else moves."""
+    for nth, (along, down) in itertools.product((0, 1), DIRECTIONS.values()):
+        by, moved = pulled(page, f".cursor >> nth={nth}", along, down, lambda: frames_past(page, 2))
+        assert (by, moved) == (pytest.approx((along, 0.0), abs=NEAR_PX), []), (nth, along, down)
+
+
 @pytest.mark.slow
 def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(page, console, tmp_path):
     begun(page, console)
@@ -79,6 +88,7 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     tab_to(page, ".cursor")
     page.keyboard.press("Shift+ArrowRight")
     page.wait_for_selector("#cursor-values:has-text('cursors: 70 ms apart')")
+    still_but_for_the_cursor(page)
     page.evaluate(AXE)
     assert faults(page, {}) == []
     page.locator("#pause").focus()

@@ -7,11 +7,10 @@ import pytest
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import address_of, go
+from tests.console.pages import TOKEN, address_of, go
 from tests.console.test_chromium import ONE, SETTLED, gain_text, shape
 from tests.web.server import served
 
-TOKEN = "a-token-of-this-test"
 LEAST_PX = 24
 """The least size of what is touched, WCAG 2.2, criterion 2.5.8."""
 
@@ -32,7 +31,6 @@ def phone(browser, display):
             page.locator(selector).first.scroll_into_view_if_needed()
             box = page.locator(selector).first.bounding_box()
             x, y = box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
-
             cancelled, top = page.evaluate("[window.cancelled, scrollY]")
 
             def send(kind, points):

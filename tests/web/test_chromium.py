@@ -144,6 +144,7 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     )
     page.locator("#others button").tap()  # to leave, while a trial goes on
     visible(page, "Leave the study for good")
+    assert page.locator("#others button").last.evaluate("back => back === document.activeElement")
     assert page.evaluate("heard").pop() == ["paused", True]  # the masking sound goes on until the rig is at rest
     assert page.evaluate("page.noise.context") is None
     page.locator("#others button").first.tap()
@@ -211,8 +212,11 @@ def test_held_key__answers_every_burst_by_its_state(tmp_path, browser) -> None:
             page.wait_for_function(f"Number((document.body.dataset.trial || '').split('/')[1]) >= {trials}")
             assert page.locator(".choice").get_attribute("aria-pressed") == str(turn == page.keyboard.up).lower()
             turn("1")
+        assert page.locator(".right, .wrong").count() == 0  # they would hide whether it is held
+        page.evaluate("page.demonstration.listen(true); page.demonstration.play({ envelope_db_sl: [30], step_s: 90 })")
         page.keyboard.press("Escape")
         visible(page, "You have paused")
+        assert page.evaluate("[page.demonstration.shape, page.demonstration.source]") == [None, None]
     finally:
         server.kill()
     with closing(sqlite3.connect(server.store)) as store:

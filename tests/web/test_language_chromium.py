@@ -120,7 +120,7 @@ def test_keys__by_where_they_stand__answer_on_every_layout(server, browser) -> N
 def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen(tmp_path, browser, language) -> None:
     made = started(tmp_path, ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"'), controller())
     try:
-        for wide in (390, 640, 195):  # a phone, and a screen of 1280 and the phone at 200 %
+        for wide in (390, 640, 720, 1024, 195):  # a phone, screens, and the phone at 200 %
             page = browser.new_page(viewport={"width": wide, "height": 800})
             page.goto(made.addresses["operator"])
             page.locator("[data-start]").wait_for()

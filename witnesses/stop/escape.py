@@ -190,6 +190,11 @@ def _leaving(page: Any) -> None:
     page.locator("#others button").last.click()
 
 
+def _asked_to_leave(page: Any) -> None:
+    _paused(page)
+    page.locator("#others button").last.click()
+
+
 STATES: dict[str, Callable[[Any], None]] = {
     "consent": lambda page: None,
     "introduction": _introduced,
@@ -206,6 +211,7 @@ STATES: dict[str, Callable[[Any], None]] = {
     "after a pause": _resumed,
     "stopped for today": _stopped,
     "leaving": _leaving,
+    "leaving, asked how": _asked_to_leave,
 }
 
 

@@ -184,16 +184,16 @@ class ExperimentLook(ViewRequest):
     protocol: Name
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return name, kind, language and subjects of the study. Raises BadInput, naming the key, for no protocol."""
+        """Return what the study is, and what its results will lack. Raises BadInput, naming the key, for no protocol."""
         protocol, _ = read_any_protocol(protocol_path(state.uploads, self.protocol))
         items = [item.file for item in protocol.item] if isinstance(protocol, RecognitionProtocol) else []
-        language_file = protocol.study.language_file
         return {
             "study": protocol.study.name,
             "kind": _kind(protocol),
             "language": protocol.study.language,
             "subjects": [subject.code for subject in protocol.subject],
-            "files": [*items, *([] if language_file is None else [language_file])],
+            "files": [*items, *filter(None, [protocol.study.language_file])],
+            "warning": protocol.warning,
         }
 
 

@@ -50,6 +50,12 @@ export const COARSE = matchMedia("(pointer: coarse)").matches;
 // Where a pointer has gone to along one axis since it was down there: less than a pixel is none of a hand's doing.
 export const gone = (to, from) => (Math.abs(to - from) < 1 ? from : to);
 
+// The one of several handles that lies nearest to a pointer: one may cover the middle of another.
+export function nearest(nodes, { clientX, clientY }) {
+  const apart = (node) => { const { left, right, top, bottom } = node.getBoundingClientRect(); return Math.hypot((left + right) / 2 - clientX, (top + bottom) / 2 - clientY); };
+  return nodes.reduce((best, one) => (apart(one) < apart(best) ? one : best));
+}
+
 // A part of a drawing that is dragged: a fingertip on it does not scroll the page (touch-action does not count inside an SVG).
 export function draggable(node, begin) {
   node.addEventListener("touchstart", (event) => event.preventDefault(), { passive: false });

@@ -66,7 +66,7 @@ export default class Experiment {
     const found = await this.link.ask("experiment.look", { protocol: key });
     this.chosen(key, name);
     const needed = found.files.length && name ? ` It names ${found.files.join(", ")}: drop them too.` : "";
-    this.about.textContent = `${name || named(key)}: the study “${found.study}”, ${found.kind}, language ${found.language}, subjects ${found.subjects.join(", ") || "none yet"}.${needed}`;
+    this.about.textContent = `${name || named(key)}: the study “${found.study}”, ${found.kind}, language ${found.language}, subjects ${found.subjects.join(", ") || "none yet"}.${needed}${found.warning && ` ${found.warning}.`}`;
   }
 
   chosen(key, name) {

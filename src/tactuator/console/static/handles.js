@@ -1,5 +1,5 @@
 // Handles on |L|: one for each factor at its frequency, and one for the gain. Sideways: frequency; up and down: what else it has.
-import { COARSE, digits, draggable, draw, gone } from "./dom.js";
+import { COARSE, digits, draggable, draw, gone, nearest } from "./dom.js";
 import { PARAMETERS, highest, limited, namesOf, second, stepped, titleOf } from "./shape.js";
 import { Value } from "./value.js";
 
@@ -50,10 +50,11 @@ export class Handles {
   made() {
     const one = draw("path", { class: "handle", tabindex: 0, role: "slider" });
     draggable(one, (event) => {
+      const taken = nearest(this.drawn, event);
       event.preventDefault();
-      one.focus();
+      taken.focus();
       this.layer.setPointerCapture(event.pointerId);
-      this.dragged = { index: one.index, hz: one.hz, x: event.clientX, y: event.clientY, from: structuredClone(this.shape), begun: true };
+      this.dragged = { index: taken.index, hz: taken.hz, x: event.clientX, y: event.clientY, from: structuredClone(this.shape), begun: true };
     });
     this.value.attach(one, () => (one.index < 0 ? "gain" : titleOf(this.shape.factors[one.index] ?? { kind: "" })), () => this.fields(one.index));
     one.onkeydown = (event) => this.key(event, one.index);

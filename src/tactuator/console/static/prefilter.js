@@ -1,7 +1,7 @@
 // The view Prefilter and curve: points of the curve are dragged, the prefilter is fitted anew, its error is drawn.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { COARSE, banner, command, digits, draggable, draw, make, refusal, saved, say } from "./dom.js";
+import { COARSE, banner, command, digits, draggable, draw, make, nearest, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { verdict } from "./figures.js";
 import { Value } from "./value.js";
@@ -137,9 +137,9 @@ export default class Prefilter {
 
   handle() {
     const node = draw("circle", { class: "handle", r: COARSE ? 9 : 7, tabindex: 0, role: "slider", "aria-valuemin": -200, "aria-valuemax": 200, "aria-orientation": "vertical" });
-    const level = () => this.found.curve.points[node.index]?.[1] ?? 0;
+    const level = (of = node) => this.found.curve.points[of.index]?.[1] ?? 0;
     this.value.attach(node, () => node.getAttribute("aria-label"), () => [{ name: "", unit: "dB re 1 µm", value: level(), set: (to) => this.move(node.index, to, true) }]);
-    draggable(node, (event) => { event.preventDefault(); node.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: node.index, level: level(), y: event.clientY, begun: true }; });
+    draggable(node, (event) => { const taken = nearest(this.points, event); event.preventDefault(); taken.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: taken.index, level: level(taken), y: event.clientY, begun: true }; });
     node.onkeydown = (event) => {
       const up = { ArrowUp: 1, ArrowDown: -1 }[event.key];
       if (!up) return;

@@ -30,10 +30,10 @@ export default class Scope {
     const { display, channels, rate_hz: rate, frequency_hz: hz } = this.rig.standing;
     this.channels = channels.map((one) => ({ ...one, shown: true }));
     this.rate = rate;
-    this.traces = new Traces(ROWS, () => Math.max(270, innerHeight - 462), "Reference, command and position of every channel over time");
+    this.traces = new Traces(ROWS, () => Math.max(270, innerHeight - 484), "Reference, command and position of every channel over time");
     this.traces.moved = () => this.readings();
     this.strip = new Traces([{ title: "level at the sensor, last half minute", unit: "dB SL" }], () => 90, "Level at the sensor of every channel over the last half minute");
-    this.spectrum = new Chart("Sensor’s spectrum (dB SL) over frequency (Hz)", { high: () => Math.max(170, innerHeight - 622), log: true, unit: "dB SL", range: [-40, 60], marks: [{ hz: null, db: 0 }], legend: false });
+    this.spectrum = new Chart("Sensor’s spectrum (dB SL) over frequency (Hz)", { high: () => Math.max(170, innerHeight - 644), log: true, unit: "dB SL", range: [-40, 60], marks: [{ hz: null, db: 0 }], legend: false });
     this.frequency = hz;
     this.live = make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live");
     this.loader = new Loader(this.rig, this.link, this.state, make("h1", {}, `Scope of ${display}`), this.live);
