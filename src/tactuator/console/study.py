@@ -184,7 +184,7 @@ class ExperimentLook(ViewRequest):
     protocol: Name
 
     def answer(self, state: ConsoleState) -> Answer:
-        """Return what the study is, and what its results will lack. Raises BadInput, naming the key, for no protocol."""
+        """Return what the study is, and what its results will lack. Raises BadInput, naming the key, for none."""
         protocol, _ = read_any_protocol(protocol_path(state.uploads, self.protocol))
         items = [item.file for item in protocol.item] if isinstance(protocol, RecognitionProtocol) else []
         return {

@@ -20,12 +20,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.spectra import Band, third_octave_bands
+from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
 from tactuator.table import brief
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
@@ -43,7 +44,7 @@ Levels = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class BandFrames:
-    """Levels of a stretch. long_db: (..., frames of 0.5 s, bands to 40 Hz); short_db: (..., of 0.1 s, above)."""
+    """Levels of some time. long_db: (..., frames of 0.5 s, bands to 40 Hz); short_db: (..., of 0.1 s, above)."""
 
     long_db: Levels
     short_db: Levels
@@ -138,40 +139,22 @@ class Chunker:
 
     analysis: BandAnalysis
     channels: int
-    _kept: NDArray[np.float32] = field(init=False)
-    _filled: int = field(init=False)
+    _window: SlidingWindow = field(init=False)
 
     def __post_init__(self) -> None:
-        self._kept = np.zeros((self.channels, self.analysis.chunk), dtype=np.float32)
-        self._filled = self.analysis.margin
+        cut = self.analysis
+        self._window = SlidingWindow(self.channels, cut.chunk, cut.hop, cut.margin, np.float32)
 
-    def push(self, *columns: NDArray[np.float64]) -> Iterator[NDArray[np.float32]]:
-        """Count in arrays (n, ...) that have the stream's columns between them; the chunks (channels, chunk) that are
-        whole now.
+    def push(self, *columns: FloatArray) -> Iterator[Levels]:
+        """Count in arrays (n, ...) that hold the stream's channels between them; the chunks (channels, chunk) that are
+        whole now, each until the next.
         """
-        at, count = 0, len(columns[0])
-        while at < count:
-            part = min(count - at, self.analysis.chunk - self._filled)
-            row = 0
-            for block in columns:
-                rows = self._kept[row : row + block.shape[1], self._filled : self._filled + part]
-                rows[:] = block[at : at + part].T
-                row += block.shape[1]
-            at, self._filled = at + part, self._filled + part
-            if self._filled == self.analysis.chunk:
-                yield self._kept
-                self._move_on()
+        return (self._window.rows for _ in self._window.push(*columns))
 
-    def finish(self) -> Iterator[tuple[NDArray[np.float32], float]]:
+    def finish(self) -> Iterator[tuple[Levels, float]]:
         """Yield the chunks that are left, each with the seconds of signal that its frames may cover."""
-        while self._filled > self.analysis.margin:
-            self._kept[:, self._filled :] = 0.0
-            yield self._kept, min(CHUNK_S, (self._filled - self.analysis.margin) / self.analysis.rate_hz)
-            self._move_on()
-
-    def _move_on(self) -> None:
-        self._kept[:, : -self.analysis.hop] = self._kept[:, self.analysis.hop :]
-        self._filled -= self.analysis.hop
+        for count in self._window.finish():
+            yield self._window.rows, min(CHUNK_S, count / self.analysis.rate_hz)
 
 
 Sink = Callable[[NDArray[np.float64]], None]
@@ -287,7 +270,7 @@ class FeltComparison:
         for chunk in self._chunker.push(reference, displacement):
             self._count(chunk, CHUNK_S)
 
-    def _count(self, chunk: NDArray[np.float32], seconds: float) -> None:
+    def _count(self, chunk: Levels, seconds: float) -> None:
         fingers = len(self._names)
         is_same = bool((chunk[1:fingers] == chunk[0]).all())  # fingers often have the same reference
         spectra = scipy.fft.rfft(chunk[fingers - 1 if is_same else 0 :] * self._taper)

@@ -1,12 +1,16 @@
-"""Spectra of records: power in bands, complex amplitudes of lines (lock-in), third octaves (IEC 61260-1, base ten)."""
+"""Spectra of records: power in bands, complex amplitudes of lines (lock-in), third octaves (IEC 61260-1, base ten), and
+the window that slides over a stream.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -137,3 +141,37 @@ def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0
         raise BadInput(f"{data.size} samples for a resolution of {resolution_hz:g} Hz", f"{length} or more")
     frequency, density = scipy.signal.welch(data, rate_hz, window="hann", nperseg=length, detrend="constant")
     return PowerSpectrum(frequency, density, 1.0 + 1.2 * (data.size / length - 1.0))
+
+
+class SlidingWindow:
+    """Holds `rows` (channels, size) of a stream and moves on by `hop` samples, half a window or more; `before` zeros
+    stand before the stream, and zeros after its end. It is filled in place: no block is put together anew.
+    """
+
+    def __init__(self, channels: int, size: int, hop: int, before: int, dtype: DTypeLike = np.float64) -> None:
+        self.rows: NDArray[Any] = np.zeros((channels, size), dtype=dtype)
+        self._hop, self._before, self.filled = hop, before, before
+
+    def push(self, *columns: FloatArray) -> Iterator[None]:
+        """Count in arrays (n, ...) that hold the stream's channels between them; yield whenever the window is full."""
+        at, size = 0, self.rows.shape[1]
+        places = np.cumsum([0, *(block.shape[1] for block in columns)])
+        while at < len(columns[0]):
+            part = min(len(columns[0]) - at, size - self.filled)
+            for row, block in zip(places, columns, strict=False):
+                self.rows[row : row + block.shape[1], self.filled : self.filled + part] = block[at : at + part].T
+            at, self.filled = at + part, self.filled + part
+            if self.filled == size:
+                yield
+                self._move_on()
+
+    def finish(self) -> Iterator[int]:
+        """Yield, while there are any, how many samples of the stream are left in the window behind the first."""
+        while self.filled > self._before:
+            self.rows[:, self.filled :] = 0.0
+            yield self.filled - self._before
+            self._move_on()
+
+    def _move_on(self) -> None:
+        self.rows[:, : -self._hop] = self.rows[:, self._hop :]
+        self.filled -= self._hop

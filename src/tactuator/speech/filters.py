@@ -139,7 +139,7 @@ def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> 
     all.
     """
     half, size = _frame_of(kernels)
-    spectra = [_spectrum(kernel, half, size) for kernel in kernels]
+    spectra = [_spectrum(kernel.tobytes(), half, size) for kernel in kernels]
 
     def filtered(frame: FloatArray) -> FloatArray:
         spectrum = scipy.fft.rfft(frame)
@@ -151,7 +151,7 @@ def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> 
 def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator[FloatArray]:
     """Filter blocks of shape (n, columns), every column through the same kernel; yield blocks as long in all."""
     half, size = _frame_of([kernel])
-    spectrum = _spectrum(kernel, half, size)
+    spectrum = _spectrum(kernel.tobytes(), half, size)
 
     def filtered(frame: FloatArray) -> FloatArray:
         columns = np.ascontiguousarray(frame.T)
@@ -192,8 +192,9 @@ def _overlapped(
         history, remaining, waiting = history[hop:], remaining - len(frame), 0
 
 
-def _spectrum(kernel: FloatArray, half: int, size: int) -> ComplexArray:
-    offset = half - len(kernel) // 2  # a shorter kernel is centred on the longest
-    padded = np.zeros(size)
-    padded[offset : offset + len(kernel)] = kernel
-    return np.asarray(scipy.fft.rfft(padded))
+@lru_cache(maxsize=8)
+def _spectrum(kernel: bytes, half: int, size: int) -> ComplexArray:
+    """Return the spectrum of a kernel, float64: it is kept for the next file."""
+    taps = np.frombuffer(kernel)
+    offset = half - len(taps) // 2  # a shorter kernel is centred on the longest
+    return np.asarray(scipy.fft.rfft(np.concatenate((np.zeros(offset), taps)), size))

@@ -12,6 +12,8 @@ Where one would pass its limit, the reduction there is raised by what is missing
 with every round (so that a slow response's cause is reached as well), and all is predicted anew. A stretch whose
 reference cannot reach any limit passes untouched, to the bit. The reduction is the smallest smooth one, in dB, that is
 nowhere less than what is needed.
+
+A bound that costs little shows that a stretch cannot reach a limit (`Reach`), or a prediction of every sample does.
 """
 
 from __future__ import annotations
@@ -19,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import compress
 
 import numpy as np
 import scipy
@@ -30,6 +31,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
+from tactuator.signals.spectra import SlidingWindow
 
 SAFETY_DB = 0.25
 """Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
@@ -41,7 +43,15 @@ BINDING_SHARE = 0.8
 """A limit that the greatest allowed reference reaches to no more than this share is not looked at again."""
 
 COARSE_STRIDE = 3
-"""Predictions of quiet stretches are looked at on every third sample only."""
+"""For a bound, predictions are looked at on every third sample only."""
+
+SURELY, SINGLE_SHARE = 0.998, 0.999
+"""Bounds, and predictions, in float32 stay this far from a limit, so that their rounding does not count."""
+
+STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
+PIECES, PIECES_OF_SIZE, TOGETHER = 8, 6, 4
+"""A bound looks at eight pieces, each a sixth of all as long: they overlap. Four transforms take little longer than
+one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +60,17 @@ class Constraint:
 
     kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
     magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
-    below which norm * |r| cannot reach the limit. coarse: the response up to 320 Hz, on the bins of a transform of a
-    quarter of the length; beyond: its greatest magnitude above.
+    below which norm * |r| cannot reach the limit. As shares of the limit: impulse, the response to one; tail, the sum
+    of its magnitudes beyond a piece's margin; coarse, the response up to 320 Hz at the bins of a piece; beyond, its
+    greatest magnitude above.
     """
 
     kind: str
     response: ComplexArray
     limit: float
     norm: float
+    impulse: NDArray[np.float32]
+    tail: float
     coarse: NDArray[np.complex64]
     beyond: float
 
@@ -80,23 +93,6 @@ class ChannelLimits:
         """Return the amplitude below which the samples of a reference cannot reach any limit."""
         return min([self.peak, *(constraint.ceiling for constraint in self.constraints)])
 
-    @cached_property
-    def coarse(self) -> NDArray[np.complex64]:
-        """Return every constraint's coarse response, shape (constraints, bins): one transform for all is twice as
-        quick.
-        """
-        return np.stack([constraint.coarse for constraint in self.constraints])
-
-    @cached_property
-    def beyond(self) -> FloatArray:
-        """Return every constraint's greatest response above 320 Hz, shape (constraints,)."""
-        return np.array([constraint.beyond for constraint in self.constraints])
-
-    @cached_property
-    def limit(self) -> FloatArray:
-        """Return every constraint's limit, shape (constraints,)."""
-        return np.array([constraint.limit for constraint in self.constraints])
-
 
 def between_samples(rate_hz: float) -> float:
     """Return the factor by which a signal below 320 Hz can exceed every third sample of it: 1/cos(pi f / rate).
@@ -116,23 +112,106 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     frequency = scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz)
     heard, quiet = frequency <= QUIET_ABOVE_HZ, _quiet(frequency)
     raised = _raised(controller, name, frequency)
-    constraints, gain, weight = [], 1.0, channel.threshold.curve.displacement_mm(frequency)
+    asked, gain, weight = [], 1.0, channel.threshold.curve.displacement_mm(frequency)
     for load in (None, *(load.name for load in channel.loads)):
         prediction = ChannelPrediction.of(controller, name, load)
         displacement = raised * prediction.displacement(frequency)
         felt = displacement / weight
         gain = max(gain, float(np.abs(felt[heard]).max()))
-        for kind, response, limit in (
+        asked += [
             ("comfort", felt, comfort),
             ("travel", displacement, keep * channel.travel_mm),
             ("command", raised * prediction.command(frequency), command_v),
-        ):
-            norm = float(np.abs(scipy.fft.irfft(response * quiet, size)).sum())
-            coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
-            constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
+        ]
     peak = 0.25 * np.pi * comfort / gain
-    binding = [limit for limit in constraints if BINDING_SHARE * limit.ceiling < peak]
-    return ChannelLimits(name, peak, tuple(binding))
+    norms = np.abs(scipy.fft.irfft(np.stack([response for _, response, _ in asked]) * quiet, size)).sum(axis=1)
+    stated = zip(asked, norms.tolist(), strict=True)
+    binding = [(*each, norm) for each, norm in stated if BINDING_SHARE * each[2] / norm < peak]
+    return ChannelLimits(name, peak, constraints_of(binding, heard, size))
+
+
+def constraints_of(
+    binding: list[tuple[str, ComplexArray, float, float]], heard: NDArray[np.bool_], size: int
+) -> tuple[Constraint, ...]:
+    """Return constraints of kind, response, limit and norm; heard: the bins up to 320 Hz."""
+    if not binding:
+        return ()
+    shares = np.stack([response / limit for _, response, limit, _ in binding])
+    impulses, (_, _, flat) = scipy.fft.irfft(shares.astype(np.complex64), size), pieces_of(size)
+    tails = np.abs(impulses[:, flat:-flat]).sum(axis=1).tolist()
+    coarse = shares[:, : np.count_nonzero(heard) : PIECES_OF_SIZE].astype(np.complex64)
+    beyond = np.abs(shares[:, ~heard]).max(axis=1).tolist()
+    derived = zip(binding, impulses, tails, coarse, beyond, strict=True)
+    return tuple(Constraint(*each, *more) for each, *more in derived)
+
+
+def pieces_of(size: int) -> tuple[int, int, int]:
+    """Return the samples of a piece, from one to the next, and of the part beside its step that does not fade yet."""
+    length, step = size // PIECES_OF_SIZE, -(-round(size * (STRETCH_S + AHEAD_S) / 18.0) // PIECES)
+    return length, step, (length - step) // 4
+
+
+class Reach:
+    """What a signal comes to, of limits: bounds from above, in shares, which cost little.
+
+    A response gives of a piece, within its step, what it gives of all, but for what lies beyond the margin: no more
+    than the tail times the peak, twice since the piece's transform closes on itself. What a piece gives is looked at on
+    every third sample up to 320 Hz, with the sum of the amplitudes above. And one response gives what another does, but
+    for the peak times the norm of their difference: fingers are much alike. signal: zero from sample `end` on.
+    """
+
+    def __init__(self, signal: FloatArray, memory: int, end: int, rate_hz: float) -> None:
+        self.signal, self._memory, self._end, self._rate_hz = signal, memory, end, rate_hz
+        self.peak = max(float(signal.max()), -float(signal.min()))
+        self._known: list[tuple[Constraint, float]] = []
+
+    @cached_property
+    def spectrum(self) -> NDArray[np.complex64]:
+        """Return the spectrum of all, in float32."""
+        return np.asarray(scipy.fft.rfft(self.signal.astype(np.float32)))
+
+    @cached_property
+    def _pieces(self) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
+        """Return the spectra of the pieces, and the sums of their amplitudes above 320 Hz."""
+        length, step, flat = pieces_of(len(self.signal))
+        margin = (length - step) // 2
+        begin, is_round = self._memory - margin, self.signal[:flat].any()  # what stands there comes after the end
+        sounding = PIECES if is_round else -(-(self._end + flat - self._memory) // step)
+        count = min(PIECES, TOGETHER * -(-sounding // TOGETHER))
+        extent = np.concatenate((self.signal[begin:], self.signal[:length]), dtype=np.float32, casting="same_kind")
+        pieces = np.lib.stride_tricks.sliding_window_view(extent, length)[: count * step : step]
+        spectra = scipy.fft.rfft(pieces * _fade(length, margin - flat))
+        above = int(QUIET_ABOVE_HZ * length / self._rate_hz) + 1
+        return spectra, np.abs(spectra[:, above:].view(np.float32)).sum(axis=1) * np.float32(2.0 / length)
+
+    def share(self, constraint: Constraint) -> float:
+        """Return a bound of the share of a limit that the signal comes to, memory left out."""
+        for known, share in self._known:
+            bound = share + self.peak * _apart(constraint, known)
+            if bound <= SURELY:
+                return bound
+        spectra, rest = self._pieces
+        length = pieces_of(len(self.signal))[0]
+        coarse = scipy.fft.irfft(spectra[:, : len(constraint.coarse)] * constraint.coarse, length // COARSE_STRIDE)
+        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
+        within = between_samples(self._rate_hz) * greatest + rest * constraint.beyond
+        self._known.append((constraint, float(within.max()) + 2.0 * self.peak * constraint.tail))
+        return self._known[-1][1]
+
+
+@lru_cache(maxsize=4)
+def _fade(length: int, edge: int) -> NDArray[np.float32]:
+    """Return ones that rise from zero at the begin and fall at the end."""
+    fade = np.ones(length, dtype=np.float32)
+    fade[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
+    fade[-edge:] = fade[:edge][::-1]
+    return fade
+
+
+@lru_cache(maxsize=256)
+def _apart(constraint: Constraint, other: Constraint) -> float:
+    """Return the norm of the difference of two impulse responses: they are kept for the next stretch."""
+    return float(np.abs(constraint.impulse - other.impulse).sum())
 
 
 def _raised(controller: Controller, name: str, frequency_hz: FloatArray) -> FloatArray | float:
@@ -175,14 +254,11 @@ def reduction_envelope(need_db: FloatArray, start_db: float | None, rate_hz: flo
     return np.asarray(np.minimum(reduction, start_db + attack * (index + 1.0)))
 
 
-STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
 EDGE_S = 0.25
 """At the end of the look-ahead, where what follows is not known yet, the prediction is faded out and not judged."""
 FIRST_REACH_S = 0.0025
 OVERSHOOT_DB = 0.02
 MOST_ROUNDS = 60
-BEYOND_SHARE = 0.999
-"""Predictions in float32 stay this far from a limit, so that their rounding does not count."""
 
 
 @dataclass
@@ -200,7 +276,6 @@ class FingerLimiting:
 class _Finger:
     limits: ChannelLimits
     report: FingerLimiting
-    history: FloatArray
     carried_db: FloatArray
     start_db: float | None = None
     quiet_for: int = 1 << 60  # samples since the last reduction
@@ -211,16 +286,15 @@ class Limiter:
 
     def __init__(self, controller: Controller) -> None:
         self._rate = controller.rate_hz
-        self._stretch, self._ahead, memory = (round(s * self._rate) for s in (STRETCH_S, AHEAD_S, MEMORY_S))
-        self._size = memory + self._stretch + self._ahead
+        self._stretch, ahead, self._memory = (round(s * self._rate) for s in (STRETCH_S, AHEAD_S, MEMORY_S))
+        self._size = self._memory + self._stretch + ahead
         self._edge = round(EDGE_S * self._rate)
         self._fingers = [
-            _Finger(channel_limits(controller, name, self._size), FingerLimiting(name), np.zeros(memory), np.zeros(0))
+            _Finger(channel_limits(controller, name, self._size), FingerLimiting(name), np.zeros(0))
             for name in (channel.name for channel in controller.display.channels)
         ]
-        self._between = between_samples(self._rate)
-        self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
-        self._last: tuple[FloatArray, NDArray[np.complex64], float] | None = None
+        # what went out, the stretch and what is ahead
+        self._window = SlidingWindow(len(self._fingers), self._size, self._stretch, self._memory)
 
     @property
     def report(self) -> tuple[FingerLimiting, ...]:
@@ -229,60 +303,43 @@ class Limiter:
 
     def process(self, blocks: Iterable[FloatArray]) -> Iterator[FloatArray]:
         """Yield the blocks (n, channels), limited; as many samples in all."""
-        kept = np.zeros((0, len(self._fingers)))
         for block in blocks:
-            kept = np.concatenate((kept, block))
-            while len(kept) >= self._stretch + self._ahead:
-                yield self._limit(kept[: self._stretch + self._ahead], self._stretch, last=False)
-                kept = kept[self._stretch :]
-        while len(kept):
-            ahead = np.zeros((max(0, self._stretch + self._ahead - len(kept)), kept.shape[1]))
-            last = len(kept) <= self._stretch
-            window = np.concatenate((kept, ahead))[: self._stretch + self._ahead]
-            yield self._limit(window, min(self._stretch, len(kept)), last=last)
-            kept = kept[self._stretch :]
+            for _ in self._window.push(block):
+                yield self._limit(self._stretch, last=False)
+        for count in self._window.finish():
+            yield self._limit(min(self._stretch, count), last=count <= self._stretch)
 
-    def _limit(self, window: FloatArray, commit: int, last: bool) -> FloatArray:
-        output = np.empty((commit, window.shape[1]))
-        for column, finger in enumerate(self._fingers):
-            reference = np.ascontiguousarray(window[:, column])
-            if self._is_harmless(finger, reference):
-                reduction, limited = np.zeros(len(reference)), reference
+    def _limit(self, commit: int, last: bool) -> FloatArray:
+        memory, reach = self._memory, None
+        for finger, signal in zip(self._fingers, self._window.rows, strict=True):
+            if reach is None or not np.array_equal(signal, reach.signal):  # fingers often have the same signal
+                reach = Reach(signal, memory, self._window.filled, self._rate)
+            if self._is_harmless(finger, reach):
+                finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
             else:
-                reduction, limited = self._reduce(finger, reference, last)
-            output[:, column] = limited[:commit]
-            self._commit(finger, reduction, limited, commit)
-        return output
+                reduction, limited = self._reduce(finger, signal, last)
+                signal[memory : memory + commit], reach = limited[:commit], None
+                self._commit(finger, reduction, commit)
+        return np.ascontiguousarray(self._window.rows[:, memory : memory + commit].T)
 
-    def _is_harmless(self, finger: _Finger, reference: FloatArray) -> bool:
-        if finger.start_db or finger.carried_db.any() or finger.quiet_for < len(finger.history):
+    def _is_harmless(self, finger: _Finger, reach: Reach) -> bool:
+        limits = finger.limits
+        if finger.start_db or finger.carried_db.any() or finger.quiet_for < self._memory:
             return False
-        signal, limits = np.concatenate((finger.history, reference)), finger.limits
-        peak = max(float(signal.max()), -float(signal.min()))
-        if peak <= limits.harmless:
+        if reach.peak <= limits.harmless:
             return True
-        if peak > limits.peak:
+        if reach.peak > limits.peak:
             return False
-        whole, rest = self._spectrum(signal)
-        spectrum = whole[: self._size // COARSE_STRIDE // 2 + 1]
-        coarse = scipy.fft.irfft(spectrum * limits.coarse, self._size // COARSE_STRIDE)  # float32 is plenty here
-        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
-        doubtful = self._between * greatest + rest * limits.beyond > limits.limit
-        for constraint in compress(limits.constraints, doubtful):
-            fine = scipy.fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
-            if max(float(fine.max()), -float(fine.min())) > BEYOND_SHARE * constraint.limit:
+        for constraint in limits.constraints:
+            if reach.share(constraint) <= SURELY:
+                continue
+            fine = scipy.fft.irfft(reach.spectrum * constraint.response.astype(np.complex64), self._size)
+            if np.abs(fine[self._memory :]).max() > SINGLE_SHARE * constraint.limit:
                 return False
         return True
 
-    def _spectrum(self, signal: FloatArray) -> tuple[NDArray[np.complex64], float]:
-        """Return the spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
-        if self._last is None or not np.array_equal(signal, self._last[0]):
-            spectrum = scipy.fft.rfft(signal.astype(np.float32), self._size)
-            rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
-            self._last = signal, spectrum, rest
-        return self._last[1:]
-
-    def _reduce(self, finger: _Finger, reference: FloatArray, last: bool) -> tuple[FloatArray, FloatArray]:
+    def _reduce(self, finger: _Finger, signal: FloatArray, last: bool) -> tuple[FloatArray, FloatArray]:
+        history, reference = signal[: self._memory], signal[self._memory :]
         need = np.zeros(len(reference))
         need[: len(finger.carried_db)] = finger.carried_db
         fade = np.ones(len(reference))
@@ -292,7 +349,7 @@ class Limiter:
         for _ in range(MOST_ROUNDS):
             reduction = reduction_envelope(need, finger.start_db, self._rate)
             limited = reference * 10.0 ** (-reduction / 20.0)
-            excess, reasons = self._excess(finger, limited, fade)
+            excess, reasons = self._excess(finger.limits, history, limited, fade)
             if not last:
                 excess[-self._edge :] = 0.0
             if excess.max() <= 1.0:
@@ -305,18 +362,20 @@ class Limiter:
             reach *= 1.4
         raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
 
-    def _excess(self, finger: _Finger, limited: FloatArray, fade: FloatArray) -> tuple[FloatArray, dict[str, float]]:
+    def _excess(
+        self, limits: ChannelLimits, history: FloatArray, limited: FloatArray, fade: FloatArray
+    ) -> tuple[FloatArray, dict[str, float]]:
         """Return the greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
-        memory = len(finger.history)
-        spectrum = scipy.fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
-        excess = np.abs(limited) / finger.limits.peak
+        spectrum = scipy.fft.rfft(np.concatenate((history, limited * fade)), self._size)
+        excess = np.abs(limited) / limits.peak
         near = {
             "comfort": excess > 0.944,
             "travel": np.zeros(len(limited), bool),
             "command": np.zeros(len(limited), bool),
         }
-        for constraint in finger.limits.constraints:
-            share = np.abs(scipy.fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
+        for constraint in limits.constraints:
+            predicted = scipy.fft.irfft(spectrum * constraint.response, self._size)[self._memory :]
+            share = np.abs(predicted) / constraint.limit
             np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
             np.maximum(excess, share, out=excess)
         return excess, {kind: float(flags[: self._stretch].sum()) / self._rate for kind, flags in near.items()}
@@ -325,9 +384,8 @@ class Limiter:
         for kind, seconds in reasons.items():
             finger.report.reasons[kind] += seconds
 
-    def _commit(self, finger: _Finger, reduction: FloatArray, limited: FloatArray, commit: int) -> None:
-        report, memory = finger.report, len(finger.history)
-        finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
+    def _commit(self, finger: _Finger, reduction: FloatArray, commit: int) -> None:
+        report = finger.report
         if not reduction.any():
             finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
             return

@@ -7,7 +7,7 @@ half-written is left behind by a file that turns out bad at its end.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,7 +19,8 @@ from tactuator.errors import BadInput
 from tactuator.io.kinds import require_kind
 from tactuator.io.sound import require_whole, without_remarks
 
-BLOCK_FRAMES = 1 << 16
+BLOCK_FRAMES, KEPT_FRAMES = 1 << 16, 1 << 20
+"""So many go together; a file of no more than the second is read once."""
 SHORTEST_S = 0.1
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 1000, 768_000
 SMALLEST_SWING = 1e-4
@@ -34,7 +35,7 @@ class SpeechFile:
     """A speech file that has been read through once and found good.
 
     mean: of the mono signal, taken out on reading. peak: of the mono signal about its mean; full scale is 1.
-    notes: what was done to it that a user would want to know, one line each.
+    notes: what was done to it that a user would want to know, one line each. kept: what was read of a short file.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class SpeechFile:
     mean: float
     peak: float
     notes: tuple[str, ...] = ()
+    kept: tuple[FloatArray, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def duration_s(self) -> float:
@@ -71,7 +73,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
             rate, frames, channels = file.samplerate, file.frames, file.channels
             encoding = f"{file.format} {file.subtype}"
             _check_header(path, rate, frames, channels)
-            read, mean, low, high = _scan_samples(path, file)
+            read, mean, low, high, kept = _scan_samples(path, file)
     except soundfile.LibsndfileError as error:
         raise BadInput(f"{path}: not readable as sound ({_reason(error)})", "WAV, FLAC, Ogg, AIFF, ...") from None
     if read != frames:
@@ -83,13 +85,16 @@ def scan_speech(path: str | Path) -> SpeechFile:
         raise BadInput(f"{path}: {what}", f"a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
     if peak > LARGEST_SWING:
         raise BadInput(f"{path}: a peak of {peak:.3g} times full scale", f"up to {LARGEST_SWING:g}")
-    return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak))
+    return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak), kept)
 
 
 def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
     """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <=
     block_frames.
     """
+    if speech.kept and block_frames == BLOCK_FRAMES:
+        yield from (block - speech.mean for block in speech.kept)
+        return
     with without_remarks(speech.path):
         file = soundfile.SoundFile(speech.path)
     with file:
@@ -130,8 +135,8 @@ def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[FloatArray]:
         yield block[:, 0] if block.shape[1] == 1 else block.mean(axis=1)
 
 
-def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, float, float]:
-    read, total, low, high = 0, 0.0, np.inf, -np.inf
+def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, float, float, tuple[FloatArray, ...]]:
+    read, total, low, high, kept = 0, 0.0, np.inf, -np.inf, []
     for block in _mono(file, BLOCK_FRAMES):
         total += float(block.sum())
         if not np.isfinite(total):
@@ -139,7 +144,9 @@ def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, fl
             at = (read + int(bad[0])) / file.samplerate if bad.size else read / file.samplerate
             raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number", "finite samples")
         low, high, read = min(low, float(block.min())), max(high, float(block.max())), read + len(block)
-    return read, total / max(read, 1), low, high
+        if file.frames <= KEPT_FRAMES:
+            kept.append(block)
+    return read, total / max(read, 1), low, high, tuple(kept)
 
 
 def _notes(channels: int, mean: float, peak: float) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -75,6 +76,8 @@ def _active_power(powers: FloatArray) -> float:
 QUIETEST_DB = -90.0
 """Of full scale: a coding that leaves less than this of a file has found nothing in it."""
 RAMP_S = 0.02
+KEPT_S = 60.0
+"""What is coded of a file no longer waits in memory."""
 BLOCK_S = 4.0
 PIECE_FRAMES = 1 << 12
 """Samples that go on together: few enough that what is made of them stays in the cache."""
@@ -138,9 +141,9 @@ def rendering(
 ) -> Iterator[Rendering]:
     """Read and code a speech file, and find its level; then `.blocks()` gives the reference.
 
-    What is coded waits in an unnamed file in the folder `workspace` (the system's by default), so that memory does not
-    grow with the speech. Raises BadInput for a file that is refused (see `scan_speech`), a level that is not below
-    comfort, a rate that is not a whole number of hertz, or speech in which the coding finds nothing.
+    What is coded of a long file waits in an unnamed one in the folder `workspace` (the system's by default), so that
+    memory does not grow with the speech. Raises BadInput for a file that is refused (see `scan_speech`), a level that
+    is not below comfort, a rate that is not a whole number of hertz, or speech in which the coding finds nothing.
     """
     coding = DirectCoding() if coding is None else coding
     check_level(level_db_sl)
@@ -150,7 +153,8 @@ def rendering(
     placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
     speech = scan_speech(path)
     try:
-        room = tempfile.TemporaryFile(dir=workspace)  # noqa: SIM115 (entered below)
+        is_short = speech.duration_s <= KEPT_S
+        room = BytesIO() if is_short else tempfile.TemporaryFile(dir=workspace)  # noqa: SIM115 (entered below)
     except OSError as error:
         raise BadInput(f"{workspace}: {error.strerror}", "a folder that can be written") from None
     with room as coded:
