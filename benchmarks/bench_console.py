@@ -122,7 +122,8 @@ def run() -> dict[str, object]:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = Path(folder) / "display.toml"
         path.write_text(display_text())
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+        chromium = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
         with served(path) as (address, _):
             page = browser.new_page(viewport={"width": 1366, "height": 860})
             page.goto(address)

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -74,28 +75,28 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         sys.modules.pop(module, None)
 
 
-#: What is made once for several tests: those tests go to one worker.
+#: What is made once for several files, or for a part of one: those tests go to one worker.
 _SHARED = {
     "tests/paper/test_": "the installed wheel and its study",
     "tests/packaging/test_wheel.py::test_wheel": "the installed wheel and its study",
     "tests/packaging/test_libraries.py": "the installed wheel and its study",
-    "tests/verbs/test_flat_api.py": "the results that the examples begin with",
-    "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
-    "tests/console/test_state.py": "a designed display",
-    "tests/experiment/test_export.py": "a store with every kind of trial",
-    "tests/rig/test_mutants.py::test_check_period": "the objects of a board's program",
-    "tests/rig/guard/test_lying_sensor.py::test_lawful_play": "the program of lawful play",
-    "tests/identification/test_periods.py::test_identify": "five identified records",
-    "tests/rig/sound/test_simulated_card.py::test_loopback": "the simulated card",
-    "tests/rig/sound/test_simulated_card.py::test_multisine": "the simulated card",
+    "tests/rig/guard/test_guard_worst_case.py": "the worst references",
 }
 
 
+@cache
+def _makes_once(file: Path) -> bool:
+    """Whether a file of tests makes something for all of them."""
+    return 'scope="module"' in file.read_text(encoding="utf-8")
+
+
 class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
-    """Every test goes to the worker that is free, but those that share something long to make go to one worker."""
+    """Every test goes to the worker that is free, but those that share what is made once go to one worker."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return next((shared for start, shared in _SHARED.items() if nodeid.startswith(start)), nodeid)
+        file = nodeid.partition("::")[0]
+        alone = file if _makes_once(self.config.rootpath / file) else nodeid
+        return next((shared for start, shared in _SHARED.items() if nodeid.startswith(start)), alone)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:

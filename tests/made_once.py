@@ -1,7 +1,4 @@
-"""What takes seconds and is asked for again and again, with the same arguments, is computed once in a run of the tests.
-
-The key is what is asked, whole; the files belong to one run and are shared by its workers.
-"""
+"""What takes seconds and is asked for again with the same arguments is computed once for all workers of a run."""
 
 import hashlib
 import pickle
@@ -27,11 +24,8 @@ def made_once(folder: Path, compute: Callable[..., Any]) -> Callable[..., Any]:
                 listeners[name](text)
             return result
         said = []
-
-        def heard(name: str) -> Callable[[str], None]:
-            return lambda text: (said.append((name, text)), listeners[name](text))[1]
-
-        result = compute(*asked, **wishes, **{name: heard(name) for name in listeners})
+        heard = {name: lambda text, name=name: (said.append((name, text)), listeners[name](text)) for name in listeners}
+        result = compute(*asked, **wishes, **heard)
         with atomic_path(file) as beside:
             beside.write_bytes(pickle.dumps((result, said)))
         return result

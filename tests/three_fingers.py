@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-CHANNELS = (
-    ("index", 0.19898, [2875.0], [1.0, 94.0, 290.0], (0.12, 31.0, 360.0)),
-    ("thumb", 0.2012, [2650.0], [1.0, 101.0, 310.0], (0.15, 38.0, 420.0)),
-    ("middle", 0.1967, [3020.0], [1.0, 88.0, 275.0], (0.11, 28.0, 340.0)),
-)
+from tests.runtime.paper_display import FINGERS
 
 
 def three_finger_display(rate_hz: float = 4000.0) -> dict[str, object]:
@@ -21,9 +17,9 @@ def three_finger_display(rate_hz: float = 4000.0) -> dict[str, object]:
                 "finger": name,
                 "sensor_gain_v_per_mm": gain,
                 "travel_mm": 12.5,
-                "plant": {"num": num, "den": den},
+                "plant": {"num": [num], "den": list(den)},
                 "loads": [{"name": "finger", "mass": load[0], "damping": load[1], "stiffness": load[2]}],
             }
-            for name, gain, num, den, load in CHANNELS
+            for name, gain, num, den, load in FINGERS
         ],
     }

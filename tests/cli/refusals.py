@@ -1,7 +1,5 @@
 """What every refusal of the command line looks like."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """From the record of a motor with friction and no spring to a controller that is checked, as a user types it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

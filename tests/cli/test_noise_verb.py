@@ -1,7 +1,5 @@
 """`check` and `noise` about one controller, and loops that `noise` does not close."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 coil with hum (`test_noise_verb`), a display that describes no loads.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

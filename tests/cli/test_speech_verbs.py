@@ -1,7 +1,5 @@
 """render, play, corpus, waveforms and experiment recognise/information from the command line."""
 
-from __future__ import annotations
-
 import json
 import resource
 import signal

@@ -5,8 +5,6 @@ point stands where the headers say; every rounding and saturation is one `cast`.
     coefficient  mantissa / 2^(21 + shift)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The controller's arithmetic once more, in NumPy's float32, straight from the description in core's headers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

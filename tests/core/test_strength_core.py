@@ -1,6 +1,7 @@
 """A reference reshaped by its own level: the core against NumPy's float32 bit for bit, and against its own response."""
 
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -15,23 +16,25 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import StrengthShaping
 from tactuator.signals.decibels import db
 from tests.core.single_precision import TINY, Single, finite
-from tests.runtime.paper_display import RATE_HZ, controller, display
+from tests.runtime.paper_display import RATE_HZ, channel, controller, display
 from tests.strength import core, reshaped
 
-SHAPING = reshaped(controller(display())).channels[0].strength
-assert SHAPING is not None
+
+@cache
+def shaping():
+    return reshaped(controller(display(channel()))).channels[0].strength
 
 
-def run_core(reference, shaping=SHAPING):
-    step, _ = core(shaping, RATE_HZ)
+def run_core(reference, of=None):
+    step, _ = core(of or shaping(), RATE_HZ)
     return np.array([step(r) for r in reference], dtype=np.float32)
 
 
 def run_numpy(reference):
     """The same from the description in strength.h; rows by NumPy's frexp, not by the bits."""
-    follow = Single(-np.expm1(-1.0 / (SHAPING.follow_s * RATE_HZ)))
-    turns = (2.0 * np.sin(np.pi * SHAPING.pairs_hz / RATE_HZ)).astype(np.float32)
-    gains, damping = SHAPING.gains.astype(np.float32), Single(SHAPING.damping)
+    follow = Single(-np.expm1(-1.0 / (shaping().follow_s * RATE_HZ)))
+    turns = (2.0 * np.sin(np.pi * shaping().pairs_hz / RATE_HZ)).astype(np.float32)
+    gains, damping = shaping().gains.astype(np.float32), Single(shaping().damping)
     power = level = Single(0.0)
     pairs = np.zeros((4, 2), dtype=np.float32)
     out = []
@@ -82,7 +85,7 @@ def test_strength__steady_tone__is_raised_by_its_response(hertz: float, level: f
     turned = np.exp(-2j * np.pi * hertz * time_s[2000:])
     out = run_core(10.0 ** (level / 20.0) * np.sin(2.0 * np.pi * hertz * time_s))[2000:]
     felt = db(2.0 * np.abs(np.mean(out * turned))) - level
-    assert felt == pytest.approx(db(np.abs(SHAPING.response(level, hertz, RATE_HZ))), abs=0.05)
+    assert felt == pytest.approx(db(np.abs(shaping().response(level, hertz, RATE_HZ))), abs=0.05)
 
 
 def speech():
@@ -109,16 +112,16 @@ def test_strength__any_sound__moves_its_gain_without_a_step(name: str, hertz: fl
     """The core's own gain: what comes out over what goes in, where every row gains alike what it gains at a tone."""
     levels = 10.0 * np.log10(2.0) * np.arange(21)
     gains = np.zeros((21, 9))
-    gains[:, 0] = np.abs([SHAPING.response(level, hertz, RATE_HZ) for level in levels])
+    gains[:, 0] = np.abs([shaping().response(level, hertz, RATE_HZ) for level in levels])
     sound = (SOUNDS[name] + 1e-9).astype(np.float32)  # nowhere 0
-    gain_db = db(run_core(sound, replace(SHAPING, gains=gains)) / sound)
+    gain_db = db(run_core(sound, replace(shaping(), gains=gains)) / sound)
     assert np.abs(np.diff(gain_db)).max() < 0.1
     assert np.abs(gain_db[80:] - gain_db[:-80]).max() < 5.0
     assert np.ptp(gain_db) > 3.0 or hertz == 60.0
 
 
 def test_strength__silence__comes_to_rest_without_subnormal_numbers() -> None:
-    step, state = core(SHAPING, RATE_HZ)
+    step, state = core(shaping(), RATE_HZ)
     for sample, r in enumerate(np.concatenate((1e3 * np.ones(4000), np.zeros(60000)))):
         step(r)
         if sample % 200:
@@ -130,6 +133,6 @@ def test_strength__silence__comes_to_rest_without_subnormal_numbers() -> None:
 
 @pytest.mark.parametrize("changes", [{"damping": 1e9}, {"gains": np.full((21, 9), 1e5)}, {"gains": np.zeros((20, 9))}])
 def test_strength_table__figures_that_cannot_run__are_refused(changes) -> None:
-    figures = {"pairs_hz": SHAPING.pairs_hz, "damping": 1.2, "gains": SHAPING.gains, "follow_s": 0.05} | changes
+    figures = {"pairs_hz": shaping().pairs_hz, "damping": 1.2, "gains": shaping().gains, "follow_s": 0.05} | changes
     with pytest.raises(BadInput, match="strength"):
         run_core([0.0], StrengthShaping(**figures))

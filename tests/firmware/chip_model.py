@@ -4,8 +4,6 @@ Written from the makers' documents (RM0090, the data sheets of AD7606 and AD5754
 bytes are shifted as they would be, and what a chip would not take is not taken.
 """
 
-from __future__ import annotations
-
 import ctypes
 import shlex
 import subprocess

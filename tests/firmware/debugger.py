@@ -1,8 +1,6 @@
 """A debugger on an emulated board: GDB's remote protocol, as far as it takes to spoil a processor and to watch what it
 does then. Of the emulator, nothing of ours: registers, memory, breakpoints, its monitor."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import time

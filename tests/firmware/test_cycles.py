@@ -1,8 +1,6 @@
 """Cycles of a connected board, from its counter to what the host tells: the silicon's own file on a model of the
 counter, the core's link, and the host's requests."""
 
-from __future__ import annotations
-
 import ctypes
 
 import pytest

@@ -1,7 +1,5 @@
 """The STM32F405's drivers against a model of its registers and of the chips around it, by the makers' documents."""
 
-from __future__ import annotations
-
 import ctypes
 
 import pytest

@@ -4,8 +4,6 @@ Witnesses: QEMU's processor, its timer, and on the MPS2 boards its model of ARM'
 this emulator: what its program does is watched, and its time is the data sheet's.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator

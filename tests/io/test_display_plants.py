@@ -1,7 +1,5 @@
 """A channel's plant in a file of its own: a model, or a response by itself; and every refusal."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The table [sound] of a display file."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """environment.json: what `noise --write` writes and a display file takes, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 A limit on the length of a file stands for the disk: the system refuses the write in the same way.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

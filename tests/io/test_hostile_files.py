@@ -1,7 +1,5 @@
 """Files cut off, changed by a byte, claiming more than they hold, or in the encodings of spreadsheets."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

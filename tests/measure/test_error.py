@@ -1,7 +1,5 @@
 """The verdict on a measured response, against errors and confidences that are written down here."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

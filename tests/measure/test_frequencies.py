@@ -1,7 +1,5 @@
 """A frequency is played within 2 % of what was asked and inside the band, or refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

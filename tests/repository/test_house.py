@@ -3,6 +3,7 @@
 import ast
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,12 @@ BUDGETS = {room: int(lines) for room, lines in re.findall(r"^\| `([\w/]+)` \| (\
 HOPS = re.findall(r"^\| \d+ \| `([^`]+)` \| `(\w+)` \|", PAGE, flags=re.MULTILINE)
 LONGEST_FUNCTION = 50
 VAGUE = {"one", "found", "made", "own", "told", "left"}
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """Every module of the package, parsed."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def lines_of(place: Path) -> int:
@@ -41,7 +47,7 @@ def test_room__whatever_it_holds__keeps_its_budget_of_lines(room: str) -> None:
 def test_house__as_a_whole__keeps_its_budget() -> None:
     assert lines_of(PACKAGE) <= BUDGETS["src"]
     assert lines_of(ROOT / "tests") <= BUDGETS["tests"]
-    assert len(TREES) <= BUDGETS["modules"]
+    assert len(trees()) <= BUDGETS["modules"]
 
 
 def test_pages__all_but_decisions__keep_their_budget_of_words() -> None:
@@ -54,7 +60,7 @@ def test_pages__all_but_decisions__keep_their_budget_of_words() -> None:
 def test_functions__every_one__fits_a_screen() -> None:
     long = [
         f"{path.relative_to(PACKAGE)}:{node.name}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and body_lines(node) > LONGEST_FUNCTION
     ]
@@ -64,7 +70,7 @@ def test_functions__every_one__fits_a_screen() -> None:
 def test_names__that_are_stored__say_what_they_hold() -> None:
     vague = [
         f"{path.relative_to(PACKAGE)}:{node.lineno} {node.id}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in VAGUE
     ]
@@ -73,7 +79,7 @@ def test_names__that_are_stored__say_what_they_hold() -> None:
 
 def test_class_names__every_public_one__has_one_owner() -> None:
     owners = defaultdict(list)
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 owners[node.name].append(path.relative_to(PACKAGE).as_posix())

@@ -3,8 +3,6 @@
 `python -m tests.rig.cost_table` counts, and writes the table anew.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tactuator.model.controller import Controller

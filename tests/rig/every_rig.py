@@ -1,7 +1,5 @@
 """Every rig that can run here, each with the example display on it; and the one that TACTUATOR_RIG names."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

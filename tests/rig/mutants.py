@@ -4,8 +4,6 @@ The unaltered sources are compiled once for each board; of an alteration only th
 that name a function or a constant of it, if only in another header's function.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

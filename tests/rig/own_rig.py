@@ -1,7 +1,5 @@
 """The example of docs/rig.md, installed as the package of another laboratory."""
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The check of a board's interrupt is checked: one altered line of its program, and it must say so."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator

@@ -7,11 +7,12 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
+from tactuator.paper.plan import paper_display
 from tactuator.rig.open import RIGS, open_rig
 from tests.rig.guard.guarded import designed
 from tests.rig.own_rig import example, installed_example
 
-DISPLAY = designed().display
+DISPLAY = paper_display()
 
 
 def test_example__of_the_page__has_at_most_60_lines() -> None:

@@ -1,7 +1,5 @@
 """The paper's index finger and its controller, built in code: what the core's tests run on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Responses with fifty digits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import mpmath

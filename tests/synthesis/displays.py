@@ -7,13 +7,13 @@ from functools import cache
 from typing import Any
 
 from tactuator.model.controller import Controller
-from tactuator.model.description import Channel, Display, Threshold
-from tactuator.model.plant import Load
+from tactuator.model.description import Channel, Display
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
-from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
+from tests.runtime.paper_display import FINGERS
+from tests.runtime.paper_display import channel as finger
 
 PAPER_LIMITS = FeedbackRequirements(
     phase_margin_deg=50.0,
@@ -36,32 +36,15 @@ FINGER_LIMITS = FeedbackRequirements(
     command_noise_gain_max=30.0,
 )
 
-_SIBLINGS: dict[str, tuple[float, list[float], list[float], tuple[float, float, float]]] = {
-    "index": (0.19898, [2875.0], [1.0, 94.0, 290.0], (0.12, 31.0, 360.0)),
-    "thumb": (0.2012, [2650.0], [1.0, 101.0, 310.0], (0.15, 38.0, 420.0)),
-    "middle": (0.1967, [3020.0], [1.0, 88.0, 275.0], (0.11, 28.0, 340.0)),
-}
-
 
 def channel(name: str = "index", **changes: Any) -> Channel:
     """One of the three fingers' channels, with its finger load."""
-    gain, num, den, load = _SIBLINGS[name]
-    made = Channel(
-        name,
-        name,
-        gain,
-        12.5,
-        ContinuousSystem.from_polynomials(num, den),
-        Threshold(curve("bolanowski-1988")),
-        loads=(Load("finger", *load),),
-        feedback=FINGER_LIMITS,
-    )
-    return replace(made, **changes)
+    return finger(name, **({"feedback": FINGER_LIMITS} | changes))
 
 
 def three_fingers(**changes: Any) -> Display:
     """The display of the paper with its siblings, loaded and unloaded."""
-    made = Display("three fingers", 4000.0, 1, tuple(channel(name) for name in _SIBLINGS))
+    made = Display("three fingers", 4000.0, 1, tuple(channel(name) for name, *_ in FINGERS))
     return replace(made, **changes)
 
 

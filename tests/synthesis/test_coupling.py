@@ -1,6 +1,7 @@
 """Coupled loops: stability against the whole loop's eigenvalues in state space, crosstalk against the simulation."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy import linalg, signal
 
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display
+from tactuator.model.controller import Controller
 from tactuator.model.coupling import CoupledResponse, Coupling
 from tactuator.model.description import Display
 from tactuator.model.verdict import Finding, Outcome
@@ -28,11 +30,13 @@ def fingers(comfort_db_sl: float = 40.0, **coupling: float) -> Display:
     return parse_display(document | ({"coupling": coupling} if coupling else {}))
 
 
-CONTROLLER = design_controller(fingers())
+@cache
+def controller() -> Controller:
+    return design_controller(fingers())
 
 
 def findings(display: Display, quantity: str, load: str = "none") -> list[Finding]:
-    return [f for f in judge_coupling(CONTROLLER, display) if (f.quantity, f.load) == (quantity, load)]
+    return [f for f in judge_coupling(controller(), display) if (f.quantity, f.load) == (quantity, load)]
 
 
 def spectral_radius(display: Display) -> float:
@@ -44,7 +48,7 @@ def spectral_radius(display: Display) -> float:
         blocks.append(signal.cont2discrete(signal.tf2ss(num, den), 1.0 / RATE_HZ)[:3])
     omega, damping = 2.0 * np.pi * display.coupling.resonance_hz, display.coupling.damping
     path = signal.cont2discrete(signal.tf2ss([omega**2], [1.0, 2.0 * damping * omega, omega**2]), 1.0 / RATE_HZ)[:3]
-    control = [signal.sos2tf(part.feedback_sos) for part in CONTROLLER.channels]
+    control = [signal.sos2tf(part.feedback_sos) for part in controller().channels]
     control = [signal.tf2ss(*each) for each in control]
     plant, frame = (stacked(each) for each in (blocks, [path] * size))
     c = stacked([(a, b, row) for a, b, row, _ in control])
@@ -96,7 +100,7 @@ def test_crosstalk__of_a_simulated_display__is_what_the_verdict_says(level_db: f
     for finding in findings(display, CROSSTALK, load):
         driver = finding.remark.split()[1]
         simulation = Simulation(display)
-        simulation.load(CONTROLLER)
+        simulation.load(controller())
         names = [channel.name for channel in display.channels]
         for place in range(3 if load == "finger" else 0):
             simulation.touch(place, load)
@@ -136,10 +140,10 @@ def test_crosstalk__through_a_measured_coupling__is_that_of_its_mechanism_and_op
 
 
 def test_verdict__without_a_coupling_or_with_one_ignored__has_no_objective_of_it() -> None:
-    assert not list(judge_coupling(CONTROLLER, fingers()))
-    assert "v" not in {objective.number for objective in judge(CONTROLLER, fingers()).objectives}
-    assert "v" in {objective.number for objective in judge(CONTROLLER, fingers(level_db=-20.0)).objectives}
-    for loops in coupled_loops(CONTROLLER, fingers(level_db=-20.0)):
+    assert not list(judge_coupling(controller(), fingers()))
+    assert "v" not in {objective.number for objective in judge(controller(), fingers()).objectives}
+    assert "v" in {objective.number for objective in judge(controller(), fingers(level_db=-20.0)).objectives}
+    for loops in coupled_loops(controller(), fingers(level_db=-20.0)):
         ignored = replace(loops, display=fingers())  # the coupling put away: nothing arrives, which is seen at once
         moved, _ = ignored.motion(0, 40.0, np.array([30.0]))
         assert np.max(moved[:, 1:]) == 0.0

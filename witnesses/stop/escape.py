@@ -14,7 +14,6 @@ waits for a processor waits longer. Seen to fail: `--pieces 0.02` (seconds that 
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 import tempfile
 import time
@@ -40,7 +39,7 @@ from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app
-from tests.browser import ARGUMENTS
+from tests.browser import ARGUMENTS, chromium
 from tests.web.server import served
 
 FREQUENCY_HZ, SILENT_DB_SL, SILENT_MS = 100.0, 6.0, 20.0
@@ -266,7 +265,7 @@ def main() -> int:
     table = Table("state", "median ms", "longest ms", "then")
     longest = 0.0
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
         for state in STATES:
             lasts, stage = [], ""
             for _ in range(chosen.times):

@@ -1,7 +1,5 @@
 """Controller files for the verbs: the paper's, and spoilt ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

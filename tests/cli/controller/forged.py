@@ -1,7 +1,5 @@
 """Controllers with valid hashes and mutated figures."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Whatever `check` calls met, `build` accepts; a valid hash makes no forged figure good."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

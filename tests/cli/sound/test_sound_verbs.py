@@ -1,7 +1,5 @@
 """The verbs for sound cards: every refusal in one line, with the output at rest and nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

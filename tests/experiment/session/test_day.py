@@ -1,7 +1,5 @@
 """Three channels for hours: streams and experiments in turn, on one rig, in one process, into one store."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -1,7 +1,5 @@
 """Recognition experiments: plans, a scripted run from items to bits through engine and store, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sqlalchemy import select

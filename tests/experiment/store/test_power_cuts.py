@@ -3,8 +3,6 @@
 The witness is a library below SQLite that records what is asked of the disk. One record is cut a hundred times.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess

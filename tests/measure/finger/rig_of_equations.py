@@ -1,8 +1,6 @@
 """A rig whose display is the equations of motion by Runge and Kutta, with Coulomb-like friction, hum and noise: no line
 of the simulated display. What touches it is a chain of two, or one mass, damper and spring."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 The witness is the port that tells the displacement, which the calibration does not use, and the exciter's equations.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

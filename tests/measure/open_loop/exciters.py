@@ -1,7 +1,5 @@
 """Exciters drawn at random, and a rig with one on a card whose time is turned by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

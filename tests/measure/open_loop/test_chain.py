@@ -1,7 +1,5 @@
 """The whole calibration: on a card turned by hand, and blind through PortAudio and a JACK server."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The parts of a calibration without loop: wiring, levels, usable band, and what is taken away."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

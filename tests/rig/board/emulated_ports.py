@@ -4,8 +4,6 @@ Their time goes on while this machine is busy. What comes too late then is not j
 system's own count the host or the emulator had no processor.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """A board whose answers are spoilt, or are another board's: the host says so in one line, and comes to an end."""
 
-from __future__ import annotations
-
 from collections import Counter
 from contextlib import suppress
 

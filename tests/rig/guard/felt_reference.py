@@ -6,8 +6,6 @@ Above 300 Hz the inverse would amplify what little the noise moves: a kernel of 
 cannot make a peak greater, takes it off (0.5 dB of 300 Hz as well).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal

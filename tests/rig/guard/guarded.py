@@ -1,7 +1,5 @@
 """A board in this process, stepped tick by tick, with an eye on the truth that no rig shows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Builds and runs lawful_play.c: how often the guard takes a sound sensor for a false one, counted over any time."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 `python -m tests.rig.guard.lying_sensor` writes the table of decision 0706 anew.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Everything is drawn from one seed; `make soak` draws hundreds. The judge is the truth (felt_reference), not the guard.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -5,8 +5,6 @@ what is felt at one tick the greatest is the answer of a linear program: samples
 command within its range, and the guard (comfort, stopping distance, disagreement) not yet tripped before that tick.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 

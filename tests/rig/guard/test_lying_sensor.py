@@ -1,7 +1,5 @@
 """The guard against a sensor that lies: stuck but noisy, or jumping; its lock-out; the reference within travel."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ The subject is a script that detects by Weibull's function of the level at which
 exciter's displacement, in its own port of the card, which the display has as its sensor here.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

@@ -4,8 +4,6 @@ The reference is noise from a seed, and what comes back must be what was put out
 of which nothing was told, is a gap that went unnoticed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """Sound cards by name."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The simulated exciter against its equations in continuous time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

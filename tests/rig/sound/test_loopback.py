@@ -1,7 +1,5 @@
 """Delay and volts by a wire on a card whose time is turned by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The rig through PortAudio and a JACK server without hardware, in real time."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The rig on a sound card whose time is turned by hand: rows, alignment, gaps, limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal

@@ -1,7 +1,5 @@
 """The streaming of the soak: that its echo would tell a gap of which nobody told."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Programs that tests run in processes of their own, each with a simulated card."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A sound card that is turned by hand: it calls back when the program sleeps, and its inputs hear its outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

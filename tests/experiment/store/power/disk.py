@@ -1,7 +1,5 @@
 """What a disk holds after a power cut, from the record of what was asked of it."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
