@@ -190,7 +190,9 @@ def sheet(
     study: StudyName = None,
     visit: Annotated[int, Option("Visit of the subject.", ge=1)] = 1,
 ) -> SheetResult:
-    """Write the sheet of a visit, for a clinician to sign: conditions, thresholds with intervals, perhaps z-scores."""
+    """Write the sheet of a visit, for a clinician to sign. It has who, when, conditions, thresholds with intervals,
+    open to the side that was not reached, and z-scores against a norm of the clinic's.
+    """
     from tactuator.experiment.protocol.detection import Protocol
     from tactuator.experiment.result.group_level import read_norm
     from tactuator.experiment.result.thresholds import thresholds
