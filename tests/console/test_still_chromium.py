@@ -5,7 +5,7 @@ import pytest
 from tests.console.pages import go
 from tests.console.test_chromium import SETTLED, page, shape  # noqa: F401
 
-SIZES = [(1440, 900), (1024, 768), (390, 844)]
+SIZES = [(1440, 900), *(pytest.param(*size, marks=pytest.mark.soak) for size in ((1024, 768), (390, 844)))]
 PULL = 40.0
 DIRECTIONS = {"right": (PULL, 0.0), "left": (-PULL, 0.0), "up": (0.0, -PULL), "down": (0.0, PULL)}
 NEAR_PX = 3.0
