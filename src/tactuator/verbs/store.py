@@ -216,7 +216,8 @@ def sheet(
             noted = [each for kind in ("gate", "standard") for each in records.details(connection, row.id, kind)]
             gated = [] if row.protocol_version_id is None else noted
             posture = records.latest(connection, row.id, "posture")
-        measured = thresholds(detection_runs(database, session=row.id))
+        asked = thresholds(detection_runs(database, session=row.id))
+    measured = sorted(asked, key=lambda each: (each.finger, each.frequency_hz))
     years = float(facts["age"]) if age is None and "age" in facts else age
     protocol, language = books.protocol, books.protocol.study.language
     words = shipped_words(language if protocol.study.language_file is None else "en")

@@ -172,7 +172,7 @@ def run_study(
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects", "as many")
     if protocol.paradigm.yes_no:
-        raise BadInput("simulated observers tell intervals apart", "two intervals or more", key="paradigm.intervals")
+        raise BadInput("1: simulated observers tell intervals apart", "two intervals or more", key="paradigm.intervals")
     task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
