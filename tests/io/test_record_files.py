@@ -112,6 +112,32 @@ def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
     assert np.max(np.abs(read.position - expected)[5:-5]) < 2e-3
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("off", [0.05, 0.3])
+@pytest.mark.parametrize("is_read_when_stamped", [True, False])
+def test_csv__uneven_stamps__are_believed_where_the_position_follows_them(
+    tmp_path: Path, is_read_when_stamped: bool, off: float, noise: float
+) -> None:
+    rng = np.random.default_rng(2)
+    uneven = TIME + off / RATE_HZ * rng.uniform(-1.0, 1.0, 2000)
+    uneven[[0, -1]] = TIME[[0, -1]]
+    at = uneven if is_read_when_stamped else TIME
+    y = np.sin(2.0 * np.pi * 40.0 * at) + np.sin(2.0 * np.pi * 130.0 * at) + noise * rng.standard_normal(2000)
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", uneven, U, y, digits="%.12g"))
+    assert any(("taken as even" in remark) != is_read_when_stamped for remark in read.remarks)
+    assert np.allclose(read.position, y, atol=1e-9) != is_read_when_stamped
+
+
+def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
+    uneven = TIME + 0.2 / RATE_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, 2000)
+    smooth = np.sin(2.0 * np.pi * 5.0 * uneven)
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", uneven, U, smooth, digits="%.12g"))
+    assert any("resampled" in remark for remark in read.remarks)
+    offset = uneven[0]
+    expected = np.sin(2.0 * np.pi * 5.0 * (offset + np.arange(read.position.size) / read.rate_hz))
+    assert np.max(np.abs(read.position - expected)[5:-5]) < 2e-3
+
+
 def test_csv__longer_than_memory_allows__is_read_in_part_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

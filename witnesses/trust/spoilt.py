@@ -8,8 +8,7 @@ valid; it is refused without need where it is not trusted though it departs by l
 response, over the whole of the excited band: a model of a chirp at two clocks had its size within 0.08 dB and was 58
 degrees late at 300 Hz. Truth is the response at small commands, at the record's beginning and at its end: where the
 gain falls, both count. Seen to fail on the rules before: 15 of the 40 were wrong or refused without need; by their
-phase three more were, of a held command at two clocks and of play. Wrong today is record 33, whose even samples have
-stamps that jitter: the reader believes the stamps.
+phase four more were, of a held command at two clocks, of play, and of even samples whose stamps alone jitter.
 """
 
 from __future__ import annotations

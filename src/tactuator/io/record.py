@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from tactuator.signals.record import FrequencyResponse, JointRecord, Record
 
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
+_FEWEST = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,27 @@ class Stamps:
             index = np.clip(np.searchsorted(self.place, grid + 0.5, side="right") - 1, 0, values.size - 1)
             return values[index]
         return np.asarray(scipy.interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
+
+    def held_against(self, position: FloatArray) -> Stamps:
+        """Return the same, or even ones where the position (n,) was not read when they say: what it lacks of a curve
+        through its neighbours does then not follow the way that its slope goes in the time that a stamp is off.
+        """
+        if self.even or position.size != self.count or position.size < _FEWEST:
+            return self
+        slope, off = np.gradient(position), self.place - np.arange(self.count)
+        follows, lacks = (_beside_neighbours(values) for values in (off * slope, position))
+        power = float(follows @ follows)
+        share = float(follows @ lacks) / power if power > 0.0 else 1.0
+        doubt = 3.0 * float(np.std(lacks - share * follows)) / np.sqrt(power) if power > 0.0 else np.inf
+        if share + doubt > 0.5:
+            return self
+        remark = f"{self.remarks[-1].rpartition(':')[0]}, and the position does not follow them: taken as even"
+        return replace(self, even=True, remarks=(*self.remarks[:-1], remark))
+
+
+def _beside_neighbours(values: FloatArray) -> FloatArray:
+    """Return what values (n,) depart from the cubic through two neighbours on either side, (n - 4,)."""
+    return np.convolve(values, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, mode="valid")
 
 
 def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:
@@ -248,7 +270,7 @@ def _assemble(
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
     if time is not None and columns.values[time].size == u.size:
-        stamps = read_stamps(_seconds(time, columns.values[time]), known)
+        stamps = read_stamps(_seconds(time, columns.values[time]), known).held_against(y)
         u, y = stamps.spread(u, True), stamps.spread(y, False)
         r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
