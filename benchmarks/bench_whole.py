@@ -60,7 +60,7 @@ def commands(folder: Path) -> dict[str, Sequence[str]]:
     return {
         "check": [*PROGRAM, "check", str(controller)],
         "render 2 s": [*PROGRAM, "render", str(speech), "--controller", str(controller), "--out", f"{out}.wav"],
-        "design, three channels": [*PROGRAM, "design", str(DISPLAY), "--out", f"{out}.json"],
+        "design, three channels": [*PROGRAM, "design", str(DISPLAY), "--out", f"{out}-controller.json"],
         "identify a minute": [*PROGRAM, "identify", str(record)],
         "thresholds of 10,000 trials": [*PROGRAM, "experiment", "thresholds", "--store", str(store)],
         "all names, first figure": [sys.executable, "-c", NAMES, str(controller), f"{out}.svg"],
