@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tactuator.cli.commands import Bars, Framed, answer
+from tactuator.cli.commands import Bars, answer, drawn
 from tactuator.report.tables import with_error
 from tactuator.table import ResultTable
 from tactuator.verbs.result import Result, plain, watched, working
@@ -112,9 +112,20 @@ def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
     row = ("S1", "middle", "164.3", "129", "-12.5", "≥ 29.5", "8.5 to 54.2", "15.8", "chance, delivered-unknown")
     console = Console(width=width, record=True, file=StringIO())
-    console.print(Framed(ResultTable("Thresholds", columns, (row,), ("a note",))))
+    console.print(drawn(ResultTable("Thresholds", columns, (row,), ("a note",)), console))
     lines = console.export_text().splitlines()
     assert max(len(line) for line in lines) <= width
     letters = Counter("".join(lines))
     assert all(letters[one] >= count for one, count in Counter("".join(columns + row).replace(" ", "")).items())
     assert "…" not in letters
+
+
+@pytest.mark.parametrize("width", [72, 80])
+def test_shown__table_whose_words_fit__breaks_none(width):
+    columns = ("curve", "provenance", "band", "site", "surround", "preload")
+    row = ("morioka-griffin-2006", "digitised", "8 to 315 Hz", "hand on a handle of wood", "not stated", "not stated")
+    console = Console(width=width, record=True, file=StringIO())
+    console.print(drawn(ResultTable("", columns, (row,)), console))
+    lines = console.export_text().splitlines()
+    assert max(len(line) for line in lines) <= width
+    assert Counter(" ".join(columns + row).split()) <= Counter(" ".join(lines).split())

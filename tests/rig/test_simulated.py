@@ -105,5 +105,5 @@ def test_paced_rig__rest_in_a_tone__is_silent_soon_and_lets_go_of_a_motor_that_s
     felt.clear()
     paced.rest()
     moved = np.abs(np.diff(np.concatenate(felt)))
-    assert loud > 20.0 * moved[80:260].max()  # 20 ms later
+    assert loud > 20.0 * moved[60:260].max()  # 15 ms later
     assert loud > 20.0 * moved[260:].max()  # nor when the motor is let go

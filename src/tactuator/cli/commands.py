@@ -25,7 +25,7 @@ from tactuator.verbs.result import Result, Step, plain, watched
 from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 
 if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions
+    from rich.console import Console
     from rich.progress import Progress
     from rich.table import Table
     from typer._click import Context, HelpFormatter, Parameter
@@ -225,36 +225,36 @@ def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> Non
         return
     from rich.console import Console, Group
 
-    shown = [Group(Framed(part), *part.notes) if isinstance(part, ResultTable) else part for part in result.tables()]
-    Console(file=sys.stdout, markup=False).print(*shown, *(f"written: {path}" for path in written), sep="\n")
+    console = Console(file=sys.stdout, markup=False)
+    shown = [
+        Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in result.tables()
+    ]
+    console.print(*shown, *(f"written: {path}" for path in written), sep="\n")
 
 
-class Framed:
-    """A table in a frame, or without one where that saves a cell from being broken."""
+def drawn(content: ResultTable, console: Console) -> Table:
+    """Return a table as wide as the console lets it be, no word broken where there is room for all of them."""
+    from rich.box import SIMPLE_HEAD
+    from rich.measure import Measurement
+    from rich.table import Table
+    from rich.text import Text
 
-    def __init__(self, content: ResultTable) -> None:
-        self.content = content
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        from rich.box import SIMPLE_HEAD
-        from rich.table import Table
-
-        title = self.content.caption or None
-        framed = self._filled(Table(title=title))
-        bare = self._filled(Table(title=title, box=SIMPLE_HEAD, padding=0, pad_edge=False))
-        wide = options.update(max_width=10_000)
-        narrowest, widest = framed.__rich_measure__(console, wide)
-        fits_bare_alone = widest > options.max_width >= bare.__rich_measure__(console, wide).maximum
-        yield bare if fits_bare_alone or narrowest > options.max_width else framed
-
-    def _filled(self, table: Table) -> Table:
-        from rich.text import Text
-
-        for name in self.content.columns:
-            table.add_column(name, overflow="fold", no_wrap=name in self.content.whole)
-        for row in self.content.rows:
-            table.add_row(*map(Text, row))
-        return table
+    table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
+    least, most, wide = list[int](), list[int](), console.options.update(max_width=10_000)
+    for name, *cells in zip(content.columns, *content.rows, strict=True):
+        sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
+        most.append(max(size.maximum for size in sizes))
+        least.append(most[-1] if name in content.whole else max(size.minimum for size in sizes))
+        table.add_column(name, overflow="fold", no_wrap=name in content.whole)
+    for row in content.rows:
+        table.add_row(*map(Text, row))
+    spare = console.width - sum(least) - len(most) - 1
+    apart = int(spare >= len(most))
+    table.padding, spare = (0, apart, 0, 0), spare - apart * len(most)
+    if 0 <= spare < sum(most) - sum(least):
+        for column, word, line in zip(table.columns, least, most, strict=True):
+            column.width = word + spare * (line - word) // (sum(most) - sum(least))
+    return table
 
 
 class Bars:

@@ -12,7 +12,7 @@ equal velocity from some level on (Griffin 2012), which needs the threshold curv
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -138,7 +138,7 @@ def _sum(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatAr
 _SMALL = Deviation(tilt_db=0.7, wave_db=0.8, wave_decades=0.28, growth=0.7, bend=0.3)
 LAWS: tuple[Law, ...] = (
     Law("sensation-level", (), (), _same, _SMALL),
-    Law("exponents", (0.6, -0.2, np.log(0.09)), (0.35, 0.2, 0.8), _exponents, _SMALL),
+    Law("exponents", (0.6, -0.2, np.log(0.09)), (0.35, 0.2, 0.8), _exponents, replace(_SMALL, wave_db=1.1)),
     Law("sum-of-channels", (np.log(0.7), -0.3, 35.0), (0.35, 0.2, 10.0), _sum, _SMALL),
     Law("free", (), (), _same, Deviation(tilt_db=8.0, wave_db=4.5, wave_decades=0.28, growth=0.6, bend=0.25)),
 )
