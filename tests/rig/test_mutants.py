@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -85,24 +86,14 @@ def differs(
 
 
 @pytest.fixture(scope="module")
-def benches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Bench]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Bench]:
     """One for each board, made when it is first asked for."""
-    return _Benches(tmp_path_factory)
-
-
-class _Benches(dict[str, Bench]):
-    def __init__(self, folders: pytest.TempPathFactory) -> None:
-        super().__init__()
-        self._folders = folders
-
-    def __missing__(self, board: str) -> Bench:
-        self[board] = Bench(board, self._folders.mktemp(board))
-        return self[board]
+    return cache(lambda board: Bench(board, tmp_path_factory.mktemp(board)))
 
 
 @pytest.mark.parametrize("mutant", FEW, ids=lambda mutant: mutant.name)
-def test_check_period__altered_line__is_noticed(mutant: Mutant, benches: dict[str, Bench]) -> None:
-    program, of = benches["mps2-an500"].program(mutant), adaptive() if mutant.adaptive else designed()
+def test_check_period__altered_line__is_noticed(mutant: Mutant, bench: Callable[[str], Bench]) -> None:
+    program, of = bench("mps2-an500").program(mutant), adaptive() if mutant.adaptive else designed()
     assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS, controller=of)
 
 
@@ -111,9 +102,9 @@ def test_mutant__line_that_it_alters__stands_once_in_the_sources(mutant: Mutant)
     assert (ROOT / mutant.path).read_text().count(mutant.old) == 1
 
 
-def test_check_period__altered_line__is_told_by_its_tick(benches: dict[str, Bench]) -> None:
+def test_check_period__altered_line__is_told_by_its_tick(bench: Callable[[str], Bench]) -> None:
     """A digest over fewer ticks is the same before that tick, and another from it on."""
-    program = benches["mps2-an500"].program(FEW[0])
+    program = bench("mps2-an500").program(FEW[0])
     told = differs("mps2-an500", program, "float32", ENOUGH_TICKS, locates=True)
     found = re.fullmatch(r"float32: seed 1, tick (\d+) of a stretch", told)
     assert found
@@ -124,9 +115,9 @@ def test_check_period__altered_line__is_told_by_its_tick(benches: dict[str, Benc
 
 @pytest.mark.parametrize("of", [designed, adaptive])
 def test_check_period__unaltered__is_the_same_in_both_formats(
-    of: Callable[[], Controller], benches: dict[str, Bench]
+    of: Callable[[], Controller], bench: Callable[[str], Bench]
 ) -> None:
-    program = benches["mps2-an500"].unaltered()
+    program = bench("mps2-an500").unaltered()
     for number_format in FORMATS:
         assert differs("mps2-an500", program, number_format, ENOUGH_TICKS, controller=of()) == ""
 
@@ -141,34 +132,33 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.soak), "it ends: the board began anew"])
-def test_check_period__program_that_breaks_down__is_told(how: str, benches: dict[str, Bench]) -> None:
-    assert differs("mps2-an500", benches["mps2-an500"].program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
+def test_check_period__program_that_breaks_down__is_told(how: str, bench: Callable[[str], Bench]) -> None:
+    assert differs("mps2-an500", bench("mps2-an500").program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
 
 
-def test_differs__what_no_program_is_asked__is_not_taken_for_an_alteration(benches: dict[str, Bench]) -> None:
+def test_differs__what_no_program_is_asked__is_not_taken_for_an_alteration(bench: Callable[[str], Bench]) -> None:
     with pytest.raises(BadInput, match="ticks is 0"):
-        differs("mps2-an500", benches["mps2-an500"].program(FEW[0]), "float32", 0)
+        differs("mps2-an500", bench("mps2-an500").program(FEW[0]), "float32", 0)
 
 
 def test_differs__emulator_that_has_no_processor__is_not_taken_for_an_alteration(
-    benches: dict[str, Bench], monkeypatch: pytest.MonkeyPatch
+    bench: Callable[[str], Bench], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tests.rig.test_mutants.processor_s", lambda emulator: 0.0)
     with pytest.raises(LinkDown):
-        differs("mps2-an500", benches["mps2-an500"].program(BROKEN["it hangs"]), "float32", 100, 0.3)
+        differs("mps2-an500", bench("mps2-an500").program(BROKEN["it hangs"]), "float32", 100, 0.3)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("board", EMULATED)
 @pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
 def test_check_period__any_altered_line_on_any_board__is_noticed(
-    mutant: Mutant, board: str, benches: dict[str, Bench], record_property: Callable[[str, str], None]
+    mutant: Mutant, board: str, bench: Callable[[str], Bench], record_property: Callable[[str, str], None]
 ) -> None:
-    program, of = benches[board].program(mutant), adaptive() if mutant.adaptive else designed()
+    program, of = bench(board).program(mutant), adaptive() if mutant.adaptive else designed()
     for number_format in [mutant.only] if mutant.only else FORMATS:
         reports = (differs(board, program, number_format, ticks, controller=of) for ticks in (TICKS, MORE_TICKS))
-        noticed = next(filter(None, reports), "")
-        record_property("noticed by", noticed)  # in the file of --junit-xml
+        record_property("noticed by", noticed := next(filter(None, reports), ""))  # in the file of --junit-xml
         assert noticed
 
 
@@ -176,9 +166,9 @@ def test_check_period__any_altered_line_on_any_board__is_noticed(
 @pytest.mark.parametrize("board", EMULATED)
 @pytest.mark.parametrize("number_format", FORMATS)
 def test_check_period__ten_million_ticks__are_the_same(
-    board: str, number_format: str, benches: dict[str, Bench]
+    board: str, number_format: str, bench: Callable[[str], Bench]
 ) -> None:
-    assert differs(board, benches[board].unaltered(), number_format, 10_000_000) == ""
+    assert differs(board, bench(board).unaltered(), number_format, 10_000_000) == ""
 
 
 @pytest.mark.slow

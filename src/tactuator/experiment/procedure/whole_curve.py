@@ -191,7 +191,7 @@ def _likelihoods(belief: CurveBelief, trials: Trials, drift_db: float) -> PointL
 
 
 _FLAGGED_LAPSE_RATE = 0.05
-_LAPSE_PROBABILITY_MIN = 0.6
+_LAPSE_PROBABILITY_MIN = 0.98
 
 
 @dataclass(frozen=True)
