@@ -161,7 +161,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             kept_of[f"{kind} {name}"] = np.array(kept)
             if asked.keep:
                 np.savez(asked.keep, **kept_of)
-            counts = Counter(flag for flags in found for flag in flags) | Counter({"any": sum(map(bool, found))})
+            counts = Counter(flag for flags in found for flag in flags)
+            counts["any"] = sum(map(bool, found))
             for flag, hits in sorted(counts.items()):
                 low, high = interval(hits, asked.count)
                 told = f"{hits:4} of {asked.count}: {hits / asked.count:.3f} [{low:.3f}, {high:.3f}]"
