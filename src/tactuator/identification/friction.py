@@ -79,7 +79,7 @@ def friction_shows(residuals: Sequence[Residual]) -> bool:
         for residual in residuals:
             state = dahl_state(residual.simulated, float(presliding))
             lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = residual.response * lines[1:] * residual.weight[1:]
+            pull = residual.response * residual.taken.ahead * lines[1:] * residual.weight[1:]
             size += float(np.sum(np.abs(pull) ** 2))
             along += float(np.sum((np.conj(pull) * residual.lines[1:] * residual.weight[1:]).real))
         if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN:
@@ -126,7 +126,7 @@ def fit_friction(
     level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
     if level is None and not friction_shows(bare.residuals):
         return None
-    measured = _measured_paths(signals, bare.spectra[0].rate_hz)
+    measured = _measured_paths(signals, bare)
     level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
     for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
@@ -190,13 +190,12 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
 
 
 def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
-    """Return the motion of every record as the estimate has it, free of noise, (n,) each."""
+    """Return the motion of every record as the estimate has it, free of noise and of dead time, (n,) each."""
     paths = []
     for (_, position), residual in zip(signals, now.residuals, strict=True):
-        path, piece = position.copy(), slice(residual.taken.shift, residual.taken.shift + residual.taken.samples)
-        path[piece] = residual.simulated + float(position[piece].mean())
-        path[piece.stop :] = path[piece.stop - 1]
-        paths.append(path)
+        shift, samples = residual.taken.shift, residual.taken.samples
+        moved = residual.simulated + float(position[shift : shift + samples].mean())
+        paths.append(np.concatenate([moved, np.full(position.size - samples, moved[-1])]))
     return tuple(paths)
 
 
@@ -243,8 +242,11 @@ def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
     return states if held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
 
 
-def _measured_paths(signals: Signals, rate_hz: float) -> tuple[FloatArray, ...]:
-    return tuple(low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in signals)
+def _measured_paths(signals: Signals, bare: SpectralEstimate) -> tuple[FloatArray, ...]:
+    """Return the measured motion of every record, without its noise and as much earlier as the estimate's dead time."""
+    rate_hz, shift = bare.spectra[0].rate_hz, bare.spectra[0].shift
+    paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in signals)
+    return tuple(np.append(path[shift:], np.full(shift, path[-1])) for path in paths)
 
 
 class _FrictionLines:
@@ -357,7 +359,7 @@ def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | N
         return sum(2.0 * float(pair.lines @ np.log(np.maximum(pair.noise, 1e-300))) for pair in local)
 
     best, least = None, misfit(signals) - _CERTAIN
-    paths = _measured_paths(signals, rate_hz)
+    paths = _measured_paths(signals, bare)
     presliding = 1e-3 * max(float(np.std(path)) for path in paths)
     for coulomb in np.geomspace(0.03, 1.5, 16):
         level = _Level(float(coulomb), presliding, paths)
