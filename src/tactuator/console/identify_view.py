@@ -21,7 +21,7 @@ from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
-from tactuator.table import ResultTable
+from tactuator.table import ResultTable, picked
 from tactuator.verbs.identified import CoupledModels, IdentificationResult, ResponseModelResult
 from tactuator.verbs.model import identify
 
@@ -78,16 +78,8 @@ class IdentifyModel(_OfRecord):
         """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
         path, unseen = state.uploads.path(self.record), [state.uploads.path(key) for key in self.validate_on]
         record = None if is_response(path) else self.read(path)
-        fit = identify(
-            record or path,
-            self.input,
-            self.output,
-            rate_hz=self.rate_hz,
-            order=self.order,
-            zeros=self.zeros,
-            hold=self.hold,
-            validate=unseen,
-        )
+        options = picked(self, "rate_hz", "order", "zeros", "hold")
+        fit = identify(record or path, self.input, self.output, validate=unseen, **options)
         assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
         table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
@@ -95,10 +87,7 @@ class IdentifyModel(_OfRecord):
             path.name,
             input=self.input,
             output=self.output,
-            rate_hz=self.rate_hz,
-            order=self.order,
-            zeros=self.zeros,
-            hold=None if self.hold == Asked.hold else self.hold,
+            **options | {"hold": None if self.hold == Asked.hold else self.hold},
             validate=[other.name for other in unseen],
             out="model.json",
         )
@@ -180,11 +169,6 @@ def _points(
 
 def _candidate(fit: IdentificationResult, candidate: Any) -> Answer:
     taken = (fit.order, fit.model.num.size - 1, fit.between.hold, fit.model.delay_s > 0.0)
-    number = {name: getattr(candidate, name) for name in ("cost", "behind")}
-    return {
-        "poles": candidate.poles,
-        "zeros": candidate.zeros,
-        "dead_time": candidate.dead_time,
-        "hold": candidate.hold,
-        "taken": (candidate.poles, candidate.zeros, candidate.hold, candidate.dead_time) == taken,
-    } | {name: f"{value:.3g}" if np.isfinite(value) else "—" for name, value in number.items()}
+    form, number = picked(candidate, "poles", "zeros", "hold", "dead_time"), picked(candidate, "cost", "behind")
+    shown = {name: f"{value:.3g}" if np.isfinite(value) else "—" for name, value in number.items()}
+    return {**form, "taken": tuple(form.values()) == taken, **shown}

@@ -205,18 +205,10 @@ def _outputs(
 
 def _behind(first: States, second: States) -> States:
     """Return two systems one behind the other."""
-    a = np.block(
-        [
-            [first.a, np.zeros((first.b.size, second.b.size))],
-            [np.outer(second.b, first.c), second.a],
-        ]
-    )
-    return States(
-        a,
-        np.append(first.b, second.b * first.d),
-        np.append(second.d * first.c, second.c),
-        second.d * first.d,
-    )
+    apart = np.zeros((first.b.size, second.b.size))
+    a = np.block([[first.a, apart], [np.outer(second.b, first.c), second.a]])
+    b, c = np.append(first.b, second.b * first.d), np.append(second.d * first.c, second.c)
+    return States(a, b, c, second.d * first.d)
 
 
 def _bounded(values: FloatArray) -> FloatArray:
