@@ -22,6 +22,45 @@ export function draw(name, attributes = {}, ...content) {
   return node;
 }
 
+// What is wrong with a field stands at it until something else is typed or chosen there; nothing is sent then.
+export function fault(field, text) {
+  const wrong = field.nextElementSibling?.classList.contains("wrong") ? field.nextElementSibling : make("small", { class: "wrong", role: "alert" });
+  field.setAttribute("aria-invalid", String(text !== ""));
+  wrong.textContent = text;
+  field.oninput = () => fault(field, "");
+  if (text === "") { wrong.remove(); return; }
+  field.after(wrong);
+  wrong.style.transform = ""; // then beneath the field, within the page, over what is there
+  const at = field.getBoundingClientRect(), from = wrong.getBoundingClientRect();
+  wrong.style.transform = `translate(${Math.min(at.left, innerWidth - from.width - 12) - from.left}px, ${at.bottom + 2 - from.top}px)`;
+}
+
+// A value into a field, in place of what was wrong there.
+export function put(field, value) {
+  field.value = value;
+  if (field.getAttribute("aria-invalid") === "true") fault(field, "");
+}
+
+// The number in a field, within its bounds, or NaN with the fault at the field; optional: an empty field is null.
+export function numberIn(field, optional = false) {
+  const { min, max } = field, text = field.value.trim(), bad = field.validity.badInput;
+  if (optional && text === "" && !bad) { fault(field, ""); return null; }
+  const value = text === "" ? NaN : Number(text), within = Number.isFinite(value) && !(min && value < Number(min)) && !(max && value > Number(max));
+  const allowed = min && max ? `${min} to ${max}` : min ? `${min} or more` : max ? `up to ${max}` : "a number";
+  fault(field, within ? "" : `${text || (bad ? "no number" : "empty")}; allowed: ${allowed}`);
+  return within ? value : NaN;
+}
+
+// Fields keep what was put into them, by their ids, until the page is left.
+const entered = new Map();
+export function lasting(field) {
+  const what = field.type === "checkbox" ? "checked" : "value";
+  if (entered.has(field.id)) field[what] = entered.get(field.id);
+  field.remember = () => entered.set(field.id, field[what]);
+  field.addEventListener("change", field.remember);
+  return field;
+}
+
 // The name of a display, the same everywhere: that of its file. file: of the one that the command line named.
 export const names = { file: "" };
 export const displayName = (key) => (key.startsWith("text:") ? "the text in Display" : key === "file" ? names.file : key.replace("example:", "examples/"));

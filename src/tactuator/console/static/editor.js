@@ -1,5 +1,5 @@
 // The factors as a list of numbers: every value can be typed, every factor added and removed.
-import { digits, make } from "./dom.js";
+import { digits, make, numberIn, put } from "./dom.js";
 import { KINDS, PARAMETERS, excessZeros, limited, namesOf, titleOf } from "./shape.js";
 
 export class Editor {
@@ -7,12 +7,17 @@ export class Editor {
   constructor(into, changed) {
     Object.assign(this, { changed });
     this.list = make("div");
-    this.gain = make("input", { type: "number", step: "0.1", id: "gain", onchange: () => this.set((shape) => { shape.gain_db = Number(this.gain.value); }) });
+    this.gain = make("input", { type: "number", step: "0.1", id: "gain", onchange: () => this.typed(this.gain, (shape, to) => { shape.gain_db = to; }) });
     const kind = make("select", { "aria-label": "kind of factor" }, ...Object.entries(KINDS).map(([name, { title }]) => make("option", { value: name }, title)));
     const add = make("button", { type: "button", id: "add", onclick: () => this.set((shape) => shape.factors.push({ kind: kind.value, ...KINDS[kind.value].add })) }, "Add");
     this.note = make("p", { class: "crossed" });
     into.replaceChildren(make("h2", {}, "Controller C"), make("div", { class: "factor" }, make("b", {}, "gain"), make("div", {}, make("label", { for: "gain" }, "dB"), this.gain)), this.list,
       make("div", { class: "factor" }, kind, add), this.note);
+  }
+
+  typed(field, change) {
+    const to = numberIn(field);
+    if (!Number.isNaN(to)) this.set((shape) => change(shape, to));
   }
 
   set(change) {
@@ -28,14 +33,14 @@ export class Editor {
 
   // all: the value that is being typed, too. still: rows that come and go wait.
   show(shape, all = false, still = false) {
-    if (all || this.gain !== document.activeElement) this.gain.value = shape.gain_db.toFixed(2);
+    if (all || this.gain !== document.activeElement) put(this.gain, shape.gain_db.toFixed(2));
     const key = shape.factors.map((one) => one.kind).join();
     if (key !== this.key && still) return;
     if (key !== this.key) { this.key = key; this.list.replaceChildren(...shape.factors.map((factor, index) => this.row(factor, index))); }
     shape.factors.forEach((factor, index) => {
       for (const name of namesOf(factor)) {
         const input = this.list.children[index].querySelector(`[data-name="${name}"]`);
-        if (all || input !== document.activeElement) input.value = digits(factor[name]);
+        if (all || input !== document.activeElement) put(input, digits(factor[name]));
       }
     });
   }
@@ -45,7 +50,7 @@ export class Editor {
     const fields = namesOf(factor).map((name) => {
       const { title: words, unit } = PARAMETERS[name];
       const input = make("input", { type: "number", step: "any", "data-name": name, "aria-label": `${title} ${index + 1}: ${words}${unit ? `, ${unit}` : ""}`,
-        onchange: (event) => this.set((shape) => { shape.factors[index][name] = limited(name, Number(event.target.value) || 0); }) });
+        onchange: () => this.typed(input, (shape, to) => { shape.factors[index][name] = limited(name, to); }) });
       return make("div", {}, make("label", { "aria-hidden": "true" }, name === "hz" ? unit : unit ? `${words}, ${unit}` : words), input);
     });
     const fixed = fields.length || factor.kind === "integrator" ? "" : `z = ${factor.re.toPrecision(4)}${factor.im ? ` ± ${factor.im.toPrecision(4)}j` : ""}`;

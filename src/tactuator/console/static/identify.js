@@ -1,7 +1,7 @@
 // The view Identify: a record is dropped, its columns are guessed, a model is found; order and hold are chosen from what was tried.
 import { address, write } from "./address.js";
 import { Chart } from "./chart.js";
-import { command, make, refusal, saved, say } from "./dom.js";
+import { command, make, numberIn, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { term } from "./words.js";
@@ -47,7 +47,7 @@ export default class Identify {
     }
     const choose = (which, chosen) => make("select", { id: `column-${which}`, onchange: (event) => { this.own[which] = event.target.value; this.own.order = this.own.zeros = this.own.hold = ""; if (this.own.input && this.own.output) this.again(); } },
       ...(chosen ? [] : [make("option", { value: "" }, "choose")]), ...found.columns.map((name) => make("option", { value: name, selected: name === chosen ? "" : null }, name)));
-    const rate = make("input", { id: "rate", type: "number", min: "0", step: "any", value: this.own.rate ?? "", placeholder: found.rate_hz ? `${Number(found.rate_hz.toPrecision(6))}` : "", onchange: () => { this.own.rate = rate.value; this.again(); } });
+    const rate = make("input", { id: "rate", type: "number", min: "0.001", step: "any", value: this.own.rate ?? "", placeholder: found.rate_hz ? `${Number(found.rate_hz.toPrecision(6))}` : "", onchange: () => { const to = numberIn(rate, true); if (!Number.isNaN(to)) { this.own.rate = to === null ? "" : rate.value; this.again(); } } });
     const input = this.own.input || found.input, output = this.own.output || found.output;
     Object.assign(this.own, { input: input ?? "", output: output ?? "" });
     const [unitU, unitY] = found.units ?? ["", ""];

@@ -1,5 +1,5 @@
 // The value at a handle: it stands beside the handle that has the focus, follows it, and can be typed over.
-import { digits, make } from "./dom.js";
+import { digits, make, numberIn, put } from "./dom.js";
 
 const APART = 14, FARTHER = [0, 25, 60, 110];
 
@@ -30,7 +30,7 @@ export class Value {
       this.box.setAttribute("aria-label", `type the value: ${title}`);
       this.box.replaceChildren(make("b", {}, title), ...fields.map((one, i) => make("label", {}, `${one.name} `, this.input(i), one.unit)));
     }
-    fields.forEach(({ value }, i) => { const input = this.box.querySelectorAll("input")[i]; if (input !== document.activeElement) input.value = digits(value); });
+    fields.forEach(({ value }, i) => { const input = this.box.querySelectorAll("input")[i]; if (input !== document.activeElement) put(input, digits(value)); });
     this.box.hidden = false;
     const at = node.getBoundingClientRect(), around = this.host.getBoundingClientRect(), { offsetWidth: wide, offsetHeight: high } = this.box;
     const others = [...this.host.querySelectorAll(".mark, .handle")].filter((one) => one !== node).map((one) => one.getBoundingClientRect());
@@ -44,11 +44,11 @@ export class Value {
 
   input(i) {
     const input = make("input", { inputmode: "decimal", size: "6", tabindex: "-1" });
-    input.onchange = () => { const to = Number(input.value); if (input.value.trim() && Number.isFinite(to)) this.fields()[i].set(to); };
+    input.onchange = () => { const to = numberIn(input); if (!Number.isNaN(to)) this.fields()[i].set(to); };
     input.onkeydown = (event) => {
       event.stopPropagation();
-      if (event.key === "Escape") input.value = digits(this.fields()[i].value);
-      if (event.key === "Enter" || event.key === "Escape") this.node?.focus();
+      if (event.key === "Escape") put(input, digits(this.fields()[i].value));
+      if (event.key === "Escape" || (event.key === "Enter" && !Number.isNaN(numberIn(input)))) this.node?.focus();
     };
     return input;
   }

@@ -20,9 +20,9 @@ function enrolment(form) {
 }
 
 // Shows the data of the day of a session in a row below it; posture: what is to be confirmed, "" for nothing; saved: called
-// with the message.
+// with the message. An emptied field says that its value is taken away.
 function dayForm(session, posture, saved) {
-  const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value }) });
+  const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value, placeholder: `${value} → –` }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);
   const kept = make("input", { type: "checkbox", name: "posture" });
   const form = make("form", { class: "day" }, make("b", {}, word("day")), make("label", {}, word("skin_temperature"), " ", temperature),
