@@ -85,6 +85,15 @@ def tab_to(page: Any, found: str, most: int = 120) -> None:
     raise AssertionError(f"Tab does not reach {found}")
 
 
+def pressed(page: Any, found: str, then: str = "") -> None:
+    """Tab to what is there, press Enter, and wait for what comes of it."""
+    page.wait_for_selector(f"{found}:not([disabled])")
+    tab_to(page, found)
+    page.keyboard.press("Enter")
+    if then:
+        page.wait_for_selector(then)
+
+
 def saved_by(page: Any, selector: str, path: Path) -> Path:
     """Press Enter on a link that saves, and return the file that the browser got."""
     with page.expect_download() as download:

@@ -71,6 +71,7 @@ def of_rig(file: dict[str, str]) -> list[dict]:
         {"do": "press", "channel": "index", "force_v": 0.1},
         {"do": "measure", "channels": ["index"], "level_db_sl": 20.0, "load": "none", "frequency_hz": [50.0]},
         {"do": "expected", "level_db_sl": 20.0},
+        {"do": "peaks", "file": file["curve"]},
         {"do": "look", "span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
         {"do": "drawn", "frame": 1},
         {"do": "save", "channel": "index", "span_s": 0.01, "end": 100},

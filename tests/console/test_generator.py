@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tactuator.console.generator import MOST_DB_SL, RAMP_S, Generator
+from tactuator.console.generator import MOST_DB_SL, RAMP_S, Generator, peaks_of
 from tactuator.console.generator import GeneratorWave as Wave
 from tactuator.errors import BadInput
-from tactuator.io.reference import ReferenceHead, write_reference
+from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 
 RATE = 4000.0
 
@@ -112,6 +112,7 @@ def test_file__at_a_level__has_its_greatest_sample_there(generator, controller, 
     path = reference(tmp_path / "r.h5", controller, rows)
     generator.ask(Wave("file", 20.0, ("index", "thumb", "middle"), file=path))
     assert played(generator, 0.2)[100, 1] == pytest.approx(-10.0, rel=1e-6)
+    assert peaks_of(open_reference(path)) == {"index": 0.0, "thumb": 50.0, "middle": 0.0}
 
 
 @pytest.mark.parametrize(

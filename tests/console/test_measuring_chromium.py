@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.rig.board.link import Mode
 from tests.console.board_at_port import board_at_port
-from tests.console.pages import ONE, TOKEN, go, saved_by, tab_to, watched_page
+from tests.console.pages import ONE, address_of, console_with, go, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
-from tests.web.server import served
 
 PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
 
@@ -58,17 +55,14 @@ def dragged(page, selector, up):
 
 @pytest.mark.slow
 def test_tour__record_identify_loop_save_measure_play__gives_the_files_of_the_command_line(page, display, tmp_path):
-    host = RigProcess("simulated", ConsoleState(display).display(FILE), 0)
-    try:
-        with served(build_console(ConsoleState(display), TOKEN, rig=host)) as client:
-            page.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}&view=loop&display=file")
-            shape_and_save(page, tmp_path)
-            record_and_play(page, host, tmp_path)
-            identify(page, tmp_path)
-            measure(page, tmp_path)
-            loaded = host.status.loaded
-    finally:
-        host.close()
+    state = ConsoleState(display)
+    with console_with(state, "simulated", state.display(FILE)) as client:
+        page.goto(f"{address_of(client)}&view=loop&display=file")
+        shape_and_save(page, tmp_path)
+        record_and_play(page, client.host, tmp_path)
+        identify(page, tmp_path)
+        measure(page, tmp_path)
+        loaded = client.host.status.loaded
     saved = read_controller(tmp_path / "controller.json")
     assert saved.content_hash == loaded
     given = ["--frequency-hz", "40,100,250", "--confidence-db", "1", "--out", str(tmp_path / "theirs.csv"), "--json"]
@@ -115,12 +109,11 @@ def record_and_play(page, host, tmp_path):
     page.locator("#play:has-text('Silence')").click()
     page.wait_for_selector("#wave-now:has-text('silent')")
     page.locator("#wave").select_option("file")
-    page.locator("#wave-level").fill(f"{20.0 * np.log10(np.abs(rows.astype(np.float32)).max())}")
     page.set_input_files("#wave-file", tmp_path / "speech.h5")
     page.wait_for_selector(".drop .name:has-text('speech.h5')")
-    page.wait_for_timeout(300)
+    page.wait_for_timeout(300)  # the level is the file's own
     page.locator("#play").click()
-    page.wait_for_selector("#wave-now:has-text('file at')")
+    page.wait_for_selector("#wave-now:has-text('file at 29.5 dB SL on index')")
     page.wait_for_selector("#wave-now:has-text('silent')")
     played = host.samples.rows(0, host.samples.end)[:, 0]
     start = np.flatnonzero(played == np.float32(rows[0, 0]))[-1]
@@ -157,6 +150,18 @@ def measure(page, tmp_path):
     assert (
         "tactuator measure --controller controller.json --frequency-hz 40,100,250" in page.locator("code").inner_text()
     )
+    for link, there in (("#to-loop", ".tiles[aria-busy=false]"), ("#to-response", "#measured:has-text('3 points')")):
+        page.locator(link).click()  # it stays while another view is shown
+        page.wait_for_selector(there)
+    assert page.locator(".measured .factor input:not([type])").input_value().startswith("1: free, 30 dB SL, loops of")
+    page.locator("#level").fill("")
+    page.locator("#frequencies").fill("one, 10")
+    page.locator("#measure").click()
+    faulty = page.locator(".wrong").all_inner_texts()
+    assert faulty == [
+        "empty; allowed: -60 to 55",
+        "“one” is no number above 0; allowed: frequencies in Hz, commas between",
+    ]
     saved_by(page, "#save-response", tmp_path / "response.csv")
 
 

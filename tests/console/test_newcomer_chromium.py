@@ -4,12 +4,9 @@ import sqlite3
 
 import pytest
 
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import ONE, TOKEN, tab_to, watched_page
-from tests.web.server import served
+from tests.console.pages import ONE, address_of, console_with, pressed, tab_to, watched_page
 from tests.web.study import ASKED
 
 TRIALS = 10
@@ -21,31 +18,17 @@ def bench(tmp_path_factory):
     folder = tmp_path_factory.mktemp("newcomer")
     (folder / "display.toml").write_text(ONE)
     state = ConsoleState(folder / "display.toml", folder=folder)
-    host = RigProcess("simulated", state.display(FILE), 0)
-    try:
-        with served(build_console(state, TOKEN, rig=host)) as client:
-            client.host, client.folder = host, folder
-            yield client
-    finally:
-        host.close()
+    with console_with(state, "simulated", state.display(FILE)) as client:
+        yield client
 
 
 @pytest.fixture
 def page(bench, browser):
     """The start page, to which the way is the address that the command prints."""
     with watched_page(browser, 180.0, also_logged=False) as page:
-        page.goto(f"http://127.0.0.1:{bench.port}/#token={TOKEN}")
+        page.goto(address_of(bench))
         page.wait_for_selector("body[data-ready=start]")
         yield page
-
-
-def pressed(page, found, then=None):
-    """Tab to what is there, press Enter, and wait for what comes of it."""
-    page.wait_for_selector(f"{found}:not([disabled])")
-    tab_to(page, found)
-    page.keyboard.press("Enter")
-    if then:
-        page.wait_for_selector(then)
 
 
 def loaded(page):
@@ -113,8 +96,9 @@ def test_newcomer__speech_and_then_measure_while_live__are_played_stopped_and_to
     tab_to(page, "main input[type=file]")
     page.set_input_files("main input[type=file]", EXAMPLES / "speech.wav")
     pressed(page, "#play-reference", "#playing:has-text('It plays.')")
+    pressed(page, "#to-scope", "#wave-now:has-text('file at')")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
-    pressed(page, "#to-scope", "body[data-ready=scope]")
+    page.wait_for_selector("#levels small:has-text('nothing is played')")
     loaded(page)
     pressed(page, "#live", "#rig-mode:has-text('live')")
     pressed(page, "#play", "#wave-now:has-text('tone at')")

@@ -9,7 +9,7 @@ from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import read_controller
 from tactuator.io.record import read_record
-from tests.console.pages import TOKEN, address_of, opened_page, tab_to
+from tests.console.pages import TOKEN, address_of, opened_page, pressed, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.console.test_still_chromium import DIRECTIONS, NEAR_PX, pulled
 from tests.web.server import served
@@ -75,9 +75,7 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     tab_to(page, "#wave-level")
     page.keyboard.press("Control+a")
     page.keyboard.type("30")
-    tab_to(page, "#play")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#wave-now:has-text('tone at 30 dB SL on index, 100 Hz')")
+    pressed(page, "#play", "#wave-now:has-text('tone at 30 dB SL on index, 100 Hz')")
     tab_to(page, "#touch-index")
     page.keyboard.press("ArrowDown")
     page.wait_for_selector("#levels small:has-text('at the tone')")
@@ -102,11 +100,9 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     record = read_record(tmp_path / "index.csv")
     assert record.command.tolist() == pytest.approx(console.host.samples.rows(int(end) - 800, int(end))[:, 3].tolist())
     page.wait_for_selector("#play:has-text('Silence')")
-    tab_to(page, "#play")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#wave-now:has-text('silent')")
+    pressed(page, "#play", "#wave-now:has-text('silent')")
     until(page, "window.scopeLast.lost === 0")
-    until(page, "document.querySelector('#levels dt').textContent === 'index: the sensor’s own'")
+    until(page, "document.querySelector('#levels small').textContent === 'sensor’s own hum, noise'")
     page.locator("#pause").focus()
     page.keyboard.press("Enter")
     frames_past(page)

@@ -20,7 +20,7 @@ from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import write_controller
 from tactuator.rig.sound.simulated_card import PERIOD, simulated_card
-from tests.console.pages import TOKEN, address_of, opened_page, tab_to
+from tests.console.pages import TOKEN, address_of, opened_page, pressed
 from tests.rig.sound.from_start_to_end import EXCITER, PROTOCOL, RATE_HZ, TRUE_DB_SL, controller
 from tests.web.server import served
 from tests.web.study import Subject
@@ -84,9 +84,7 @@ def begin(page: Any, folder: Path) -> None:
     page.wait_for_selector("#loaded:not(:has-text('none'))")
     page.set_input_files("#protocol-file", folder / "card.toml")
     page.wait_for_selector("#about-protocol:has-text('“card”')")
-    tab_to(page, "#begin")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#study:has-text('card')")
+    pressed(page, "#begin", "#study:has-text('card')")
 
 
 @pytest.mark.soak
@@ -105,9 +103,7 @@ def test_experiment__in_the_page_on_a_sound_card__from_start_to_end(browser, tmp
     ):
         begin(page, tmp_path)
         felt = Felt(host, threshold_mm)
-        tab_to(page, "[data-start='S1']")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#state:has-text('running')")
+        pressed(page, "[data-start='S1']", "#state:has-text('running')")
         own = browser.new_page()
         own.goto(f"http://127.0.0.1:{client.port}{page.locator('#sessions a').first.get_attribute('href')}")
         subject = Subject(own, tmp_path / "card.toml", person_of(felt, levels))
@@ -115,9 +111,7 @@ def test_experiment__in_the_page_on_a_sound_card__from_start_to_end(browser, tmp
             pass
         own.close()
         page.wait_for_selector("#state:has-text('nobody')")
-        tab_to(page, "#end-study")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#begin:not([disabled])")
+        pressed(page, "#end-study", "#begin:not([disabled])")
     (store,) = tmp_path.glob("*.db")
     with closing(sqlite3.connect(store)) as connection:
         rows = connection.execute(RUNS).fetchall()

@@ -130,7 +130,7 @@ class Generator:
         elif wave.kind == "file":
             reference = self._opened(wave)
             columns = [reference.head.channels.index(name) for name in self._names]
-            self._file_peak = max((float(np.abs(block).max(initial=0.0)) for block in reference.blocks()), default=0.0)
+            self._file_peak = max(peaks_of(reference).values())
             self._source = (block[:, columns] for block in reference.blocks())
             self._gain = self._towards = self._target(wave)  # it has ramps of its own
 
@@ -198,13 +198,17 @@ class Generator:
         return reference
 
 
+def peaks_of(reference: ReferenceFile) -> dict[str, float]:
+    """Return the greatest sample of each channel of a reference, threshold units."""
+    names = reference.head.channels
+    peaks = np.max([np.zeros(len(names)), *(np.abs(block).max(axis=0, initial=0.0) for block in reference.blocks())], 0)
+    return dict(zip(names, peaks.tolist(), strict=True))
+
+
 def _goes_on(before: GeneratorWave, after: GeneratorWave) -> bool:
     """Return whether one follows from the other without a pause: another level, or another frequency of a tone."""
-    kinds = before.kind == after.kind and before.channels == after.channels
-    if before.kind == "tone":
-        return kinds
-    rest = ("frequency_hz", "to_hz", "sweep_s", "file")
-    return kinds and all(getattr(before, name) == getattr(after, name) for name in rest)
+    rest = () if before.kind == "tone" else ("frequency_hz", "to_hz", "sweep_s", "file")
+    return all(getattr(before, name) == getattr(after, name) for name in ("kind", "channels", *rest))
 
 
 def _band(band_hz: tuple[float, float], rate_hz: float) -> tuple[FloatArray, float]:

@@ -12,7 +12,7 @@ from fastapi import FastAPI, WebSocket
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.requests import Answer, Count, PageRequest, Requests, serve_requests
-from tactuator.console.rig_session import Expected, Page, RigSession, Save, StopPlaying, UseController
+from tactuator.console.rig_session import Expected, FilePeaks, Page, RigSession, Save, StopPlaying, UseController
 from tactuator.console.scope import Look, View
 from tactuator.errors import BadInput
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, first_to_end, send
@@ -47,6 +47,7 @@ REQUESTS: Requests[PageRequest] = {
     "reopen": orders.ReopenOrder,
     "controller": UseController,
     "wave": GeneratorWave,
+    "peaks": FilePeaks,
     "touch": orders.TouchOrder,
     "press": orders.PressOrder,
     "measure": orders.MeasureSettings,
@@ -122,7 +123,7 @@ class RigConnection:
             case GiveControls():
                 controls.give(self._page)
                 return {}
-            case Save() | Expected():
+            case Save() | Expected() | FilePeaks():
                 pass
             case StopPlaying() | orders.RestOrder():
                 if controls.reserved is not None:
@@ -146,7 +147,7 @@ class RigConnection:
             points = self._rig.points
             if points is not None and points is not self._points:
                 self._points = points
-                await send(self._socket, {"points": asdict(points)})
+                await send(self._socket, {"points": asdict(points) | self._session.measurement})
             await send(self._socket, {"standing": self._standing()})
             await self._page.news.wait()
             self._page.news.clear()

@@ -14,14 +14,15 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.console import rig_orders as orders
-from tactuator.console.generator import MOST_DB_SL, GeneratorWave
+from tactuator.console.generator import MOST_DB_SL, GeneratorWave, peaks_of
 from tactuator.console.loop_shape import shape_of
 from tactuator.console.requests import CHANNELS_MAX, Answer, Count, Finite, Name, PageRequest, command_line
-from tactuator.console.rig_process import RigProcess
+from tactuator.console.rig_process import Levels, RigProcess
 from tactuator.console.scope import KEPT_S, SIGNALS
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
+from tactuator.io.reference import open_reference
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
@@ -57,6 +58,13 @@ class Expected(PageRequest):
     """Request for the levels that the loaded controller's model expects."""
 
     level_db_sl: Finite
+
+
+@dataclass(frozen=True)
+class FilePeaks(PageRequest):
+    """Request for the greatest sample of each channel of a reference file."""
+
+    file: Name
 
 
 @dataclass(frozen=True)
@@ -155,6 +163,8 @@ class RigSession:
         self.controls = Controls()
         self.channels = tuple(channel.name for channel in rig.display.channels)
         self._controller: Controller | None = None
+        self._named = {"name": "", "curve": ""}
+        self.measurement: dict[str, Any] = {"number": 0}
 
     def about(self) -> dict[str, Any]:
         """Return what a page has to know of the rig and its display."""
@@ -167,6 +177,7 @@ class RigSession:
                 | {"loads": [load.name for load in channel.loads], "loop": channel.feedback.structure != "none"}
                 for channel in display.channels
             ],
+            "controller": self._named,
             "signals": SIGNALS,
             "most_db_sl": MOST_DB_SL,
             "frequency_hz": self.rig.levels.frequency_hz.tolist(),
@@ -192,6 +203,8 @@ class RigSession:
         match request:
             case Save():
                 return self._record(request)
+            case FilePeaks():
+                return {"peaks": peaks_of(open_reference(self._state.uploads.path(request.file)))}
             case Expected():
                 return self._expected(request.level_db_sl)
             case orders.MeasureSettings():
@@ -215,15 +228,19 @@ class RigSession:
 
     async def use_controller(self, request: UseController, apart: Executor | None) -> Answer:
         """Load the controller that is asked for."""
+        name = "a design"
         if request.source == "file":
-            controller = await asyncio.to_thread(read_controller, self._state.uploads.path(request.file))
+            path = self._state.uploads.path(request.file)
+            controller, name = await asyncio.to_thread(read_controller, path), path.name
         elif request.source == "loops":
             shapes = {name: shape_of(document) for name, document in (request.shapes or {}).items()}
-            controller = await asyncio.to_thread(self._state.controller, FILE, shapes)
+            controller, name = await asyncio.to_thread(self._state.controller, FILE, shapes), "loops of the page"
         else:
             controller = await asyncio.get_running_loop().run_in_executor(apart, design_controller, self._display)
         controller.require_runs(self._display)
-        self._controller = controller
+        curves = dict.fromkeys(channel.threshold.curve.name for channel in controller.display.channels)
+        self._named = {"name": f"{name} ({controller.content_hash[:4]})", "curve": ", ".join(curves)}
+        self._controller, self.rig.levels = controller, Levels(controller.display)
         self.rig.order(orders.LoadOrder(controller))
         return {"hash": controller.content_hash}
 
@@ -239,10 +256,9 @@ class RigSession:
         high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
         controller = self.loaded_controller()
-        curves = expected_curves(controller, level_db_sl, frequency_hz)
-        asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB}
+        asked = {"asked_db_sl": level_db_sl, "jnd_db": AMPLITUDE_JND_DB, "frequency_hz": frequency_hz.tolist()}
         hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
-        return {"frequency_hz": frequency_hz.tolist(), "curves": curves, "hum": hum} | asked
+        return asked | {"curves": expected_curves(controller, level_db_sl, frequency_hz), "hum": hum}
 
     def _record(self, request: Save) -> Answer:
         """Return the samples of a channel as the text of a record, which `identify` reads."""
@@ -265,6 +281,7 @@ class RigSession:
         band_hz = (max(low for low, _ in bands), min(high for _, high in bands))
         played = settings.frequency_hz or tuple(over_the_band(band_hz, settings.mains_hz))
         self.rig.points = None
+        self.measurement = {"number": self.measurement["number"] + 1, "controller": self._named["name"]}
         full: dict[str, Any] = {"channels": channels, "frequency_hz": played, "band_hz": band_hz}
         order = replace(settings, **full, controller_hash=controller.content_hash)
         self.rig.order(orders.MeasureOrder(controller, order))

@@ -24,11 +24,14 @@ export class Loader {
   }
 
   standing() {
-    const { rig } = this, { loaded, channels } = rig.standing, off = !rig.open || rig.watches;
-    this.loaded.textContent = loaded ? loaded.slice(0, 12) : "none yet";
+    const { rig } = this, { loaded, channels, controller } = rig.standing, off = !rig.open || rig.watches;
+    this.loaded.textContent = loaded ? controller.name : "none yet";
+    this.loaded.title = loaded;
+    const needed = channels.filter((channel) => channel.loop).map((channel) => channel.name), lacks = needed.filter((name) => !(name in (this.state.shapes ?? {})));
     for (const button of Object.values(this.buttons)) button.disabled = off || rig.loading > 0;
-    const needed = channels.filter((channel) => channel.loop).map((channel) => channel.name);
-    this.buttons.loops.hidden = !needed.length || !needed.every((name) => name in (this.state.shapes ?? {}));
+    this.buttons.loops.disabled ||= lacks.length > 0;
+    this.buttons.loops.hidden = lacks.length === needed.length;
+    this.buttons.loops.title = lacks.length ? `not shaped yet: ${lacks.join(", ")}; open each in the view Loop` : "";
     this.drop.box.hidden = off;
   }
 }

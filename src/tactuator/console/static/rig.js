@@ -7,10 +7,26 @@ const MODES = { idle: "at rest", live: "live", measuring: "measuring", presentin
 const HOLDERS = { you: "this page has the controls", another: "another page has the controls; this one watches", nobody: "nobody has the controls",
   experiment: "an experiment has the rig; pages of the scope watch" };
 
-export class Rig {
-  // told: called whenever the standing has changed. pushed: called with frames (ArrayBuffer), levels and points.
-  constructor(told, pushed) {
-    Object.assign(this, { told, pushed, standing: null, open: false, loading: 0 });
+const KEPT = 6;
+// The newest measurements that this page was told of; they stay while views come and go.
+export const measured = new Map();
+let held = null, count = 0;
+
+// The rig of this page for a view: what plays goes on from one view of the rig to the next. told: called whenever the
+// standing has changed, and once by the view. pushed: called with frames, levels and points; true where a frame is drawn.
+export function takenRig(told, pushed) {
+  if (held && held.link.token !== sessionStorage.getItem("token")) held.end();
+  held ??= new Rig();
+  return Object.assign(held, { told, pushed });
+}
+
+// Where a view without the rig is shown the page lets it go: the generator goes silent.
+export function leftRig() { if (held && !held.pushed) held.end(); }
+
+class Rig {
+  constructor() {
+    Object.assign(this, { standing: null, open: false, loading: 0, forFile: false });
+    this.close();
     this.bar = make("div", { class: "rig-bar", role: "region", "aria-label": "Rig" });
     this.mode = make("strong", { id: "rig-mode" }, "connecting");
     this.more = make("span", { id: "rig-more" });
@@ -24,9 +40,12 @@ export class Rig {
     addEventListener("keydown", this.key);
   }
 
-  close() { removeEventListener("keydown", this.key); this.link.close(); }
+  // A view leaves it.
+  close() { Object.assign(this, { told: () => {}, pushed: null }); }
+  end() { held = null; removeEventListener("keydown", this.key); this.link.close(); }
   get watches() { return this.standing?.controls !== "you"; }
   get mayPlay() { return this.open && !this.watches && !this.loading && !["gone", "fault"].includes(this.standing.mode); }
+  get has() { return this.watches ? HOLDERS[this.standing.controls] : ""; }
   get experiment() { return this.standing?.controls === "experiment"; }
 
   connection(what) {
@@ -39,15 +58,28 @@ export class Rig {
   }
 
   take(message) {
-    if (message instanceof ArrayBuffer) { this.pushed({ frame: message }); return; }
+    if (message instanceof ArrayBuffer) { if (!this.pushed?.({ frame: message })) this.drawn(new Uint32Array(message, 0, 1)[0]); return; }
     if (message.refused) banner(message.refused);
     if (message.standing) {
-      const before = this.standing?.mode;
-      this.standing = message.standing;
+      const before = this.standing?.mode, played = this.standing?.wave?.kind, { wave, mode } = this.standing = message.standing;
+      if (this.forFile && played === "file" && !wave && mode === "live" && !this.watches) this.do("rest"); // the file is over, or was stopped
+      this.forFile &&= wave?.kind === "file" || played !== "file";
       if (before !== this.standing.mode && this.standing.controls !== "experiment") say(MODES[this.standing.mode]);
       this.show();
       this.told();
-    } else this.pushed(message);
+    } else {
+      if (message.points) this.keep(message.points);
+      this.pushed?.(message);
+    }
+  }
+
+  drawn(frame) { this.link.socket.send(JSON.stringify({ id: 0, do: "drawn", frame })); }
+
+  // A measurement has its number at one server, of which the token is the name.
+  keep(points) {
+    const key = `${this.link.token} ${points.number}`, before = measured.get(key) ?? { place: ++count, shown: true };
+    measured.set(key, Object.assign(before, points));
+    if (measured.size > KEPT) measured.delete(measured.keys().next().value);
   }
 
   show() {
@@ -57,7 +89,7 @@ export class Rig {
     if (!one) return;
     if (this.open) this.mode.textContent = MODES[one.mode];
     const guard = one.guard.mode ? `guard: ${one.guard.mode}${one.guard.fault ? `, ${one.guard.fault} at ${one.guard.channel}` : ""}${one.guard.late ? `, ${one.guard.late} late ticks` : ""}` : one.touchable ? "no guard" : "";
-    this.more.textContent = [one.rig, guard, one.fault, one.gaps ? `${one.gaps} gaps` : ""].filter(Boolean).join(" · ");
+    this.more.textContent = [one.rig, guard, one.fault, one.gaps ? `${one.gaps} gaps` : "", one.loaded ? `dB SL over the curve ${one.controller.curve}` : ""].filter(Boolean).join(" · ");
     this.held.textContent = HOLDERS[one.controls];
     this.buttons.take.hidden = ["you", "experiment"].includes(one.controls);
     this.buttons.give.hidden = one.controls !== "you";
@@ -84,13 +116,14 @@ export function connected(view, title, built, standing, pushed) {
   view.replaceChildren(make("h1", {}, title), make("p", {}, "Connecting to the rig."));
   return new Promise((ready) => {
     let begun = false;
-    const rig = new Rig(() => {
+    const rig = takenRig(() => {
       if (rig.absent) { view.replaceChildren(...absent()); ready(rig); }
       if (!rig.standing) return;
       if (!begun) { begun = true; built(rig); }
       standing(rig);
       ready(rig);
     }, pushed);
+    rig.told();
   });
 }
 

@@ -1,6 +1,6 @@
 // The scope: what a rig does, as it does it, with a generator and a finger.
 import { Chart } from "./chart.js";
-import { banner, digits, make, refusal } from "./dom.js";
+import { banner, digits, make, numberIn, refusal } from "./dom.js";
 import { Finger } from "./finger.js";
 import { GeneratorPanel } from "./generator.js";
 import { Loader } from "./loader.js";
@@ -10,11 +10,11 @@ import { HUES, Traces, frameOf } from "./traces.js";
 const SPANS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30];
 const MODES = { roll: "rolling", auto: "trigger or roll", normal: "trigger only", single: "single shot" };
 const ROWS = [{ title: "reference", unit: "thresholds" }, { title: "command", unit: "V" }, { title: "position", unit: "V of the sensor" }];
-const LEVELS = 300, SCALES = [0.01, 0.1, 1, 10, 100, 1000];
+const LEVELS = 300, SECOND_MS = 1200, NOTHING_DB = -119, AT_LIMIT = 0.97, SCALES = [0.01, 0.1, 1, 10, 100, 1000];
 
 export default class Scope {
   constructor(view, link, state) {
-    Object.assign(this, { view, link, state, frames: [], levels: [], held: null, last: null, hidden: new Set() });
+    Object.assign(this, { view, link, state, frames: [], levels: [], held: null, last: null, hidden: new Set(), limit: { from: null, at: 0, when: -Infinity } });
     window.scopeFrames = this.frames; // the time at which each was drawn, for the benchmark
     window.scopeLast = null;
   }
@@ -23,23 +23,25 @@ export default class Scope {
     this.rig = await connected(this.view, "Scope", (rig) => { this.rig = rig; this.build(); }, () => this.standing(), (message) => this.pushed(message));
   }
 
-  close() { this.rig?.close(); }
+  close() {
+    if (this.wanted && this.rig.open) this.rig.link.ask("look", { ...this.wanted, mode: "off" }).catch(() => {});
+    this.rig?.close();
+  }
 
   build() {
     this.built = true;
-    const { display, channels, rate_hz: rate, frequency_hz: hz } = this.rig.standing;
+    const { display, channels, rate_hz: rate } = this.rig.standing;
     this.channels = channels.map((one) => ({ ...one, shown: true }));
     this.rate = rate;
     this.traces = new Traces(ROWS, () => Math.max(270, innerHeight - 484), "Reference, command and position of every channel over time");
     this.traces.moved = () => this.readings();
     this.strip = new Traces([{ title: "level at the sensor, last half minute", unit: "dB SL" }], () => 90, "Level at the sensor of every channel over the last half minute");
     this.spectrum = new Chart("Sensor’s spectrum (dB SL) over frequency (Hz)", { high: () => Math.max(170, innerHeight - 644), log: true, unit: "dB SL", range: [-40, 60], marks: [{ hz: null, db: 0 }], legend: false });
-    this.frequency = hz;
-    this.live = make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live");
+        this.live = make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live");
     this.loader = new Loader(this.rig, this.link, this.state, make("h1", {}, `Scope of ${display}`), this.live);
     this.generator = new GeneratorPanel(this.rig, channels);
     this.finger = new Finger(this.rig, channels);
-    this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }, "Nothing runs yet: load a controller, then Live.") };
+    this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }) };
     this.view.replaceChildren(make("div", { class: "workbench" }, this.loader.box, this.rig.bar, this.traceBar(),
       make("div", { class: "screen" }, make("div", { class: "panel" }, this.traces.box, this.bits.cursors, this.bits.counts), make("div", { class: "panel" }, this.bits.tiles, this.spectrum.box, this.strip.box)),
       make("div", { class: "drives" }, this.generator.box, this.finger.box)));
@@ -72,9 +74,9 @@ export default class Scope {
   get seconds() { return Number(this.span.value); }
 
   look() {
-    if (!this.rig.open) return;
-    const hold = this.held !== null, mode = hold ? "hold" : this.mode.value;
-    this.wanted = { span_s: this.seconds, columns: this.traces.columns, mode, channel: this.source.value, signal: this.signal.value, level: Number(this.level.value) || 0, edge: this.edge.value, share: 0.2, end: hold ? this.held : 0 };
+    const hold = this.held !== null, mode = hold ? "hold" : this.mode.value, level = numberIn(this.level);
+    if (!this.rig.open || Number.isNaN(level)) return;
+    this.wanted = { span_s: this.seconds, columns: this.traces.columns, mode, channel: this.source.value, signal: this.signal.value, level, edge: this.edge.value, share: 0.2, end: hold ? this.held : 0 };
     this.rig.link.ask("look", this.wanted).catch(refusal);
   }
 
@@ -88,16 +90,21 @@ export default class Scope {
 
   pushed(message) {
     if (message.levels !== undefined) this.felt(message.levels);
-    if (message.frame === undefined) return;
+    if (message.frame === undefined) return false;
     this.waiting = frameOf(message.frame);
     if (!this.asked) { this.asked = true; requestAnimationFrame(() => { this.asked = false; this.draw(this.waiting); }); }
+    return true;
   }
 
   draw(frame) {
     this.last = window.scopeLast = frame;
+    const { limit } = this;
+    limit.from ??= frame.limited;
+    if (frame.limited > limit.at && limit.at >= limit.from) limit.when = performance.now();
+    limit.at = frame.limited;
     this.redraw();
     this.frames.push(performance.now());
-    this.rig.link.socket.send(JSON.stringify({ id: 0, do: "drawn", frame: frame.number }));
+    this.rig.drawn(frame.number);
     if (frame.done && this.held === null && this.wanted.mode === "single" && !this.shot) { this.shot = true; this.paused.textContent = "Again"; }
   }
 
@@ -107,9 +114,12 @@ export default class Scope {
     const rows = this.seconds * this.rate, triggered = !Number.isNaN(frame.crossing) && this.held === null;
     const stop = triggered ? frame.crossing + 0.8 * rows : this.held ?? frame.end;
     this.traces.show(frame, this.channels, this.rate, stop - rows, stop, triggered ? frame.crossing : stop);
-    this.bits.counts.textContent = `${frame.end} samples a channel · ${frame.lost} lost · ${frame.dropped} pictures left out · at a limit: ${frame.limited}`;
+    this.bits.counts.textContent = `${frame.end} samples a channel · ${frame.lost} lost · ${frame.dropped} pictures left out · ${this.limit.at - this.limit.from} at a limit since Live`;
+    this.bits.counts.append(...(this.saturated ? [" · ", make("strong", { class: "crossed" }, "saturated")] : []));
     this.readings();
   }
+
+  get saturated() { return performance.now() - this.limit.when < SECOND_MS; }
 
   // At the two cursors, and at the pointer.
   readings() {
@@ -125,7 +135,8 @@ export default class Scope {
   }
 
   felt(levels) {
-    if (!levels) return;
+    if (!levels || !["live", "presenting"].includes(this.rig.standing.mode)) return;
+    if (performance.now() - this.still < SECOND_MS) { this.tiles(null); return; } // that second holds what was played before
     const { level_db_sl: level, spectrum_db_sl: spectrum } = levels;
     this.levels.push(level);
     if (this.levels.length > LEVELS) this.levels.shift();
@@ -138,18 +149,25 @@ export default class Scope {
 
   // What is played is told as a level; with nothing played, what there is comes of the sensor and is felt by nobody.
   tiles(levels) {
-    const { wave, mode } = this.rig.standing;
+    const { wave, mode } = this.rig.standing, nothing = { live: "the first second", measuring: "the view Response measures" }[mode] ?? "nothing is played";
     this.bits.tiles.replaceChildren(...this.channels.map((one, k) => {
       const plays = wave?.channels.includes(one.name), tone = levels?.tone_db_sl[k] ?? null;
-      if (!levels) return make("div", {}, make("dt", {}, one.name), make("dd", {}, "—", make("small", {}, mode === "live" ? "the first second" : "nothing is played")));
+      if (!levels) return make("div", {}, make("dt", {}, one.name), make("dd", {}, "—", make("small", {}, nothing)));
+      const mean = levels.command_mean_v[k], told = `mean command ${mean.toFixed(3)} V`;
+      if (levels.level_db_sl[k] < NOTHING_DB || Math.abs(mean) > AT_LIMIT * one.range_v) return make("div", { class: "not-met" }, make("dt", {}, one.name), make("dd", {}, "saturated", make("small", {}, "no level is true there"), make("small", {}, told)));
       const strongest = `${digits(levels.peak_hz[k])} Hz: ${levels.peak_db_sl[k].toFixed(1)} dB SL`, all = `${levels.level_db_sl[k].toFixed(1)} dB SL`;
-      return make("div", { class: plays ? "met" : "" }, make("dt", {}, plays ? one.name : `${one.name}: the sensor’s own`), make("dd", {}, plays && tone !== null ? `${tone.toFixed(1)} dB SL` : all,
-        make("small", {}, plays ? `${tone === null ? "" : "at the tone, "}all ${all}` : "its hum and noise"), make("small", {}, strongest), make("small", {}, `mean command ${levels.command_mean_v[k].toFixed(3)} V`)));
+      return make("div", { class: plays ? "met" : "" }, make("dt", {}, one.name), make("dd", {}, plays && tone !== null ? `${tone.toFixed(1)} dB SL` : all,
+        make("small", {}, plays ? tone === null ? "all that is played" : `at the tone; all ${all}` : "sensor’s own hum, noise"), make("small", {}, strongest), make("small", {}, told)));
     }));
   }
 
   standing() {
-    const { rig, live } = this, one = rig.standing;
+    const { rig, live } = this, one = rig.standing, began = one.mode !== this.before?.mode, sounds = Boolean(one.wave);
+    this.frequency = one.frequency_hz; // that of the controller's curve
+    if (began || (this.before?.sounds && !sounds)) this.still = one.mode === "live" && !sounds ? performance.now() : -Infinity;
+    if (began) { this.tiles(null); if (one.mode === "live") this.limit = { from: null, at: 0, when: -Infinity }; }
+    this.before = { mode: one.mode, sounds };
+    if (!this.last) this.bits.counts.textContent = rig.has ? `Nothing runs yet: ${rig.has}.` : one.loaded ? "Nothing runs yet: Live begins." : "Nothing runs yet: load a controller, then Live.";
     live.textContent = one.mode === "live" ? "● Live" : "Live";
     live.setAttribute("aria-pressed", String(one.mode === "live"));
     live.disabled = !rig.open || rig.watches || rig.loading > 0 || !one.loaded || ["live", "gone"].includes(one.mode);

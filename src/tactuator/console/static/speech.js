@@ -1,10 +1,10 @@
 // The view Speech: a file is dropped; asked, felt and their difference, by finger, over time and over frequency.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { colour, command, displayName, make, refusal, say } from "./dom.js";
+import { colour, command, displayName, make, numberIn, refusal, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
-import { Rig } from "./rig.js";
+import { takenRig } from "./rig.js";
 import { term } from "./words.js";
 
 const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
@@ -16,27 +16,31 @@ export default class Speech {
   async open() {
     const { view, link, state } = this;
     const [display, { codings, level }] = [await link.ask("open", { display: state.display }), await link.ask("speech.codings")];
+    if (this.closed) return;
     this.drop = new Drop(link, { label: "Speech file", accept: "audio/*", hint: "Drop a sound file here: WAV, FLAC, Ogg or AIFF.",
       taken: (file, name, content) => { Object.assign(this.own, { file, name }); this.heard.src = URL.createObjectURL(content); this.heard.hidden = false; return this.render(); } });
     this.heard = make("audio", { controls: "", hidden: "", "aria-label": "The speech file, as it sounds" });
     const coding = make("select", { id: "coding", onchange: () => { this.own.coding = coding.value; this.again(); } }, ...codings.map((name) => make("option", { value: name, selected: name === this.own.coding ? "" : null }, name)));
-    const input = make("input", { id: "level", type: "number", min: "-20", max: "60", step: "1", value: this.own.level ?? level, onchange: () => { this.own.level = input.value; this.again(); } });
+    const input = make("input", { id: "level", type: "number", min: "-60", max: "55", step: "1", value: this.own.level ?? level, onchange: () => { if (!Number.isNaN(numberIn(input))) { this.own.level = input.value; this.again(); } } });
     this.found = make("div", { class: "found" });
     this.player = make("div", { class: "player" });
-    this.rig = new Rig(() => this.standing(), () => {});
+    this.rig = takenRig(() => this.standing(), () => false);
     view.replaceChildren(make("div", { class: "spoken" }, make("h1", {}, "Speech on ", display.name),
       make("p", { class: "intro" }, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel asking" }, this.drop.box, this.heard, make("div", { class: "factor" },
         make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found));
+    this.standing();
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
   }
 
-  close() { this.rig.close(); }
+  close() { this.closed = true; this.rig?.close(); }
 
   // The rig of the console, where there is one: the reference is played on it as it is, and the stop is always there.
   standing() {
     const { rig } = this, there = rig.standing;
-    if (rig.absent || !there || !this.made) { this.player.replaceChildren(); return; }
+    if (this.closed) return;
+    if (rig.absent || !there || (!this.made && there.mode === "idle")) { this.player.replaceChildren(); return; }
+    if (!this.made) { this.player.replaceChildren(rig.bar); return; }
     if (!this.play) {
       this.play = make("button", { type: "button", id: "play-reference", class: "first", onclick: () => this.onRig() }, "Play on the rig");
       this.playing = make("p", { id: "playing", role: "status" });
@@ -44,8 +48,6 @@ export default class Speech {
     const wave = there.wave, foreign = this.state.display !== "file";
     this.play.disabled = this.busy || !rig.mayPlay || foreign || wave !== null || !["idle", "live"].includes(there.mode);
     this.playing.textContent = foreign ? `The rig is that of ${displayName("file")}; open that one to play here.` : wave?.kind === "file" ? "It plays." : this.busy ? "A controller is designed and loaded." : "";
-    if (this.wave && !wave && there.mode === "live" && !rig.watches) rig.do("rest"); // the file is over, or was stopped
-    this.wave = wave;
     if (!this.player.contains(this.play)) this.player.replaceChildren(rig.bar, make("div", { class: "bar" }, this.play, command(this.made.play)), this.playing);
   }
 
@@ -54,7 +56,7 @@ export default class Speech {
     this.busy = true;
     this.standing();
     const loaded = rig.standing.loaded || await rig.do("controller", { source: "design" });
-    if (loaded && await rig.do("live")) await rig.do("wave", { kind: "file", file: made.key, level_db_sl: made.peak_db_sl, channels: rig.standing.channels.map((one) => one.name) });
+    if (loaded && await rig.do("live")) rig.forFile = Boolean(await rig.do("wave", { kind: "file", file: made.key, level_db_sl: made.peak_db_sl, channels: rig.standing.channels.map((one) => one.name) }));
     this.busy = false;
     this.standing();
   }

@@ -118,10 +118,12 @@ export class Traces {
     });
     if (!(high >= low)) return before ?? [-1, 1];
     const middle = Math.abs(low + high) < 0.6 * (high - low) || high - low < 1e-9 ? 0 : (low + high) / 2;
-    const half = nice(Math.max(high - middle, middle - low, 1e-3));
+    let half = nice(Math.max(high - middle, middle - low, 1e-3));
     if (before && low >= before[0] && high <= before[1] && half > 0.3 * (before[1] - before[0]) / 2) return before;
-    const centre = Math.round(middle / half) * half;
-    return low >= centre - half && high <= centre + half ? [centre - half, centre + half] : [middle - half, middle + half];
+    for (;; half = nice(1.01 * half)) { // ticks are round numbers
+      const centre = Math.round(2 * middle / half) * half / 2;
+      if (low >= centre - half && high <= centre + half) return [centre - half, centre + half];
+    }
   }
 
   axis(context) {
