@@ -8,7 +8,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
-from tests.console.pages import ONE, TOKEN, console_page, tab_to
+from tests.console.pages import ONE, TOKEN, console_page, pressed, tab_to
 from tests.web.server import served
 
 SETTLED = ".tiles[aria-busy=false]"
@@ -29,8 +29,7 @@ def shape(page):
 
 
 def to_the_loop(page):
-    tab_to(page, ".cards a")
-    page.keyboard.press("Enter")
+    pressed(page, ".cards a")
     page.wait_for_selector(SETTLED)
 
 
@@ -42,9 +41,7 @@ def gain_text(page):
 def test_loop__by_keyboard_alone__is_designed_changed_and_saved_as_check_judges_it(page, tmp_path):
     to_the_loop(page)
     assert "token" not in page.url
-    tab_to(page, "button.first")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("code:has-text('tactuator design')")
+    pressed(page, "button.first", "code:has-text('tactuator design')")
     page.wait_for_selector(SETTLED)
     page.keyboard.press("Tab")
     page.keyboard.press("Tab")
@@ -103,6 +100,10 @@ def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
     page.keyboard.press("Enter")
     page.wait_for_selector("#banner:has-text('gain_db is 900; allowed: -200 to 200')")
     assert page.locator("#gain").input_value() == f"{before['gain_db']:.2f}"
+    page.locator("#gain").fill("")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".wrong:has-text('empty; allowed: a number')")
+    assert shape(page) == before
     page.locator("[aria-label='kind of factor']").select_option("zeros")
     page.locator("#add").focus()
     page.keyboard.press("Enter")
@@ -115,7 +116,14 @@ def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
 
 def test_page__with_another_token__says_which_address_to_open(browser, tmp_path):
     with served(build_console(ConsoleState(), TOKEN)) as client:
-        made = browser.new_page()
+        tabs = browser.new_context()
+        made = tabs.new_page()
         made.goto(f"http://127.0.0.1:{client.port}/#token=another")
         made.wait_for_selector("#banner:has-text('no valid token')")
-        made.close()
+        made.evaluate("(hash) => { location.hash = hash; }", f"token={TOKEN}")  # the right one, pasted
+        made.wait_for_selector("body[data-ready=start]")
+        with tabs.expect_page() as opened:
+            made.locator("#to-display").click(modifiers=["Control"])
+        opened.value.wait_for_selector("body[data-ready=display] h1")
+        assert made.locator("#banner").is_hidden()
+        tabs.close()

@@ -1,11 +1,13 @@
 // The state of the page is in its address, after the #; the token is taken out of it and kept for this tab.
 const TOKEN = "token", SHARED = ["view", "display", "channel", "shapes"];
 
+export const keepToken = (token) => sessionStorage.setItem(TOKEN, token);
+
 export function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1));
   const token = given.get(TOKEN);
   if (token !== null) {
-    sessionStorage.setItem(TOKEN, token);
+    keepToken(token);
     given.delete(TOKEN);
     history.replaceState(null, "", `#${given}`);
   }

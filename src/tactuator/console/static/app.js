@@ -1,22 +1,39 @@
 // The page: which view its address names, and the connection that all of them use.
-import { address, read, takeToken, write } from "./address.js";
+import { address, keepToken, read, takeToken, write } from "./address.js";
 import { banner, displayName, el, make, names, refusal } from "./dom.js";
 import { Link } from "./link.js";
+import { leftRig } from "./rig.js";
 import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
-let shown = null, ready = false, about = null;
+let shown = null, ready = false, about = null, renewed = false;
 const remembered = {}; // of each view that was left, its own part of the address
+const shapesOf = {}; // of each display, the loops that were shaped: links from the start page and addresses typed anew do not bear them
+// Tabs of one origin tell each other the token as long as one of them is open: it is written nowhere.
+const tabs = new BroadcastChannel("token");
 
 // A view: constructor(view, link, state), open(); and where it has them again() after a lost connection, take(message),
 // resize(), restyle(), close().
 const link = new Link(takeToken(), (what) => {
   ready = what === "open";
   banner({ open: "", lost: LOST, refused: REFUSED }[what]);
+  if (what === "refused") tabs.postMessage(null);
   if (!ready) return;
-  if (shown?.isOpen) shown.again?.(); else route();
+  if (shown?.isOpen && !renewed) shown.again?.(); else route();
 }, (message) => shown?.take?.(message));
+
+tabs.onmessage = ({ data: token }) => {
+  if (token === null) { if (ready && !link.isRefused) tabs.postMessage(link.token); return; }
+  if (link.isRefused && token !== link.token) renew(token);
+};
+
+// Another token: that of a server that was begun anew, which may have another display.
+function renew(token) {
+  keepToken(token);
+  about = null; renewed = true;
+  link.renew(token);
+}
 
 // Every view; one that needs what is not there says so. The display is the page's, or else the one of the command line.
 function navigation(state) {
@@ -34,7 +51,8 @@ function navigation(state) {
 
 async function route() {
   if (!ready) return;
-  const state = read();
+  const state = read(), of = state.display ?? about?.named;
+  if (Object.keys(state.shapes).length) shapesOf[of] = state.shapes; else state.shapes = shapesOf[of] ??= {};
   if (!(state.view in VIEWS) || (VIEWS[state.view].ofDisplay && !state.display)) state.view = "start";
   el("tip").hidden = true;
   delete document.body.dataset.ready;
@@ -42,6 +60,7 @@ async function route() {
   shown?.close?.();
   const view = el("view");
   view.onkeydown = null;
+  renewed = false;
   try {
     about ??= await link.ask("start");
     names.file = about.file;
@@ -53,10 +72,14 @@ async function route() {
     made.isOpen = true;
     if (VIEWS[state.view].ofDisplay) { write(state); navigation(state); }
   } catch (error) { refusal(error); }
+  leftRig();
   document.body.dataset.ready = state.view;
   performance.mark("usable");
 }
 
-window.addEventListener("hashchange", route);
+window.addEventListener("hashchange", () => {
+  const token = takeToken();
+  if (token === link.token) route(); else renew(token);
+});
 window.addEventListener("resize", () => shown?.resize?.());
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shown?.restyle?.());

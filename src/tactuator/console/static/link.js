@@ -14,15 +14,29 @@ export class Link {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
     this.socket.binaryType = "arraybuffer";
+    this.isRefused = false;
     this.socket.onopen = () => { this.socket.send(this.token); this.told("open"); };
     this.socket.onmessage = ({ data }) => (typeof data === "string" ? this.take(JSON.parse(data)) : this.pushed(data));
     this.socket.onclose = (event) => {
-      for (const { reject } of this.waiting.values()) reject(Object.assign(new Error("The connection was lost."), { lost: true }));
-      this.waiting.clear();
+      this.lose();
       if (this.closed) return;
+      this.isRefused = ENDS[event.code] === "refused";
       this.told(ENDS[event.code] ?? "lost");
       if (!(event.code in ENDS)) setTimeout(() => { if (!this.closed) this.connect(); }, AGAIN_MS);
     };
+  }
+
+  renew(token) {
+    this.token = token;
+    this.socket.onclose = null;
+    this.socket.close();
+    this.lose();
+    this.connect();
+  }
+
+  lose() {
+    for (const { reject } of this.waiting.values()) reject(Object.assign(new Error("The connection was lost."), { lost: true }));
+    this.waiting.clear();
   }
 
   close() {
