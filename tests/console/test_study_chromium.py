@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.console.pages import address_of, opened_page, tab_to
+from tests.console.pages import address_of, opened_page, pressed, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.web.labs import begun, until
@@ -21,15 +21,13 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         page.wait_for_selector("#about-protocol:has-text('detection, language en, subjects S1, S2. no curve: ')")
         page.set_input_files("#protocol-file", bad)
         page.wait_for_selector(".drop .told:has-text('seed')")
+        assert page.locator("#begin").is_disabled()
+        page.set_input_files("#protocol-file", good)
         page.wait_for_selector("#about-protocol:has-text('“short”')")
         page.evaluate(AXE)
         assert faults(page, {}) == []
-        tab_to(page, "#begin")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#study:has-text('short')")
-        tab_to(page, "[data-start='S1']")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#state:has-text('running')")
+        pressed(page, "#begin", "#study:has-text('short')")
+        pressed(page, "[data-start='S1']", "#state:has-text('running')")
         link = page.locator("#sessions a").first.get_attribute("href").removeprefix("/s/")
         with console.websocket_connect(f"/ws/subject/{link}") as subject:
             asked = begun(subject)
@@ -44,7 +42,5 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         page.wait_for_selector("#exported:has-text('1 trials')")
         page.keyboard.press("Escape")  # the stop that is always there
         page.wait_for_selector("#state:has-text('nobody')")
-        tab_to(page, "#end-study")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#begin:not([disabled])")
+        pressed(page, "#end-study", "#begin:not([disabled])")
         assert page.locator("#rig-held").inner_text() == "this page has the controls"

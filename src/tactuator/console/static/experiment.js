@@ -1,6 +1,6 @@
 // The view Experiment: a study at the console's rig. It is begun here; then the operator's own panel shows and drives it.
 import { write } from "./address.js";
-import { banner, command, el, make, refusal, say } from "./dom.js";
+import { banner, command, el, fault, make, refusal, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { Link } from "./link.js";
 import { Loader } from "./loader.js";
@@ -9,20 +9,23 @@ import { term } from "./words.js";
 
 const named = (key) => key.replace("example:", "example ");
 
+const STORE = "[A-Za-z0-9_\\-][A-Za-z0-9._ \\-]{0,100}\\.db";
+
 export default class Experiment {
   constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, files: [], study: null, known: undefined }); }
 
   async open() {
     this.offered = await this.link.ask("experiment.start");
+    if (this.closed) return;
     this.rig = await connected(this.view, "Experiment", (rig) => { this.rig = rig; this.build(); }, () => this.standing(), () => {});
-    if (this.rig.absent) return;
+    if (this.rig.absent || this.closed) return;
     await new Promise((ready) => {
       this.studies = new Link(sessionStorage.getItem("token") ?? "", (what) => { if (what !== "open") { this.known = undefined; ready(); } },
         (message) => { if (message.study) this.told(message.study.open).catch(refusal).finally(ready); }, "/ws/study");
     });
   }
 
-  close() { this.leave?.(); this.studies?.close(); this.rig?.close(); }
+  close() { this.closed = true; this.leave?.(); this.studies?.close(); this.rig?.close(); }
 
   build() {
     const { display } = this.rig.standing;
@@ -42,7 +45,7 @@ export default class Experiment {
     this.drop.input.id = "protocol-file";
     this.others = new Drop(this.link, { label: "Files that it names", multiple: true, hint: "Recordings with their .json, and a language file, if the protocol names any.", taken: (key, name) => { this.files = [...this.files, key]; say(`${name} is there`); } });
     this.about = make("p", { id: "about-protocol", role: "status" });
-    this.store = make("input", { id: "store", type: "text", value: this.own.store ?? store, list: "stores", autocomplete: "off", onchange: () => { this.own.store = this.store.value; write(this.state); } });
+    this.store = make("input", { id: "store", type: "text", value: this.own.store ?? store, list: "stores", autocomplete: "off", pattern: STORE, onchange: () => { this.own.store = this.store.value; write(this.state); } });
     this.auto = make("input", { type: "checkbox", id: "auto-start", checked: this.own.auto ? "" : null, onchange: () => { this.own.auto = this.auto.checked ? "1" : ""; write(this.state); } });
     this.amend = make("input", { type: "text", id: "amend", autocomplete: "off", placeholder: "of a study that has begun" });
     this.begin = make("button", { type: "button", id: "begin", class: "first", onclick: () => this.start() }, "Begin or resume");
@@ -60,9 +63,10 @@ export default class Experiment {
 
   refuse(error) { this.said.textContent = error.lost ? "The server does not answer." : error.message; }
 
-  // A protocol that is none is refused where it was dropped, and the one before it stays.
+  // A protocol that is none is refused where it was dropped, and no study begins from the one before it.
   async look(key, name = "") {
-    if (!key) { this.chosen("", ""); return; }
+    this.chosen("", "");
+    if (!key) return;
     const found = await this.link.ask("experiment.look", { protocol: key });
     this.chosen(key, name);
     const needed = found.files.length && name ? ` It names ${found.files.join(", ")}: drop them too.` : "";
@@ -81,6 +85,9 @@ export default class Experiment {
 
   // The rig passes from this page to the study, and comes back where it is refused.
   async start() {
+    const wrong = !this.store.value || this.store.validity.patternMismatch;
+    fault(this.store, wrong ? `store: “${this.store.value}”; allowed: a name of letters and digits that ends in .db` : "");
+    if (wrong) return;
     this.busy = true;
     this.standing();
     await this.rig.do("give");
