@@ -14,7 +14,7 @@ from tactuator.io.controller import read_controller
 from tactuator.io.shipped import EXAMPLES
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tests.console.pages import ONE, console_page, dropped, go, saved_by, tab_to
+from tests.console.pages import ONE, console_page, dropped, go, pressed, saved_by, tab_to
 
 FIT = {"display": FILE, "channel": "index"}
 
@@ -56,10 +56,10 @@ def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain
     found = asked.answer(state)
     (tmp_path / "curve.csv").write_text(found["curve"])
     monkeypatch.chdir(tmp_path)
-    assert "--curve curve.csv --poles 5 --out controller.json" in found["command"]
+    assert "--curve curve.csv --poles 5 --out personal.json" in found["command"]
     main(shlex.split(found["command"])[1:])
-    assert (tmp_path / "controller.json").read_text() == found["text"]
-    made = read_controller(tmp_path / "controller.json")
+    assert (tmp_path / "personal.json").read_text() == found["text"]
+    made = read_controller(tmp_path / "personal.json")
     channel, own = made.display.channels[0], made.channels[0]
     plant = zero_order_hold(channel.plant, made.rate_hz, made.display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(made.rate_hz), own.feedback(made.rate_hz), plant)
@@ -76,7 +76,7 @@ def test_save__with_a_personal_curve__is_what_the_shown_command_writes(state, tm
     found = PrefilterSaved(display=FILE, file=key).answer(state)
     monkeypatch.chdir(tmp_path)
     main(shlex.split(found["command"])[1:])
-    assert (tmp_path / "controller.json").read_text() == found["text"]
+    assert (tmp_path / "personal.json").read_text() == found["text"]
 
 
 @pytest.mark.parametrize(
@@ -99,9 +99,7 @@ def test_prefilter__by_keyboard_alone__moves_a_point_adds_a_pole_and_saves_what_
     with console_page(browser, state.path(FILE)) as page:
         go(page, "prefilter", display=FILE)
         page.wait_for_selector("#error:has-text('Greatest error')")
-        tab_to(page, "#more")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#poles:has-text('5')")
+        pressed(page, "#more", "#poles:has-text('5')")
         tab_to(page, "[aria-label='Threshold at 20 Hz']")
         before = float(page.evaluate("document.activeElement.getAttribute('aria-valuenow')"))
         page.keyboard.press("Shift+ArrowDown")
@@ -110,12 +108,10 @@ def test_prefilter__by_keyboard_alone__moves_a_point_adds_a_pole_and_saves_what_
         page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.0:.1f}']")
         page.keyboard.press("Control+z")
         page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.5:.1f}']")
-        tab_to(page, "#design")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("a[download='curve.csv']")
-        saved = saved_by(page, "a[download='controller.json']", tmp_path / "saved.json")
+        pressed(page, "#design", "a[download='curve.csv']")
+        saved = saved_by(page, "a[download='personal.json']", tmp_path / "saved.json")
         saved_by(page, "a[download='curve.csv']", tmp_path / "curve.csv")
         line = page.locator(".panel .command code").inner_text()
     monkeypatch.chdir(tmp_path)
     main(shlex.split(line)[1:])
-    assert saved.read_bytes() == (tmp_path / "controller.json").read_bytes()
+    assert saved.read_bytes() == (tmp_path / "personal.json").read_bytes()

@@ -9,11 +9,8 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.console.app import build_console
-from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
-from tests.console.pages import TOKEN, saved_by, tab_to, watched_page
-from tests.web.server import served
+from tests.console.pages import address_of, console_with, pressed, saved_by, tab_to, watched_page
 
 START = Path(__file__).parents[2] / "src/tactuator/console/static/start.js"
 TOUR = re.findall(r'^  \["[^"]+", (?:null|"(\w+)"), "([^"]+)"\],$', START.read_text("utf-8"), flags=re.MULTILINE)
@@ -49,26 +46,17 @@ def chosen(page, selector, path):
     page.set_input_files(selector, path)
 
 
-def pressed(page, selector, then):
-    tab_to(page, selector)
-    page.keyboard.press("Enter")
-    page.wait_for_selector(then)
-
-
 @pytest.mark.slow
 def test_tour__walked_by_keyboard__gives_the_files_of_its_own_commands(browser, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lab, mine = commanded(tmp_path / "lab"), tmp_path / "mine"
     mine.mkdir()
-    host = RigProcess("simulated", ConsoleState(lab / "display.toml").display(FILE), 0)
-    try:
-        state = ConsoleState(Path("display.toml"))
-        with served(build_console(state, TOKEN, rig=host)) as client, watched_page(browser, 300.0, False) as page:
-            page.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
-            page.wait_for_selector("body[data-ready=start]")
-            walked(page, lab, mine)
-    finally:
-        host.close()
+    state = ConsoleState(Path("display.toml"))
+    rig = console_with(state, "simulated", state.display(FILE))
+    with rig as client, watched_page(browser, 300.0, False) as page:
+        page.goto(address_of(client))
+        page.wait_for_selector("body[data-ready=start]")
+        walked(page, lab, mine)
     made = sorted(path.name for path in mine.iterdir())
     assert made == sorted([*FILES, "reference.json"])
     different = [name for name in made if not filecmp.cmp(mine / name, lab / name, shallow=False)]
@@ -89,7 +77,7 @@ def walked(page, lab, mine):
     chosen(page, "main input[type=file]", mine / "model.json")
     page.wait_for_selector("a[download='mine.toml']")
     saved_by(page, "a[download='mine.toml']", mine / "mine.toml")
-    step(page, "Design its loop")
+    step(page, "Design the loop")
     page.wait_for_selector("#standing:has-text('not designed yet')")
     for finger in ("index", "thumb", "middle"):
         if finger != "index":
@@ -104,8 +92,8 @@ def walked(page, lab, mine):
     chosen(page, "main input[type=file]", lab / "curve.csv")
     page.wait_for_selector("#take")
     pressed(page, "#take", ".command:has-text('--curve curve.csv')")
-    pressed(page, "#design", "a[download='controller.json']")
-    saved_by(page, "a[download='controller.json']", mine / "personal.json")
+    pressed(page, "#design", "a[download='personal.json']")
+    saved_by(page, "a[download='personal.json']", mine / "personal.json")
     step(page, "Measure its response")
     page.wait_for_selector("#controller-file")
     page.set_input_files("#controller-file", mine / "controller.json")

@@ -120,7 +120,7 @@ def _command(asked: _Curved, state: ConsoleState) -> str:
         state.command_name(asked.display),
         curve=curve if asked.points is None else _DRAWN_FILE,
         poles=asked.poles,
-        out="controller.json",
+        out="personal.json" if asked.points or asked.file else "controller.json",
     )
 
 

@@ -1,6 +1,6 @@
 // The view Display: the file as a form and as text side by side; the server judges what is written and names the line.
 import { address, write } from "./address.js";
-import { command, draw, make, saved, say } from "./dom.js";
+import { command, displayName, draw, el, make, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 
 const WAIT_MS = 350, MOST = 60000;
@@ -100,6 +100,7 @@ export default class Display {
 
   actions({ key, fault, doubts }) {
     const [undo, redo] = this.buttons;
+    el("where").textContent = this.own.model || !this.state.display ? this.name : displayName(this.state.display);
     undo.disabled = !this.past.length; redo.disabled = !this.future.length;
     this.bar.replaceChildren(undo, redo, saved(`Save ${this.name}`, this.name, this.text.value, "text/plain"),
       ...(fault ? [] : [make("a", { id: "use", href: address({ view: "loop", display: key }) }, "Shape its loop")]), make("span", { class: "gap" }),

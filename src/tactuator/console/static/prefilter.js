@@ -173,8 +173,8 @@ export default class Prefilter {
     button.disabled = true;
     const clock = setInterval(() => { button.textContent = `Designing, ${Math.round((Date.now() - began) / 1000)} s`; }, 250);
     try {
-      const found = await this.link.ask("prefilter.save", this.asked());
-      this.bits.saving.replaceChildren(button, saved("Save controller.json", "controller.json", found.text), ...(found.curve ? [saved("Save curve.csv", "curve.csv", found.curve, "text/csv")] : []));
+      const found = await this.link.ask("prefilter.save", this.asked()), name = found.command.split(" ").at(-1);
+      this.bits.saving.replaceChildren(button, saved(`Save ${name}`, name, found.text), ...(found.curve ? [saved("Save curve.csv", "curve.csv", found.curve, "text/csv")] : []));
       this.bits.verdict.replaceChildren(verdict(found.verdict));
       say(found.verdict.sentence);
     } catch (error) { refusal(error); } finally { clearInterval(clock); button.disabled = false; button.textContent = "Design and save"; }

@@ -5,12 +5,12 @@ import { VIEWS } from "./views.js";
 
 // Of each step: what it is, its view here (null: the command alone), and the command that does the same.
 const TOUR = [
-  ["Get the examples, and work in their folder", null, "tactuator init --examples lab && cd lab"],
+  ["Get the examples, and work in their folder; steps 8 to 10 need a rig here, of “tactuator console display.toml --rig simulated”", null, "tactuator init --examples lab && cd lab"],
   ["Calibrate the sensor", null, "tactuator calibrate pairs.csv"],
   ["Identify the actuator from a record", "identify", "tactuator identify bench.csv --input drive --output encoder --time t --out model.json"],
   ["Begin a display of your own with that model; the tour goes on with the example’s display.toml", "display", "tactuator init --from model.json --out mine.toml"],
-  ["Design its loop, by dragging or by the synthesis", "loop", "tactuator design display.toml --out controller.json"],
-  ["Check it", "loop", "tactuator check controller.json"],
+  ["Design the loop of each of the three fingers, by dragging or by the synthesis", "loop", "tactuator design display.toml --out controller.json"],
+  ["Check all three, and save", "loop", "tactuator check controller.json"],
   ["Fit the prefilter to the curve of one person", "prefilter", "tactuator design display.toml --curve curve.csv --out personal.json"],
   ["Measure its response", "response", "tactuator measure --controller controller.json --out response.csv"],
   ["Watch it, touch it", "scope", "tactuator noise --controller controller.json"],
@@ -34,6 +34,6 @@ export default class Start {
       make("p", {}, "Choose a display to shape its loop, or follow the tour below. Everything is computed by the server on this machine, as the command line does."),
       ...(named ? [make("h2", {}, "Your display"), make("ul", { class: "cards" }, card(named, file, "as the file says now"))] : []),
       make("h2", {}, "Examples"), make("ul", { class: "cards" }, ...cards),
-      make("h2", {}, "The tour"), make("p", {}, "Each step can be done on its page here, or by the command beneath it. Steps without a link have a command only."), make("ol", { class: "tour" }, ...TOUR.map(step)));
+      make("h2", {}, "The tour"), make("p", {}, "Each step can be done on its page here, or by the command beneath it. Steps without a link have a command only. What a page saves goes to the browser’s downloads."), make("ol", { class: "tour" }, ...TOUR.map(step)));
   }
 }
