@@ -134,9 +134,10 @@ class RigConnection:
                     raise BadInput("the rig is there, and an experiment has it", "opening one that has gone")
             case _:
                 controls.require(self._page)
-        if isinstance(request, UseController):
-            return await session.use_controller(request, self._apart)
-        return await asyncio.to_thread(session.answer, request)
+        with session.uploads.named_plainly():
+            if isinstance(request, UseController):
+                return await session.use_controller(request, self._apart)
+            return await asyncio.to_thread(session.answer, request)
 
     async def _tell(self) -> None:
         """Send the status whenever it has changed, and points and refusals as they come."""

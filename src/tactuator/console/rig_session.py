@@ -160,7 +160,7 @@ class RigSession:
 
     def __init__(self, rig: RigProcess, state: ConsoleState) -> None:
         self.rig, self._display, self._state = rig, rig.display, state
-        self.controls = Controls()
+        self.controls, self.uploads = Controls(), state.uploads
         self.channels = tuple(channel.name for channel in rig.display.channels)
         self._controller: Controller | None = None
         self._named = {"name": "", "curve": ""}
@@ -204,7 +204,7 @@ class RigSession:
             case Save():
                 return self._record(request)
             case FilePeaks():
-                return {"peaks": peaks_of(open_reference(self._state.uploads.path(request.file)))}
+                return {"peaks": peaks_of(open_reference(self.uploads.path(request.file)))}
             case Expected():
                 return self._expected(request.level_db_sl)
             case orders.MeasureSettings():
@@ -212,7 +212,7 @@ class RigSession:
             case StopPlaying():
                 self.rig.order(orders.GenerateOrder(None))
             case GeneratorWave():
-                path = str(self._state.uploads.path(request.file)) if request.kind == "file" else ""
+                path = str(self.uploads.path(request.file)) if request.kind == "file" else ""
                 self.rig.order(orders.GenerateOrder(replace(request, file=path)))
             case orders.TouchOrder():
                 channel = self._display.channel(request.channel)
@@ -230,7 +230,7 @@ class RigSession:
         """Load the controller that is asked for."""
         name = "a design"
         if request.source == "file":
-            path = self._state.uploads.path(request.file)
+            path = self.uploads.path(request.file)
             controller, name = await asyncio.to_thread(read_controller, path), path.name
         elif request.source == "loops":
             shapes = {name: shape_of(document) for name, document in (request.shapes or {}).items()}
