@@ -6,8 +6,8 @@ import { term } from "./words.js";
 const KINDS = { tone: "tone", noise: "noise over the band", sweep: "sweep, up and down", file: "reference file" };
 const FIELDS = { tone: ["frequency"], noise: [], sweep: ["frequency", "to", "seconds"], file: ["file"] };
 
-// The file, and the levels of a file and of other waves: they outlive the view.
-const kept = { key: "", name: "", levels: {} };
+// The file, and level and fingers of a file and of other waves: they outlive the view.
+const kept = { key: "", name: "", of: {} };
 
 export class GeneratorPanel {
   constructor(rig, channels) {
@@ -35,20 +35,23 @@ export class GeneratorPanel {
 
   // A file has its own level and fingers, a tone those that were put in.
   turn() {
-    const file = this.kind.value === "file", { levels } = kept;
+    const file = this.kind.value === "file", now = [this.level.value, this.on.map((box) => box.checked)];
     if (file === this.isFile) return;
-    levels[this.isFile] = this.level.value;
+    kept.of[this.isFile] = now;
     this.isFile = file;
-    this.set(levels[file] ?? this.level.value);
+    this.set(...(kept.of[file] ?? now));
   }
 
-  set(level) { put(this.level, level); this.level.remember(); }
+  set(level, on) {
+    put(this.level, level);
+    this.on.forEach((box, k) => { box.checked = on[k]; });
+    for (const field of [this.level, ...this.on]) field.remember();
+  }
 
   async take(key, name) {
     const { peaks } = await this.rig.link.ask("peaks", { file: key }), most = Math.max(...Object.values(peaks));
     Object.assign(kept, { key, name });
-    this.set(most > 0 ? (20 * Math.log10(most)).toFixed(2) : "0");
-    this.on.forEach((box, k) => { box.checked = peaks[this.channels[k].name] > 0; box.remember(); });
+    this.set(most > 0 ? (20 * Math.log10(most)).toFixed(2) : "0", this.channels.map(({ name: channel }) => peaks[channel] > 0));
   }
 
   fields() {
