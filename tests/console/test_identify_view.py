@@ -11,7 +11,7 @@ from tactuator.cli.main import main
 from tactuator.console.identify_view import IdentifyLook, IdentifyModel
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
-from tests.console.pages import console_page, dropped, go, saved_by, tab_to
+from tests.console.pages import console_page, dropped, go, pressed, saved_by, tab_to
 
 NUM, DEN = [2875.0], [1.0, 94.0, 290.0]
 
@@ -115,9 +115,7 @@ def test_identify__by_keyboard_alone__chooses_a_candidate_and_saves_what_the_com
         tab_to(page, "input[type=file]")
         page.locator("input[type=file]").set_input_files(record)
         page.wait_for_selector("#tried")
-        tab_to(page, "#tried tbody tr:nth-child(2) button")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("text=Let the data choose")
+        pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
         path = saved_by(page, "a.save", tmp_path / "saved.json")
         command = page.locator(".command code").inner_text()
     shutil.copy(record, tmp_path / "bench.csv")

@@ -1,6 +1,7 @@
 """The rig's connection: one page has the controls, others watch; frames, refusals, and pages that are slow."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from websockets.sync.client import connect
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
+from tactuator.io.controller import write_controller
 from tactuator.io.record import read_record
 from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
-from tests.console.pages import TOKEN
+from tests.console.pages import TOKEN, dropped
 from tests.console.rig_page import Page
 from tests.web.server import served
 
@@ -135,6 +137,18 @@ def test_request__that_cannot_be_met__is_refused_in_words(live, asked, words):
     while not live.others or "error" not in live.others[-1]:
         live.take()
     assert words in live.others[-1]["error"]
+
+
+def test_controller__with_a_curve_of_its_own__levels_are_over_that_curve(console, live, controller, tmp_path):
+    first, before, rows = controller.display.channels[0], console.host.levels, np.eye(4000, 9, dtype=np.float32)
+    curve = replace(first.threshold.curve, name="mine", level_db_re_1um=first.threshold.curve.level_db_re_1um + 6.0)
+    mine = replace(first, threshold=replace(first.threshold, curve=curve))
+    display = replace(controller.display, channels=(mine, *controller.display.channels[1:]))
+    write_controller(tmp_path / "mine.json", replace(controller, display=display))
+    live.ask("controller", source="file", file=dropped(console.state, tmp_path / "mine.json"))
+    live.until(lambda: live.standing["controller"]["curve"].startswith("mine, "))
+    both = [levels.of_rows(rows)[0].level_db_sl for levels in (before, console.host.levels)]
+    assert both[0] - both[1] == pytest.approx(6.0)
 
 
 def test_wave__that_the_rig_refuses__is_told_to_whoever_has_the_controls(live):

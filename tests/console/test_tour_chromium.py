@@ -32,12 +32,8 @@ def commanded(lab):
 
 def step(page, words):
     """Go to the start page, and from there to the step of these words, by keyboard."""
-    tab_to(page, "#home")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("body[data-ready=start]")
-    link = page.locator(f".tour a:has-text('{words}')")
-    link.focus()
-    page.keyboard.press("Enter")
+    pressed(page, "#home", "body[data-ready=start]")
+    page.locator(f".tour a:has-text('{words}')").press("Enter")
 
 
 def chosen(page, selector, path):
