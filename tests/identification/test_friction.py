@@ -9,9 +9,9 @@ from tactuator.signals.record import Record
 from tests.identification.rubbing_motor import DAMPING, GAIN, RATE_HZ, rubbing_motor, true_response
 
 
-def found_in(coulomb: float, presliding: float, seed: int, method: str = "refined") -> Identification:
+def found_in(coulomb: float, presliding: float, seed: int, method: str = "refined", late: int = 0) -> Identification:
     command, position = rubbing_motor(coulomb, presliding, seed)
-    return identify(Record(RATE_HZ, command, position), method=method)
+    return identify(Record(RATE_HZ, command[late:], position[: position.size - late]), method=method)
 
 
 def share_inside(found: Identification) -> float:
@@ -21,11 +21,11 @@ def share_inside(found: Identification) -> float:
     return float(np.mean(error <= found.model.band_db(frequency)))
 
 
-@pytest.mark.parametrize(("coulomb", "seed"), [(0.02, 1), (0.1, 2)])
+@pytest.mark.parametrize(("coulomb", "seed", "late"), [(0.02, 1, 0), (0.1, 2, 0), (0.05, 7, 20)])
 def test_identify__friction_that_builds_up_between_samples__level_inside_and_distance_cannot_be_told(
-    coulomb: float, seed: int
+    coulomb: float, seed: int, late: int
 ) -> None:
-    found = found_in(coulomb, 5e-3, seed)
+    found = found_in(coulomb, 5e-3, seed, late=late)
     assert found.friction is not None
     assert abs(found.friction.coulomb - coulomb) <= found.friction.confidence
     assert found.friction.presliding is None

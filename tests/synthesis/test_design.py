@@ -11,7 +11,7 @@ import pytest
 
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, Controller
-from tactuator.model.description import Converter, Display, Threshold
+from tactuator.model.description import Converter, Display, Recorded, Threshold
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
@@ -203,6 +203,15 @@ def test_design__unsuitable_plant__each_its_own_sentence(plant: ContinuousSystem
         design_controller(of(plant))
     assert "allowed:" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_design__plant_that_grows_of_a_model_not_to_be_trusted__is_refused_at_once() -> None:
+    """It was searched for minutes."""
+    display = of(ContinuousSystem.from_polynomials([1.0], [1.0, -94.0, 290.0]))
+    (channel,) = display.channels
+    channel = replace(channel, recorded=Recorded(distrust=("poles that grow, where no feedback is seen",)))
+    with pytest.raises(BadInput, match=r"not to be trusted: poles that grow.*the plant grows by itself"):
+        design_controller(replace(display, channels=(channel,)))
 
 
 def test_dahl_harmonic__great_motion__that_of_a_square_wave() -> None:

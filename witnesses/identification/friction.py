@@ -63,6 +63,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, action="append", help="a motor of somebody else's")
     parser.add_argument("--sprung", action="store_true", help="motors that a spring holds, in no loop")
+    parser.add_argument("--late", type=int, default=0, help="samples by which positions are told later, in no loop")
     parser.add_argument("--plain", action="store_true", help="without the choice of friction law: broken")
     given = parser.parse_args()
     motors = own_motors(given.seed, given.count, sprung=given.sprung)
@@ -74,7 +75,8 @@ def main() -> int:
         with ExitStack() as broken:
             for part in ("_stribeck", "_others") if given.plain else ():
                 broken.enter_context(mock.patch.object(inverse_dynamics, part, return_value=()))
-            found = identify(record)
+            size = record.command.size - given.late
+            found = identify(Record(record.rate_hz, record.command[given.late :], record.position[:size]))
         if found.mass_and_viscous is None or found.friction is None:
             print(f"{name:12}has {found.order} poles and {found.model.num.size - 1} zeros, or no friction: not counted")
             continue

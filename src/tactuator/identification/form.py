@@ -246,8 +246,7 @@ def without_cancelled(poles: ComplexArray, zeros: NDArray[Any]) -> ComplexArray 
         return None
     apart = np.min(np.abs(poles[:, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles), 1e-12)
     nearest = poles[np.argmin(apart)]
-    kept: ComplexArray = poles[np.minimum(abs(poles - nearest), abs(poles - nearest.conj())) > 1e-9 * abs(nearest)]
-    return kept
+    return np.asarray(poles[np.minimum(abs(poles - nearest), abs(poles - nearest.conj())) > 1e-9 * abs(nearest)])
 
 
 def fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:

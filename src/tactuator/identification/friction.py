@@ -161,11 +161,9 @@ def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> Frict
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
-    rest, whole = (
-        sum(float(np.sum(np.abs(lines[1:]) ** 2)) for lines in rows)
-        for rows in ([residual.lines for residual in residuals], [residual.taken.position for residual in residuals])
-    )
-    return rest / max(whole, 1e-300)
+    left_over = sum(float(np.sum(np.abs(residual.lines[1:]) ** 2)) for residual in residuals)
+    whole = sum(float(np.sum(np.abs(residual.taken.position[1:]) ** 2)) for residual in residuals)
+    return left_over / max(whole, 1e-300)
 
 
 def _settled(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
@@ -190,13 +188,16 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
 
 
 def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
-    """Return the motion of every record as the estimate has it, free of noise and of dead time, (n,) each."""
-    paths = []
-    for (_, position), residual in zip(signals, now.residuals, strict=True):
-        shift, samples = residual.taken.shift, residual.taken.samples
-        moved = residual.simulated + float(position[shift : shift + samples].mean())
-        paths.append(np.concatenate([moved, np.full(position.size - samples, moved[-1])]))
-    return tuple(paths)
+    """Return the motion of every record as the estimate has it, free of noise and dead time, (n,) each."""
+    pairs = zip(signals, now.residuals, strict=True)
+    return tuple(_earlier(rest.simulated, now, position.size, rest.taken.shift) for (_, position), rest in pairs)
+
+
+def _earlier(path: FloatArray, now: SpectralEstimate, count: int, shift: int = 0) -> FloatArray:
+    """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait."""
+    late = int(now.chosen.fit.delay_s * now.spectra[0].rate_hz + 0.5)
+    moved = path[max(late - shift, 0) :]
+    return np.append(moved, np.full(count - moved.size, moved[-1]))
 
 
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
@@ -243,10 +244,9 @@ def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
 
 
 def _measured_paths(signals: Signals, bare: SpectralEstimate) -> tuple[FloatArray, ...]:
-    """Return the measured motion of every record, without its noise and as much earlier as the estimate's dead time."""
-    rate_hz, shift = bare.spectra[0].rate_hz, bare.spectra[0].shift
+    rate_hz = bare.spectra[0].rate_hz
     paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in signals)
-    return tuple(np.append(path[shift:], np.full(shift, path[-1])) for path in paths)
+    return tuple(_earlier(path, bare, path.size) for path in paths)
 
 
 class _FrictionLines:

@@ -154,7 +154,6 @@ def identify(
     asked = Asked(**wishes).of(records[0].about)
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
-    # threads of BLAS wait for each other over matrices of a dozen columns
     with single_threaded():
         common = prepared(records, asked)
         for row in common.weighed:

@@ -319,17 +319,16 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     """
     looped = channel.feedback.structure != "none"
     _require_known(channel, looped)
+    if channel.recorded is not None and channel.recorded.distrust and np.any(channel.plant.poles.real > 0.0):
+        raise BadInput(f"channel {channel.name!r}: the plant grows by itself", "that of a model that is to be trusted")
     for model, plant in enumerate((channel.plant, *channel.family)):
         whose = f" of {channel.models[model]}" if channel.models else ""
         where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family") + whose
         _require_sound(plant, where, looped)
         _require_below_nyquist(plant, where, rate_hz)
     if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):
-        raise BadInput(
-            f"channel {channel.name!r}: the plant gives nothing at rest (a zero at s = 0), where an integrator would "
-            "run away",
-            'structure = "none", or a plant of displacement',
-        )
+        got = f"channel {channel.name!r}: the plant gives nothing at rest (zero at s = 0): an integrator would run away"
+        raise BadInput(got, 'structure = "none", or a plant of displacement')
 
 
 def _require_known(channel: Channel, looped: bool) -> None:
