@@ -123,9 +123,9 @@ class SimulatedRig(ComputedRig):
 
 _PIECE_S = 0.002
 """Time for which a computed stream cannot be taken back: what is computed is felt."""
-_FADE_S, _QUIET_S = 0.014, 0.06
-"""A stream that is ended fades in the first, by a third power, and the loop stays closed for the second: a motor let go
-in mid-swing moves on, which is felt. Cosines, powers of 1 to 2.5, and 10 and 12 ms are silent later; some ring."""
+_FADE_S, _FADE_POWER, _QUIET_S = 0.017, 3.5, 0.06
+"""A stream that is ended fades by a power of what is left of the first, and the loop stays closed for the last: a motor
+let go in mid-swing moves on, which is felt. Tones of 100 Hz are silent in 9 ms at any phase; after a cosine, in 20."""
 
 
 class PacedRig(WrappedRig):
@@ -164,7 +164,7 @@ class PacedRig(WrappedRig):
 
     def rest(self) -> None:
         """Bring the output to rest; a computed stream that goes on is faded out first."""
-        fall, coming, count = np.linspace(1.0, 0.0, round(_FADE_S * self.rate_hz)) ** 3, [], 0
+        fall, coming, count = np.linspace(1.0, 0.0, round(_FADE_S * self.rate_hz)) ** _FADE_POWER, [], 0
         while count < fall.size and (piece := next(self._coming, None)) is not None:
             coming.append(piece)
             count += len(piece)
