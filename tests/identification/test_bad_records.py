@@ -61,8 +61,9 @@ def test_read_record__that_is_amiss__is_refused_in_one_line(
         (replace(GOOD, command=np.ones(TIME.size)), "the command is constant"),
         (replace(GOOD, position=np.clip(GOOD.position, -0.8 * SPREAD, 0.8 * SPREAD)), "of the position is clipped"),
         (replace(GOOD, command=np.sin(2.0 * np.pi * 20.0 * TIME)), "excites order"),
+        (replace(GOOD, position=TIME), "no model can be told from it"),
     ],
-    ids=["constant command", "clipped sensor", "one sinusoid"],
+    ids=["constant command", "clipped sensor", "one sinusoid", "time for the position"],
 )
 def test_identify__record_that_tells_nothing__is_refused(record: Record, reason: str) -> None:
     with pytest.raises(BadInput, match=reason):

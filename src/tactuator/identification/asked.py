@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
@@ -20,6 +21,15 @@ from tactuator.model.plant_model import PlantModel
 
 NAMES = ("gain", "stiffness", "mass", "pole", "resonance", "num_sK", "den_sK")
 _COEFFICIENT = re.compile(r"(num|den)_s([0-8])")
+
+
+@contextmanager
+def solvable() -> Iterator[None]:
+    """Refuse what leaves a step of linear algebra without an answer, whichever step it is."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise BadInput(f"no model can be told from it ({error})", "a position that the command moves") from None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked
+from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.form import Known
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.lines import LocalResponse
@@ -52,7 +52,7 @@ def identify_response(
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     asked = asked.of(given.about)
-    with single_threaded():
+    with single_threaded(), solvable():
         if given.assumed and given.phase_rad is not None:
             given = _with_own_noise(given, asked, note)
         return _identify_response(given, asked, note)

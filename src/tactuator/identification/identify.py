@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked
+from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.by_spectrum import identification
 from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, told_of_clocks, without_images
 from tactuator.identification.distortion import distortion_of
@@ -154,7 +154,7 @@ def identify(
     asked = Asked(**wishes).of(records[0].about)
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
-    with single_threaded():
+    with single_threaded(), solvable():
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:

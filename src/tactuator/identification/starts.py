@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.form import (
-    Form,
-    denominator_values,
-    ladder,
-    numerator_values,
-    sections_of,
-    separated,
-)
+from tactuator.identification.form import Form, denominator_values, ladder, numerator_values, sections_of, separated
 from tactuator.identification.hold import Grid, Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import LocalResponse, points

@@ -9,6 +9,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.identification.asked import solvable
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.inverse_dynamics import motor_estimate, motor_prediction
@@ -18,12 +19,7 @@ from tactuator.identification.prepared import check_record
 from tactuator.identification.residual import Residual, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
-from tactuator.identification.trust import (
-    MOTOR_EXPLAINED,
-    UNSEEN_EXPLAINED,
-    UNSEEN_FOLLOWING,
-    UNSEEN_INSIDE,
-)
+from tactuator.identification.trust import MOTOR_EXPLAINED, UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 from tactuator.processors import single_threaded
@@ -43,7 +39,7 @@ _SHORT = 1e-3
 
 def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
-    with single_threaded():
+    with single_threaded(), solvable():
         validations = tuple(validate(result, record, name) for name, record in records)
     rows = (row for validation in validations for row in validation.weighed)
     remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))
