@@ -122,6 +122,8 @@ def test_last_number__whole_file_without_its_last_line_end__is_none(tmp_path: Pa
     for end in range(80, 400):
         path.write_text("\n".join(lines[:end]))
         assert last_number_cut_off(path) is None
+    path.write_text("\n".join([*lines[:end], "3.5,-0"]))
+    assert last_number_cut_off(path) == ("-0" if form in ("%.17g", "%.1f") else None)
 
 
 def test_last_number__few_rows__nothing_tells(tmp_path: Path) -> None:

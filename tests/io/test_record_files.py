@@ -62,14 +62,15 @@ def test_csv__no_header__two_columns_and_a_rate(tmp_path: Path) -> None:
 
 def test_csv__decimal_commas__are_numbers(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "r.csv", "t;u;y", TIME, U, Y, delimiter=";")
-    path.write_text(path.read_text().replace(".", ","))
-    np.testing.assert_allclose(read_record(path).position, Y, rtol=1e-8)
+    path.write_bytes(path.read_text().replace(".", ",").replace("y", "Länge").encode("cp1252"))
+    np.testing.assert_allclose(read_record(path, output_name="Länge").position, Y, rtol=1e-8)
 
 
-def test_csv__stamps_of_few_digits__are_an_even_rate(tmp_path: Path) -> None:
-    path = write_csv(tmp_path / "r.csv", "t,u,y", np.round(TIME, 4), U, Y)
-    read = read_record(path)
+@pytest.mark.parametrize("stamps", [np.round(TIME, 4), [float(f"{time:.6g}") for time in 10.0 + TIME]])
+def test_csv__stamps_of_few_digits__are_an_even_rate(tmp_path: Path, stamps: list[float]) -> None:
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", stamps, U, Y))
     assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    assert read.remarks == ()
     np.testing.assert_allclose(read.command, U, rtol=1e-8)
 
 
@@ -162,7 +163,8 @@ def _nan(y: np.ndarray) -> np.ndarray:
         ("t,u,y", (TIME, U, Y), {"rate_hz": -1.0}, "positive"),
         ("t,u,y", (TIME, U, Y), {"input_name": "force"}, "no input column 'force'; allowed: t, u, y"),
         ("t,u,y", (TIME, U, Y), {"output_name": "u"}, "both 'u'"),
-        ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, "which column is which"),
+        ("t,u,y", (TIME, U, Y), {"output_name": "t"}, "output 't' is the time; allowed: another column, or --time"),
+        ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, r"which column is which.*--output \(and --time\), each"),
         ("u,y", (U, Y), {}, "no rate"),
         ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),
         ("t,u,y", (np.where(np.arange(2000) > 900, TIME + 0.5, TIME), U, Y), {}, "are missing"),
@@ -181,8 +183,15 @@ def test_csv__amiss__is_refused_in_one_line(tmp_path: Path, header, given, optio
     [
         ("r.csv", b"", "empty"),
         ("r.csv", b"t,u,y\n", "no rows"),
-        ("r.csv", b"t,u,y\n1,2,3\n2,3\n", "2 of 3 columns"),
-        ("r.mat", b"not a mat file at all", "record"),
+        ("r.csv", b"t,u,y\n1,2,3\n2,3\n", "row 2 has 2 of 3 columns; allowed: as many in each"),
+        ("r.csv", b"t,u,y\n1,2,3\n2,3,4\n3,4,5,2\n", "row 3 has 4 of 3 columns"),
+        ("r.csv", b"Our Scope 2\nby: Anna\nt,u,y\n1,2,3\n4,5,6\n", "row 1 has 1 of 3 columns; allowed: '#' before"),
+        (
+            "r.csv",
+            b"t,u,y\ns,V,V\n1,2,3\n4,5,6\n",
+            r"u is not a number in row 1 of 3; .* \('#' before a row of units\)",
+        ),
+        ("r.mat", b"not a mat file at all", "cut short or spoilt .*; allowed: a whole file"),
         ("r.h5", b"not hdf5", "record"),
         ("r.wav", b"RIFFnothing", "record"),
         ("r.png", b"", "allowed: .csv"),

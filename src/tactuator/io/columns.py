@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import itertools
 import math
 import re
+import statistics
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +33,15 @@ _MOST_REMARKS = 100_000
 _OF_NUMBERS = b"0123456789.eE+- "
 
 
+def _windows(error: UnicodeError) -> tuple[str, int]:
+    """Return what no UTF-8 is as Windows writes it, and where to go on."""
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
+
+
+codecs.register_error("tactuator-windows", _windows)
+
+
 def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str], FloatArray, bool]:
     """Return the names of a text's columns, their values (rows, columns), and True where rows were left unread.
 
@@ -39,12 +50,12 @@ def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str],
     """
     with path.open("rb") as file:
         encoding = encoding_of(file.read(64))
-    with path.open(encoding=encoding, errors="replace") as stream:
+    with path.open(encoding=encoding, errors="tactuator-windows") as stream:
         rows = (line for line in itertools.islice(_lines(stream), _MOST_REMARKS) if _is_row(line))
         head = list(itertools.islice(rows, 200))
         if not head:
             raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines", "columns of numbers")
-        delimiter = _delimiter(head[min(1, len(head) - 1)])
+        delimiter = _delimiter(head[len(head) // 2])
         names = _header(head[0], delimiter)
         check_commas([cell for line in head for cell in _parts(line, delimiter)])
         stream.seek(0)
@@ -145,12 +156,11 @@ class _Text:
             return np.loadtxt(lines, delimiter=self._delimiter, ndmin=2, comments=None)
         except ValueError:
             rows = [_cells(line, self._delimiter) for line in lines]
-            width = max(len(row) for row in rows)
-            for number, row in enumerate(rows):
+            width = statistics.mode(len(row) for row in rows)
+            for number, row in enumerate(rows, start=before + 1):
                 if len(row) != width:
-                    raise BadInput(
-                        f"row {before + number + 1} has {len(row)} of {width} columns", "all of them"
-                    ) from None
+                    allowed = "as many in each" if np.any(np.isfinite(row)) else "'#' before lines of text"
+                    raise BadInput(f"row {number} has {len(row)} of {width} columns", allowed) from None
             return np.array(rows)
 
     def _clean(self, line: str) -> str:
@@ -197,8 +207,8 @@ def last_number_cut_off(path: Path) -> str | None:
     """Return the last number of a text that ends within it, as it stands there; None where nothing tells so.
 
     Many a whole file lacks the last line's end, and numbers of any length are common. So it takes both: no end of the
-    last line, and a last column whose numbers have as many digits behind the point (and in the exponent) in each of the
-    40 rows or more before, but not in the last.
+    last line, and fewer digits behind the point (and in the exponent) of the last column than in each of the 40 rows or
+    more before, where all of those have as many; where they have not, less than half as many.
     """
     with path.open("rb") as file:
         encoding = encoding_of(file.read(64))
@@ -208,10 +218,9 @@ def last_number_cut_off(path: Path) -> str | None:
     if not text or text[-1].isspace():
         return None
     *before, last = [re.split(r"[,;\t ]+", line.strip())[-1] for line in text.splitlines()[1:]] or [""]
-    digits = {_digits(cell) for cell in before}
-    if len(before) < _ROWS_MIN or len(digits) != 1 or (0, 0) in digits:
-        return None
-    return last if _digits(last) < digits.pop() else None
+    digits = sorted(map(_digits, before)) or [(0, 0)]
+    least = digits[0] if digits[0] == digits[-1] else (digits[0][0] // 2, 0)
+    return last if len(before) >= _ROWS_MIN and _digits(last) < least else None
 
 
 def _digits(cell: str) -> tuple[int, int]:
@@ -262,7 +271,7 @@ def read_columns(path: Path) -> Columns:
         raise BadInput(f"record {path}: it claims more than memory holds", "a shorter one") from None
     except Exception as error:  # a library that reads a broken file of others may raise anything at all
         reason = str(error).splitlines()[0].rstrip(".") if str(error) else "cannot be read"
-        raise BadInput(f"record {path}: {reason}", "a sound file") from None
+        raise BadInput(f"record {path}: it is cut short or spoilt ({reason})", "a whole file") from None
     if not columns.values:
         raise BadInput(f"record {path}: there are no numbers in it", "columns of numbers")
     return columns

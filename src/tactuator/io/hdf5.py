@@ -140,7 +140,7 @@ def require_survivable(trial: Callable[[], object]) -> None:
         _try_out(trial)
     status = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(status):
-        raise BadInput("it is damaged: the library breaks down over it", "a sound file")
+        raise BadInput("it is damaged: the library breaks down over it", "a whole file")
     if os.WEXITSTATUS(status) == _TOO_LARGE:
         raise BadInput(f"it takes up more than {_MEMORY_BYTES >> 20} MB of memory", "a smaller file")
 

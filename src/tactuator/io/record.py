@@ -104,7 +104,7 @@ def _typical_step(step: FloatArray) -> float:
 
 def _quantum(time_s: FloatArray) -> float:
     """Return the last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
-    some = time_s[:1000]
+    some = time_s[-1000:]  # the coarsest, where all have as many digits in all
     for digits in range(10):
         scaled = some * 10.0**digits
         if np.max(np.abs(scaled - np.round(scaled))) < 1e-5:
@@ -187,18 +187,11 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     if phase is None:
         remarks.append("there is no phase: that of least lag is taken, without dead time")
     order = np.argsort(frequency[known], kind="stable")
-    picked = [column[known][order] for column in (frequency, size, deviation)]
+    hertz, size, deviation = (column[known][order] for column in (frequency, size, deviation))
     turned = None if phase is None else phase[known][order]
     about = {"file": path.name, "kind": "response"}
-    return FrequencyResponse(
-        picked[0],
-        picked[1],
-        turned,
-        picked[2],
-        about,
-        tuple(remarks),
-        assumed=not {"confidence_db", "coherence"} & set(lower),
-    )
+    assumed = not {"confidence_db", "coherence"} & set(lower)
+    return FrequencyResponse(hertz, size, turned, deviation, about, tuple(remarks), assumed)
 
 
 def _first(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
@@ -254,6 +247,8 @@ def _assemble(
 ) -> Record:
     time = _pick(columns, time_name, TIME_NAMES, "time")
     u_name, y_name = _signals(columns, names[0], names[1], time)
+    if time in (u_name, y_name):
+        raise BadInput(f"{'input' if time == u_name else 'output'} {time!r} is the time", "another column, or --time")
     r_name = _pick(columns, names[2], REFERENCE_NAMES, "reference")
     u, y = columns.values[u_name], columns.values[y_name]
     r = None if r_name is None else columns.values[r_name]
@@ -266,7 +261,8 @@ def _assemble(
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             more = f" and in {bad.size - 1} more" if bad.size > 1 else ""
-            raise BadInput(f"{name} is not a number in row {bad[0] + 1} of {values.size}{more}", "numbers")
+            units = " ('#' before a row of units)" if bad.tolist() == [0] else ""
+            raise BadInput(f"{name} is not a number in row {bad[0] + 1} of {values.size}{more}", f"numbers{units}")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
     if time is not None and columns.values[time].size == u.size:
@@ -277,16 +273,8 @@ def _assemble(
     elif known is None:
         raise BadInput("there is no rate and no time stamps", "a time column, or --rate-hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
-    return Record(
-        rate_hz=float(known),
-        command=u,
-        position=y,
-        command_unit=columns.units.get(u_name, _unit(u_name)),
-        position_unit=columns.units.get(y_name, _unit(y_name)),
-        reference=r,
-        about=about,
-        remarks=tuple(remarks),
-    )
+    u_unit, y_unit = (columns.units.get(name, _unit(name)) for name in (u_name, y_name))
+    return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
 
 
 _UNITS = {"v": "V", "mv": "mV", "mm": "mm", "um": "um", "m": "m", "nm": "nm"}
@@ -345,6 +333,7 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
         y = next(name for name in rest if name != u)
     if u is None or y is None:
         missing = " and ".join(option for option, known in (("--input", u), ("--output", y)) if known is None)
+        missing += " (and --time)" if time is None else ""
         raise BadInput("which column is which is not clear", f"{missing}, each with one of {', '.join(rest)}")
     if u == y:
         raise BadInput(f"input and output are both {u!r}", "two different columns")
