@@ -176,3 +176,17 @@ def test_coupled_response__with_a_matrix_of_another_shape__is_refused(key: str) 
     parts = {name: np.tile(np.eye(2), (9, 1, 1)) for name in ("real", "imag", "deviation")}
     with pytest.raises(BadInput, match=key):
         CoupledResponse(("a", "b"), np.geomspace(1.0, 9.0, 9), **(parts | {key: np.ones((8, 2, 2))}))
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [
+        (Environment(hum_hz=(50.0, 100.0), hum_v_peak=(1e-3, 1e-3)), 50.0),
+        (Environment(assumed=("hum",)), 77.0),
+        (Environment(hum_hz=(), hum_v_peak=()), 77.0),
+    ],
+)
+def test_mains__nothing_asked__is_the_lowest_line_of_hum_that_is_stated(environment, expected: float) -> None:
+    display = Display("one", 4000.0, 1, (replace(INDEX, environment=environment),))
+    assert display.mains_hz(None, 77.0) == expected
+    assert display.mains_hz(0.0, 77.0) == 0.0

@@ -287,6 +287,7 @@ class RigSession:
         self.rig.order(orders.MeasureOrder(controller, order))
         set_here = {name: getattr(settings, name) for name in _OPTIONS}
         usual = {name: getattr(MeasurementOptions, name) for name in _OPTIONS} | {"rig": "simulated", "seed": 0}
+        usual["mains_hz"] = controller.display.mains_hz(None, MeasurementOptions.mains_hz)
         options = {**set_here, "rig": self.rig.spec, "seed": self.rig.seed}
         command = command_line(
             "measure",

@@ -64,14 +64,7 @@ def display_document(display: Display) -> dict[str, Any]:
         coupling = {"coupling": {key: value for key, value in plain(display.coupling).items() if value is not None}}
     elif objectives["crosstalk_max_db_sl"] == Objectives.crosstalk_max_db_sl:
         del objectives["crosstalk_max_db_sl"]
-    return {
-        "display": _own(display),
-        "objectives": objectives,
-        **card,
-        **touch,
-        **coupling,
-        "channel": channels,
-    }
+    return {"display": _own(display), "objectives": objectives, **card, **touch, **coupling, "channel": channels}
 
 
 def _own(table: Any) -> dict[str, Any]:
@@ -465,11 +458,7 @@ class Display:
     delay_samples: Annotated[
         Whole,
         InFile(1),
-        Field(
-            ge=0,
-            le=8,
-            description="periods from reading the sensor to putting out the command computed from it",
-        ),
+        Field(ge=0, le=8, description="periods from reading the sensor to putting out the command computed from it"),
     ]
     channels: tuple[Channel, ...]
     objectives: Objectives = field(default_factory=Objectives)
@@ -505,6 +494,14 @@ class Display:
                 return channel
         allowed = ", ".join(channel.name for channel in self.channels)
         raise BadInput(f"display: channel {name!r} is not described", f"{allowed}")
+
+    def mains_hz(self, asked: float | None, usual: float) -> float:
+        """Return the mains to keep off: what is asked for, else the lowest line of hum that a file states, else the
+        usual.
+        """
+        stated = (channel.environment for channel in self.channels if "hum" not in channel.environment.assumed)
+        lines = [min(environment.hum_hz) for environment in stated if environment.hum_hz]
+        return asked if asked is not None else lines[0] if lines else usual
 
 
 SHARED_TABLES: dict[str, tuple[type, ...]] = {

@@ -148,7 +148,7 @@ def noise(
             "Proportional gains to probe with, comma between; empty for none.", type=str, shell=_listed(PROBED_GAINS)
         ),
     ] = (),
-    mains_hz: MainsHz = MAINS_HZ,
+    mains_hz: MainsHz = None,
     write: Annotated[
         Place | None, Option("File to write with the sensor's own hum and noise.", type=Path | None)
     ] = None,
@@ -166,6 +166,7 @@ def noise(
     from tactuator.measure.noise import felt_noise, noise_verdict
 
     loop = chosen_controller(display, controller)
+    mains_hz = loop.display.mains_hz(mains_hz, MAINS_HZ)
     require_stable(loop, load)
     open_loops = [channel.name for channel in loop.channels if channel.feedback_sos is None]
     probes, not_played = _probes(loop, gains, load)
@@ -346,7 +347,7 @@ def measure_response(
     ] = None,
     level_db_sl: Annotated[float, Option("Level, dB SL.", _LEVEL)] = MeasurementOptions.level_db_sl,
     load: Load = "none",
-    mains_hz: MainsHz = MAINS_HZ,
+    mains_hz: MainsHz = None,
     *,
     display: DisplayOption = None,
     method: Annotated[str, Option("stepped or multisine.")] = "stepped",
@@ -361,7 +362,7 @@ def measure_response(
     """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
     it is not flat, or the confidence was not reached.
 
-    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: None or 0 for no mains; coverage:
+    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: 0 for no mains; coverage:
     of the confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that the display's own models
     call unstable.
 
@@ -379,11 +380,11 @@ def measure_response(
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
     require_stable(loop, load)
-    band_hz = _common_band(loop, channel)
-    wanted = over_the_band(band_hz, mains_hz or 0.0) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
+    band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
+    wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
     options = MeasurementOptions(
         level_db_sl, channel, load, confidence_db, longest_s, coverage,
-        mains_hz=mains_hz or 0.0, band_hz=band_hz, controller_hash=loop.content_hash,
+        mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash,
     )  # fmt: skip
     with opened(rig, loop.display, seed) as ready:
         put_on(ready, loop, load)
@@ -486,8 +487,7 @@ def disturb(
     display: DisplayOption = None,
     channel: Channels = None,
     frequency_hz: Annotated[
-        "ArrayLike | str",
-        Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ)),
+        "ArrayLike | str", Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ))
     ] = REJECTION_HZ,
     excursion_mm: Annotated[float, Option("What each force would move without the loop.")] = EXCURSION_MM,
     seed: Seed = 0,
@@ -512,10 +512,10 @@ def disturb(
             raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
         ready.load(loop)
         rng, wanted = np.random.default_rng(seed), numbers(frequency_hz)
+        how = {"excursion_mm": excursion_mm, "mains_hz": loop.display.mains_hz(None, MAINS_HZ)}
         for name in channel or [each.name for each in loop.channels]:
             with working(f"disturbing {name}"):
-                port = finger(name)
-                reports.append(disturbance(ready, port, loop, name, wanted, rng, excursion_mm=excursion_mm))
+                reports.append(disturbance(ready, finger(name), loop, name, wanted, rng, **how))
     return DisturbanceResult(tuple(reports))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.parameters import Argument, Curve, Fields, Option, Place, Seed, chosen_display, numbers
+from tactuator.verbs.parameters import Argument, Curve, Fields, MainsHz, Option, Place, Seed, chosen_display, numbers
 from tactuator.verbs.result import Result, columns_of, say, working
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ def calibrate_display(
     band_hz: Annotated[
         "ArrayLike | str", Option("Frequencies within which it is to be used: low,high.", type=str)
     ] = "",
-    mains_hz: Annotated[float, Option("Mains, whose multiples are kept off; 0: none.")] = _REQUEST.default("mains_hz"),
+    mains_hz: MainsHz = None,
     curve: Curve = None,
     seed: Seed = 0,
 ) -> EqualisedResult:
@@ -267,9 +267,9 @@ def calibrate_display(
     from tactuator.measure.open_loop import CalibrationRequest
 
     described = chosen_display(display, curve)
-    return _equalised(
-        described, rig, Path(out), CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz), seed
-    )
+    mains_hz = described.mains_hz(mains_hz, CalibrationRequest.mains_hz)
+    asked = CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz)
+    return _equalised(described, rig, Path(out), asked, seed)
 
 
 def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationRequest", seed: int) -> EqualisedResult:
