@@ -31,6 +31,8 @@ def __getattr__(name: str) -> object:
         value: object = import_module("importlib.metadata").version("tactuator")
     elif name in _NAMES:
         value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
+        if not isinstance(value, type):
+            value = import_module("tactuator.errors").checked(value)
     else:
         raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
     globals()[name] = value

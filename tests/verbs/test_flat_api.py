@@ -68,6 +68,34 @@ def test_name__that_is_none__is_told():
         tt.desing  # noqa: B018
 
 
+def test_signature__of_a_verb__has_kinds_alone_as_help_shows_them():
+    assert str(inspect.signature(tt.check)).startswith("(controller: 'Controller | Place', display: 'Display | Place")
+    assert not [name for name in NAMES if "Annotated" in str(inspect.signature(getattr(tt, name)))]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            "identify(None)",
+            "identify: records is None; allowed: a Record or a JointRecord or the path of a file or a list",
+        ),
+        ("identify(['a.csv', 5])", "identify: records is a list; allowed: "),
+        ("design(5)", "design: display is 5; allowed: a Display or the path of a file"),
+        ("design('display.toml', poles='4')", "design: poles is '4'; allowed: a whole number or None"),
+        ("check(controller.display)", "check: controller is a Display; allowed: a Controller or the path of a file"),
+        ("check(controller, monte_carlo=-5)", "check: monte_carlo is -5; allowed: 0 to 1000000"),
+        ("SimulatedRig('display.toml')", "SimulatedRig: display is 'display.toml'; allowed: a Display"),
+        ("SimulatedRig(controller.display, seed='a')", "SimulatedRig: seed is 'a'; allowed: a whole number"),
+        ("render('speech.wav', None, 'x.wav', level_db_sl='loud')", "render: level_db_sl is 'loud'; allowed: a number"),
+        ("noise(rig, controller, seed=-1)", "noise: seed is -1; allowed: 0 or more"),
+    ],
+)
+def test_verb__argument_of_another_kind_or_out_of_bounds__says_what_is_allowed(known, call: str, words: str):
+    with pytest.raises(tt.BadInput, match=f"^{re.escape(words)}"):
+        eval(f"tt.{call}", known)
+
+
 def test_import__of_the_package__brings_in_nothing_heavy():
     program = "import sys, tactuator; print({'numpy', 'scipy', 'pydantic', 'matplotlib'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "set()\n"

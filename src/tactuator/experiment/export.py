@@ -28,10 +28,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.io.atomic import atomic_folder
 
 _MISSING = "n/a"
-_QUESTIONS = {
-    "detection": "Which interval carries the vibration?",
-    "recognition": "Which item was it? (ABX: A or B?)",
-}
+_QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition": "Which item was it? (ABX: A or B?)"}
 _EVENTS = (
     Meaning("onset", "Onset of the interval, from the presentation of the run's first trial", "s"),
     Meaning("duration", "Duration of the interval, by the rig's own clock", "s"),

@@ -294,11 +294,7 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
         equality_plate(first, band, study.controller.response(first.name, band), name="fig02"),
         mechanism_plate(identified),
         motor_plate(
-            study.open_loop.frequency_hz,
-            study.open_loop.response[first.name],
-            motor,
-            display.rate_hz,
-            first.name,
+            study.open_loop.frequency_hz, study.open_loop.response[first.name], motor, display.rate_hz, first.name
         ),
         calibration_plate(study.calibration),
         loop_plate(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),

@@ -149,11 +149,7 @@ def save_identification(fit: Identification, folder: Path) -> None:
 
 
 def motor_plate(
-    frequency_hz: FloatArray,
-    measured: ComplexArray,
-    continuous: ContinuousSystem,
-    rate_hz: float,
-    channel: str,
+    frequency_hz: FloatArray, measured: ComplexArray, continuous: ContinuousSystem, rate_hz: float, channel: str
 ) -> Plate:
     """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model, continuous and sampled."""
     sampled = zero_order_hold(continuous, rate_hz)

@@ -65,10 +65,7 @@ def felt_plate(report: FeltReport, what: str) -> Plate:
 
 
 def equality_plate(
-    channel: Channel,
-    frequency_hz: FloatArray,
-    position_response: ComplexArray,
-    name: str = "equality",
+    channel: Channel, frequency_hz: FloatArray, position_response: ComplexArray, name: str = "equality"
 ) -> Plate:
     """Draw three panels side by side for a reference of 30 dB SL: the displacement that the display makes of it,
     the finger's sensitivity, and their sum, which is the felt level.

@@ -27,11 +27,7 @@ from tactuator.model.description import display_document
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Record
 
-_ENDS = {
-    "asked": "the end of what was asked",
-    "command": "the command's range",
-    "travel": "the travel",
-}
+_ENDS = {"asked": "the end of what was asked", "command": "the command's range", "travel": "the travel"}
 
 
 def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> str:

@@ -58,11 +58,7 @@ class _Tally:
 
 
 def check_period(
-    target: BoardRig,
-    controller: Controller,
-    ticks: int,
-    formats: tuple[str, ...] = FORMATS,
-    locates: bool = True,
+    target: BoardRig, controller: Controller, ticks: int, formats: tuple[str, ...] = FORMATS, locates: bool = True
 ) -> PeriodCheck:
     """Compare `ticks` of the target's interrupt in each format with this machine's, and what it plays where it can.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
+from tactuator.errors import checked
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.rig import Finger, Rig, Trace, WrappedRig, let_feel, take_forces
@@ -112,6 +113,7 @@ class SimulatedRig(ComputedRig):
     <SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, no controller yet>
     """
 
+    @checked
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)
         super().__init__(display, self._simulation)

@@ -185,10 +185,7 @@ class _VoicingMeter:
 
     def __init__(self, voicing: Voicing, rate_hz: float, step: int) -> None:
         self._ratio, self._step = voicing.ratio, step
-        self._bands = (
-            _Filter(2, LOWEST_VOICE_HZ, voicing.low_hz, rate_hz),
-            _Filter(2, voicing.high_hz, None, rate_hz),
-        )
+        self._bands = (_Filter(2, LOWEST_VOICE_HZ, voicing.low_hz, rate_hz), _Filter(2, voicing.high_hz, None, rate_hz))
         self._smooth = tuple(_Filter(2, 0.0, voicing.smooth_hz, rate_hz / step) for _ in self._bands)
 
     def degree(self, block: FloatArray) -> FloatArray:
@@ -246,16 +243,11 @@ class EnvelopeCoding:
 
 
 YUAN_2005 = EnvelopeCoding(
-    (
-        EnvelopeBand(0.0, 350.0, 50.0, ("thumb",)),
-        EnvelopeBand(3000.0, None, 250.0, ("index",)),
-    ),
-    name="yuan-2005",
+    (EnvelopeBand(0.0, 350.0, 50.0, ("thumb",)), EnvelopeBand(3000.0, None, 250.0, ("index",))), name="yuan-2005"
 )
 """Yuan (2005): below 350 Hz on 50 Hz, above 3 kHz on 250 Hz; second order, 25 Hz. Fingers and wave are our choice."""
 
 BRATAKOS_2001 = EnvelopeCoding(
-    (EnvelopeBand(500.0 / 2.0**0.5, 500.0 * 2.0**0.5, 200.0, ("all",), smooth_hz=100.0),),
-    name="bratakos-2001",
+    (EnvelopeBand(500.0 / 2.0**0.5, 500.0 * 2.0**0.5, 200.0, ("all",), smooth_hz=100.0),), name="bratakos-2001"
 )
 """Bratakos et al. (2001): the octave at 500 Hz, 100 Hz, on 200 Hz. Orders and fingers are our choice."""

@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
-from tactuator.model.controller import (
-    AntiWindup,
-    ChannelController,
-    Controller,
-    FeedForward,
-    Limits,
-    StrengthShaping,
-)
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, FeedForward, Limits, StrengthShaping
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import channel_reasons
@@ -193,11 +186,7 @@ def assemble(
 
 
 def _loaded(
-    channel: Channel,
-    fed: FeedForward | None,
-    free: TwoDegreeLoop,
-    members: Sequence[Member],
-    frequency_hz: FloatArray,
+    channel: Channel, fed: FeedForward | None, free: TwoDegreeLoop, members: Sequence[Member], frequency_hz: FloatArray
 ) -> Iterator[tuple[str, TwoDegreeLoop, ComplexArray | None]]:
     """Yield for each load on the nominal plant: its name, the loop under it, and H where it is fed forward, (n,)."""
     for member in members[1:]:

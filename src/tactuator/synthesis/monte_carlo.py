@@ -85,7 +85,7 @@ def monte_carlo(
     frequency of each lightly damped pole and zero pair, None for what a model's covariance says of it, and 2 % without
     one. Raises BadInput for a count or a shift that cannot be."""
     if not 1 <= count <= _MOST:
-        raise BadInput(f"--monte-carlo is {count}", f"1 to {_MOST}")
+        raise BadInput(f"{count} plants to draw", f"1 to {_MOST}")
     if mode_shift is not None and not 0.0 <= mode_shift < 0.3:
         raise BadInput(f"a shift of modes of {mode_shift:g}", "0 to 0.3")
     display = controller.display

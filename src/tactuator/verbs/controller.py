@@ -86,7 +86,9 @@ def _keep_met(out: Path, by: "ControllerResult") -> None:
 def check(
     controller: Annotated["Controller | Place", Argument("Controller file.", file=True)],
     display: Annotated["Display | Place | None", Option("Display file to judge it for.", file=True)] = None,
-    monte_carlo: Annotated[int, Option("Plants to draw for each channel and load; 0 for none.", ge=0)] = 0,
+    monte_carlo: Annotated[
+        int, Option("Plants to draw for each channel and load; 0 for none.", ge=0, le=1_000_000)
+    ] = 0,
     mode_shift: Annotated[
         float | None, Option("Relative standard deviation of the frequency of a mode; else as the model says, or 0.02.")
     ] = None,

@@ -22,10 +22,6 @@ from tactuator.errors import BadInput, within
 from tactuator.verbs.result import say, working
 
 if TYPE_CHECKING:
-    from tactuator.model.controller import Controller
-    from tactuator.model.description import Display
-    from tactuator.rig.rig import Rig
-if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 

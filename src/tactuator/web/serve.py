@@ -49,10 +49,7 @@ def serve(
     tls_key: TlsKey = None,
     operator_token_file: Annotated[
         Place | None,
-        Option(
-            "A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.",
-            type=Path | None,
-        ),
+        Option("A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.", type=Path | None),
     ] = None,
     speed: Annotated[float, Option("Speed of presentation on a rig that could go faster; 0: as fast as it can.")] = 1.0,
     shared: Annotated[

@@ -32,8 +32,7 @@ class UpDownRule(ProcedureKeys):
     down: Annotated[Whole, Field(ge=1, description="right answers in a row that lower the level")] = 3
     up: Annotated[Whole, Field(ge=1, description="wrong answers in a row that raise the level")] = 1
     steps_db: Annotated[
-        tuple[Positive, ...],
-        Field(min_length=1, description="step after 0, 1, 2 ... reversals; the last one stays"),
+        tuple[Positive, ...], Field(min_length=1, description="step after 0, 1, 2 ... reversals; the last one stays")
     ] = (4.0, 4.0, 4.0, 1.0)
     reversals: Annotated[Whole, Field(ge=1, description="reversals that end the run")] = 15
     averaged: Annotated[Whole, Field(ge=1, description="last reversals that make the threshold")] = 12

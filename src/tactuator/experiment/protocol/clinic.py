@@ -68,8 +68,7 @@ class Gates:
 
     def __post_init__(self) -> None:
         _in_order(
-            skin_temperature_low_c=self.skin_temperature_low_c,
-            skin_temperature_high_c=self.skin_temperature_high_c,
+            skin_temperature_low_c=self.skin_temperature_low_c, skin_temperature_high_c=self.skin_temperature_high_c
         )
         _in_order(preload_low_n=self.preload_low_n, preload_high_n=self.preload_high_n)
 

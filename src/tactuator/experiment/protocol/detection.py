@@ -8,13 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import (
-    Playable,
-    Practice,
-    Procedure,
-    ProcedureKeys,
-    parse_procedure,
-)
+from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, ProcedureKeys, parse_procedure
 from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
 from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing

@@ -21,9 +21,7 @@ Group = Annotated[
 ]
 Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$"), Wording(allowed="1 to 32 letters and digits")]
 ParticipantId = Annotated[
-    str,
-    StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$"),
-    Wording(allowed="1 to 64 letters, digits, ., _ and -"),
+    str, StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$"), Wording(allowed="1 to 64 letters, digits, ., _ and -")
 ]
 _SEED_MAX = 2**53
 

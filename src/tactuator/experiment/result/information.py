@@ -343,9 +343,7 @@ def _posterior(
     low, middle, high = (float(value) for value in np.quantile(bits, tails))
     most = float(np.log2(counts.shape[0]))
     return InformationEstimate(
-        middle,
-        max(middle - down * (middle - low), 0.0),
-        min(middle + up * (high - middle), most),
+        middle, max(middle - down * (middle - low), 0.0), min(middle + up * (high - middle), most)
     )
 
 

@@ -21,20 +21,8 @@ from tactuator.experiment.protocol.recognition import (
     plan_blocks,
 )
 from tactuator.experiment.protocol.study import PlannedRun
-from tactuator.experiment.result.confusion import (
-    abx_table,
-    information_table,
-    matrix_table,
-    session_results,
-)
-from tactuator.experiment.session.task import (
-    Apparatus,
-    Envelope,
-    OfferedResponse,
-    Picture,
-    Question,
-    Rules,
-)
+from tactuator.experiment.result.confusion import abx_table, information_table, matrix_table, session_results
+from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules
 from tactuator.experiment.store import chain, schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store

@@ -7,17 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, cast
 
-from sqlalchemy import (
-    Column,
-    ColumnElement,
-    Connection,
-    Integer,
-    Row,
-    Select,
-    Table,
-    func,
-    select,
-)
+from sqlalchemy import Column, ColumnElement, Connection, Integer, Row, Select, Table, func, select
 from sqlalchemy import cast as sql_cast
 
 from tactuator import __version__

@@ -93,11 +93,7 @@ class SoundRig(Rig):
     """
 
     def __init__(
-        self,
-        display: Display,
-        rows: CardRows,
-        port: Port,
-        sleep: Callable[[float], None] = time.sleep,
+        self, display: Display, rows: CardRows, port: Port, sleep: Callable[[float], None] = time.sleep
     ) -> None:
         super().__init__(display)
         self._rows, self._port = rows, port

@@ -173,11 +173,7 @@ class SimulatedCard:
 
 
 @contextmanager
-def simulated_card(
-    exciters: Sequence[Exciter | None],
-    period: int = PERIOD,
-    seed: int = 0,
-) -> Iterator[SimulatedCard]:
+def simulated_card(exciters: Sequence[Exciter | None], period: int = PERIOD, seed: int = 0) -> Iterator[SimulatedCard]:
     """Yield a sound card with an exciter (None: a wire) between each output and input; both programs are ended at the
     end of the context.
 
