@@ -78,6 +78,10 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
     truth = json.loads(capsys.readouterr().out)["truth"]
     assert [row["simulated"] for row in truth] == ["simulated"] * 6
+    assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4"]) == 0
+    assert "nothing left to do, all have gone through the study: lab.db" in capsys.readouterr().out
+    assert main(["experiment", "judged", "lab.db"]) == 2
+    assert "the store holds short; allowed: a study in which tones are judged" in capsys.readouterr().err
     made = ["--curve-out", "curve.csv", "--figures", "figures"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

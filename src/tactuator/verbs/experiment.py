@@ -179,11 +179,12 @@ def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) ->
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservedResult(Result):
-    """Simulated subjects who went through a study: subject, frequency (Hz) and what is true of the person there."""
+    """Simulated subjects of a study: subject, frequency (Hz), what is true there; answered: was anything left to do?"""
 
     store: Place
     truth: tuple[tuple[str, float, float], ...]
     what: str = "true threshold (dB re 1 µm)"
+    answered: bool = True
 
     def columns(self) -> Mapping[str, Any]:
         level = "true_db_re_1um" if self.what.startswith("true") else "equal_db_sl"
@@ -200,7 +201,8 @@ class ObservedResult(Result):
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
         columns = ("subject", "frequency (Hz)", self.what)
-        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"written: {self.store}"]
+        said = "written" if self.answered else "nothing left to do, all have gone through the study"
+        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"{said}: {self.store}"]
 
 
 def observe(
@@ -242,7 +244,7 @@ def observe(
         raise BadInput("--truth where tones are judged", "--law and --lapse")
     if law and not isinstance(study, JudgingProtocol):
         raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
-    codes = [subject.code for subject in study.subject]
+    codes, seen = [subject.code for subject in study.subject], set[int]()
     truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
     laws, lapses = dict(_pairs("--law", "SUBJECT=LAW", law or [])), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
@@ -253,6 +255,7 @@ def observe(
         with working("people", 1000 * len(codes)) as step, opened_store(store) as database:
 
             def show(at: int, share: float) -> None:
+                seen.add(at)
                 step(round(1000 * (at + share)))
 
             if isinstance(study, JudgingProtocol):
@@ -272,7 +275,7 @@ def observe(
     each = zip(codes, levels, strict=True)
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
     what = "as strong as 30 dB SL at 100 Hz (dB SL)" if isinstance(study, JudgingProtocol) else ObservedResult.what
-    return ObservedResult(store, tuple(rows), what)
+    return ObservedResult(store, tuple(rows), what, bool(seen))
 
 
 def _make_ready(place: "Apparatus", warning: str) -> None:

@@ -288,11 +288,7 @@ def play(
 
     source = open_reference(Path(reference))
     loaded = chosen_controller(display, controller)
-    with (
-        opened(rig, loaded.display, seed) as ready,
-        _wishes() as wish,
-        working("play", source.duration_s) as step,
-    ):
+    with opened(rig, loaded.display, seed) as ready, _wishes() as wish, working("play", source.duration_s) as step:
         ready.load(loaded)
         if isinstance(ready, SoundRig):
             ready.allow_gaps = True  # a listener hears one; it is counted and told

@@ -58,11 +58,7 @@ class StoreContours(Result):
         assert high is not None
         curves = [
             ChartLine(
-                f"{level:g} dB SL",
-                group.frequency_hz,
-                group.db_sl[row],
-                half=0.5 * (high[row] - low[row]),
-                colour=row,
+                f"{level:g} dB SL", group.frequency_hz, group.db_sl[row], half=0.5 * (high[row] - low[row]), colour=row
             )
             for row, level in enumerate(group.level_db_sl.tolist())
         ]
@@ -185,6 +181,7 @@ def judged(
 
     Raises BadInput where the store has no finished run of such a task, or several tasks and none is named.
     """
+    from tactuator.experiment.store.records import study_names
     from tactuator.experiment.store.store import Store
     from tactuator.experiment.store.stored_runs import answered_runs, task_keys
     from tactuator.experiment.words import shipped_words
@@ -192,8 +189,12 @@ def judged(
     opened, words = Store(Path(store), must_exist=True), shipped_words("en")
     try:
         kinds = {keys.kind: keys for keys in task_keys(opened)}
+        if not kinds:
+            with opened.read() as connection:
+                got = f"the store holds {', '.join(study_names(connection)) or 'no study'}"
+            raise BadInput(got, "a study in which tones are judged (others: `experiment thresholds`)")
         if task is None and len(kinds) != 1:
-            raise BadInput(f"the store has {len(kinds)} tasks", f"--task with one of: {', '.join(kinds) or 'none'}")
+            raise BadInput(f"the store has {len(kinds)} tasks", f"--task with one of: {', '.join(kinds)}")
         kind = next(iter(kinds)) if task is None else task
         runs = answered_runs(opened, kind, group=group)
     finally:

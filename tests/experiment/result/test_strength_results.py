@@ -97,7 +97,7 @@ def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None
 
 def test_judged__store_of_no_task__names_what_there_is(tmp_path) -> None:
     Store(tmp_path / "lab.db").close()
-    with pytest.raises(BadInput, match="the store has 0 tasks; allowed: --task with one of: none"):
+    with pytest.raises(BadInput, match="the store holds no study; allowed: a study in which tones are judged"):
         judged(tmp_path / "lab.db")
 
 

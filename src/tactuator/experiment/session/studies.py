@@ -345,7 +345,7 @@ def _version(
         if before.apart_from_subjects() != task.protocol.apart_from_subjects():
             raise BadInput(
                 f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something else",
-                "that version, --amend with the reason for another, or another name",
+                "that version, `experiment serve --amend` with the reason for another, or another name",
             )
         amend = "subjects"
     note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now, who)
