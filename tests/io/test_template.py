@@ -11,13 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.model import write_model
-from tactuator.io.shipped import (
-    DISPLAY_KINDS,
-    PROTOCOL_KINDS,
-    display_template,
-    protocol_template,
-    with_model,
-)
+from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS, display_template, protocol_template, with_model
 from tactuator.model.description import TABLES, keys_of
 from tactuator.model.plant_model import PlantModel
 
@@ -56,6 +50,9 @@ def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
     assert channel.loads == ()
     assert channel.environment.assumed == ("hum", "noise")  # nobody measured them: what rests on them is not judged
     assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm")
+    text = (tmp_path / "display.toml").read_text()
+    assert "# hum_hz = [60.0, 120.0, 180.0]  # lines" in text  # what holds, not what the template had
+    assert "# friction_v = the model's  # Coulomb" in text
     assert not display.touch.adaptive  # what is learnt of a load wants one: the file could not be designed
 
 

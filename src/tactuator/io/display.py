@@ -59,11 +59,8 @@ _MEASURED = ("hum_hz", "hum_v_peak", "noise_v_rms")
 
 def write_environment(path: str | Path, channels: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the keys of [environment] that were found of every channel, by its name, whole or not at all."""
-    document = {
-        "format": ENVIRONMENT_FORMAT,
-        "tool": __version__,
-        "channels": {name: dict(keys) for name, keys in channels.items()},
-    }
+    found_of = {name: dict(keys) for name, keys in channels.items()}
+    document = {"format": ENVIRONMENT_FORMAT, "tool": __version__, "channels": found_of}
     write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 

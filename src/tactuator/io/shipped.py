@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactuator.errors import BadInput
 
@@ -29,7 +29,6 @@ def _commented(text: str) -> str:
     defaults: both as the fields of the dataclasses have them.
     """
     from tactuator.model.description import TABLES, keys_of  # noqa: PLC0415  NumPy, when it is needed
-    from tactuator.parameters import default  # noqa: PLC0415
 
     def with_keys(name: str, table: str) -> str:
         lines = []
@@ -37,16 +36,21 @@ def _commented(text: str) -> str:
             given = re.match(r"(\w+) = ", line)
             meaning = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
             lines.append(line + meaning if len(line + meaning) <= _WIDTH else line)
-        for key, about in keys_of(name).items():
-            if not re.search(rf"(?m)^{key} = ", table):
-                line = f"# {key} = {default(about) or '...'}"
-                meaning = f"{line}  # {about.description}"
-                lines.append(meaning if len(meaning) <= _WIDTH else line)
+        lines += [_left_out(*each) for each in keys_of(name).items() if not re.search(rf"(?m)^{each[0]} = ", table)]
         return "\n".join(lines) + "\n"
 
     head, *parts = re.split(r"(?m)^(?=\[)", text)
     tables = {str(re.match(r"\W*(\w+)", part)[1]): part for part in parts}  # type: ignore[index]
     return head + "\n".join(with_keys(name, tables.get(name, f"# [{name}]\n")) for name in TABLES)
+
+
+def _left_out(key: str, about: Any, value: str | None = None) -> str:
+    """Return the comment for a key that a file leaves out: its default, or the value given, and what it means."""
+    from tactuator.parameters import default  # noqa: PLC0415  NumPy, when it is needed
+
+    line = f"# {key} = {value or default(about) or '...'}"
+    meaning = f"{line}  # {about.description}"
+    return meaning if len(meaning) <= _WIDTH else line
 
 
 def protocol_template(kind: str) -> str:
@@ -72,16 +76,22 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
 
     The band is narrowed to the frequencies (Hz) of which the model says something. Loads, which are in the units of a
     plant, what is learnt of them, friction, which the model brings, hum and noise, which nobody measured, become
-    comments. Raises BadInput where no band is left.
+    comments with what holds without them. Raises BadInput where no band is left.
     """
-    low, high = _band(text, model)
+    from tactuator.model.description import keys_of  # noqa: PLC0415  NumPy, when it is needed
+
+    keys, (low, high) = {**keys_of("environment"), **keys_of("touch")}, _band(text, model)
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
+    recorded = f"  # the record has {model.record['rate_hz']:g}" if "rate_hz" in model.record else ""
     plant = f"plant = {json.dumps(path)}{quantity}"
     changes: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
         (r"^plant = \{[^}]*\}.*$", lambda line: plant),
         (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
         (r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)#", lambda line: f"{line[1]}# CHANGE THIS:"),
-        (r"^(loads|adaptive|friction_v|presliding_v|hum_hz|hum_v_peak|noise_v_rms) = ", lambda line: f"# {line[1]} = "),
+        (r"^rate_hz = [\d.]+", lambda line: line[0] + recorded),
+        (r"^loads = ", lambda line: f"# {line[0]}"),
+        (r"^(adaptive|hum_hz|hum_v_peak|noise_v_rms) = .*", lambda line: _left_out(line[1], keys[line[1]])),
+        (r"^(?:# )?(friction_v|presliding_v) = .*", lambda line: _left_out(line[1], keys[line[1]], "the model's")),
     )
     for pattern, change in changes:
         text = re.sub(pattern, change, text, flags=re.MULTILINE)
