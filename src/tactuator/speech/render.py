@@ -221,7 +221,7 @@ class Rendered:
         return {
             "speech": str(self.speech.path),
             **picked(self.speech, "encoding", "duration_s"),
-            **picked(self, "rate_hz", "frames", "peak_db_sl", "sha256", threshold_units_per_full_scale="gain"),
+            **picked(self, "rate_hz", "frames", "peak_db_sl", "sha256", threshold_units_per_speech_full_scale="gain"),
             "notes": list(self.speech.notes),
             "channels": list(self.channels),
             "limiter": limiter,
