@@ -33,9 +33,8 @@ _MOST_REMARKS = 100_000
 _OF_NUMBERS = b"0123456789.eE+- "
 
 
-def _windows(error: UnicodeError) -> tuple[str, int]:
+def _windows(error: Any) -> tuple[str, int]:
     """Return what no UTF-8 is as Windows writes it, and where to go on."""
-    assert isinstance(error, UnicodeDecodeError)
     return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
 
 
@@ -283,9 +282,7 @@ def _read_text(path: Path) -> Columns:
     remarks: tuple[str, ...] = ()
     if last is not None:
         table = table[:-1]
-        remarks = (
-            f"the file ends within its last number ({last}, with fewer digits than all before): its row is left out",
-        )
+        remarks = (f"the file ends within its last number ({last}, of too few digits): its row is left out",)
     return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut, remarks=remarks)
 
 

@@ -304,10 +304,7 @@ def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
 
 
 def _seconds(name: str, values: FloatArray) -> FloatArray:
-    for ending, factor in (("_ms", 1e-3), ("_us", 1e-6), ("_ns", 1e-9)):
-        if name.lower().endswith(ending):
-            return values * factor
-    return values
+    return values * {"_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}.get(name.lower()[-3:], 1.0)
 
 
 def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> str | None:
