@@ -124,8 +124,7 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, capsys):
 
 
 @pytest.mark.parametrize(
-    ("number", "status", "said"),
-    [(signal.SIGINT, 130, "tactuator: interrupted\n"), (signal.SIGTERM, 143, "")],
+    ("number", "status", "said"), [(signal.SIGINT, 130, "tactuator: interrupted\n"), (signal.SIGTERM, 143, "")]
 )
 def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, tmp_path):
     left = tmp_path / "half-written"
@@ -205,10 +204,7 @@ sys.exit(program.main())
 
 @pytest.mark.parametrize(
     ("script", "status", "said"),
-    [
-        (SWALLOWED, 130, "tactuator: interrupted\n"),
-        (ENDED, 0, ""),
-    ],
+    [(SWALLOWED, 130, "tactuator: interrupted\n"), (ENDED, 0, "")],
     ids=["in a callback", "ended"],
 )
 def test_program__ctrl_c_where_no_verb_can_take_it__leaves_no_traceback(script, status, said):

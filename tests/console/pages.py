@@ -27,10 +27,7 @@ def address_of(client: Any) -> str:
 @contextmanager
 def console_with(state: ConsoleState, rig: str, display: Any, seed: int = 0) -> Iterator[Any]:
     """Yield a client of a console that holds a rig in a process of its own."""
-    with (
-        closing(RigProcess(rig, display, seed)) as host,
-        served(build_console(state, TOKEN, rig=host)) as client,
-    ):
+    with closing(RigProcess(rig, display, seed)) as host, served(build_console(state, TOKEN, rig=host)) as client:
         client.host, client.state, client.folder = host, state, state.folder
         yield client
 

@@ -61,12 +61,7 @@ def test_sweep__goes_up_and_down_between_its_frequencies(generator):
 
 @pytest.mark.parametrize(
     "after",
-    [
-        None,
-        Wave("tone", 10.0, ("index",), 50.0),
-        Wave("tone", 40.0, ("thumb",), 50.0),
-        Wave("noise", 30.0, ("index",)),
-    ],
+    [None, Wave("tone", 10.0, ("index",), 50.0), Wave("tone", 40.0, ("thumb",), 50.0), Wave("noise", 30.0, ("index",))],
 )
 def test_change__of_anything__makes_no_step(generator, after):
     generator.ask(Wave("tone", 40.0, ("index",), 50.0))

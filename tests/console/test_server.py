@@ -73,10 +73,7 @@ def test_connection__with_another_token__is_closed(client):
 
 
 def test_connection__of_another_sites_page__is_closed(client):
-    with (
-        client.websocket_connect("/ws", origin="http://elsewhere.example") as socket,
-        pytest.raises(ConnectionClosed),
-    ):
+    with client.websocket_connect("/ws", origin="http://elsewhere.example") as socket, pytest.raises(ConnectionClosed):
         socket.receive_json()
 
 

@@ -126,10 +126,7 @@ def fixed_commands(made, reference, position):
     channel = made.channels[0]
     cascades = [
         [] if sos is None else [fixed_point.FixedSection(each) for each in q31_cascade(sos, made.rate_hz, full)]
-        for sos, full in (
-            (channel.prefilter_sos, REFERENCE_FULL_SCALE),
-            (channel.feedback_sos, VOLTS_FULL_SCALE),
-        )
+        for sos, full in ((channel.prefilter_sos, REFERENCE_FULL_SCALE), (channel.feedback_sos, VOLTS_FULL_SCALE))
     ]
     rows = [q31_row((gain,), bits=30) for gain in channel.anti_windup.gains]
     gains = tuple((mantissas[0], shift) for mantissas, shift in rows)

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.io.csv_tables import (
-    read_contours,
-    read_curve,
-    read_matrix,
-    resolve_curve,
-    write_contours,
-    write_curve,
-)
+from tactuator.io.csv_tables import read_contours, read_curve, read_matrix, resolve_curve, write_contours, write_curve
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact, ThresholdCurve
 

@@ -8,13 +8,7 @@ import pytest
 import soundfile
 
 from tactuator.errors import BadInput
-from tactuator.io.reference import (
-    LARGEST_WAV_BYTES,
-    ReferenceHead,
-    content_sha256,
-    open_reference,
-    write_reference,
-)
+from tactuator.io.reference import LARGEST_WAV_BYTES, ReferenceHead, content_sha256, open_reference, write_reference
 
 HEAD = ReferenceHead(
     4000.0, ("index", "thumb"), {"index": ("a-curve", "00"), "thumb": ("a-curve", "00")}, (0.4, 300.0),

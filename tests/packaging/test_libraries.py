@@ -42,10 +42,7 @@ frequencies_hz = [50]
 code = "S1"
 """
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not MAPS.exists(), reason="the kernel tells it in /proc: Linux"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not MAPS.exists(), reason="the kernel tells it in /proc: Linux")]
 
 
 def libraries(maps: str) -> set[Path]:

@@ -155,11 +155,7 @@ def test_loop__continuous_with_sampled__refused() -> None:
         FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0))
 
 
-@given(
-    damping=st.floats(0.02, 1.5),
-    corner=st.floats(2.0, 400.0),
-    gain=st.floats(0.1, 5.0),
-)
+@given(damping=st.floats(0.02, 1.5), corner=st.floats(2.0, 400.0), gain=st.floats(0.1, 5.0))
 def test_margins__random_second_order_loop__python_control_agrees(damping: float, corner: float, gain: float) -> None:
     num, den = [gain * corner**2], [1.0, 2.0 * damping * corner, corner**2]
     loop = FeedbackLoop(ContinuousSystem.from_polynomials(num, [*den, 0.0]), UNITY)

@@ -30,8 +30,7 @@ _LONG = [pytest.mark.slow]  # a model is made first, which takes its second
 
 
 @pytest.mark.parametrize(
-    "slip",
-    [pytest.param(each, id=each.name, marks=_LONG if each.written.plant != "inline" else []) for each in RIGHT],
+    "slip", [pytest.param(each, id=each.name, marks=_LONG if each.written.plant != "inline" else []) for each in RIGHT]
 )
 def test_verbs__right_files__raise_no_alarm(slip: Slip, tmp_path: Path) -> None:
     assert alarms(list(said_of(slip, tmp_path))) == []

@@ -14,17 +14,7 @@ from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
-from tests.web.study import (
-    ASKED,
-    Server,
-    Subject,
-    asked,
-    finish,
-    kills_and_finish,
-    started,
-    visible,
-    watch_errors,
-)
+from tests.web.study import ASKED, Server, Subject, asked, finish, kills_and_finish, started, visible, watch_errors
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
 PHONE, LAPTOP = {"width": 360, "height": 640}, {"width": 1280, "height": 720}

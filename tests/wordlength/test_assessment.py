@@ -12,14 +12,7 @@ from tactuator.model.controller import Controller, Limits
 from tactuator.runtime.coefficients import VOLTS_FULL_SCALE
 from tactuator.runtime.image import build_image
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.wordlength.assessment import (
-    FormatReport,
-    assess,
-    holds,
-    recommended,
-    require_safe,
-    response_error_db,
-)
+from tactuator.wordlength.assessment import FormatReport, assess, holds, recommended, require_safe, response_error_db
 from tactuator.wordlength.bits import at_rate
 from tactuator.wordlength.formats import FORMATS, FULL_SCALE_V
 from tests.runtime.paper_display import changed, channel, controller, display, louder

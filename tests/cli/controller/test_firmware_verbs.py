@@ -47,8 +47,7 @@ def test_bench__at_80_columns__names_of_boards_are_whole(made, monkeypatch, caps
     share = {"168 MHz": 0.02}
     counted = [PeriodCost(name, "float32", 1, 1234, 1234, cases, share, share) for name in BOARDS]
     monkeypatch.setattr(
-        "tactuator.rig.period_cost.count_instructions",
-        lambda board, *given: counted[list(BOARDS).index(board)],
+        "tactuator.rig.period_cost.count_instructions", lambda board, *given: counted[list(BOARDS).index(board)]
     )
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["firmware", "bench", "--controller", made]) == 0
@@ -118,11 +117,7 @@ EVERY_VERB = (["verify"], ["bench"], ["program", "--out", "FOLDER/f.elf"])
 
 @pytest.mark.parametrize("verb", EVERY_VERB, ids=lambda verb: verb[0])
 def test_firmware__no_compiler__says_what_to_install(
-    verb: list[str],
-    made: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    verb: list[str], made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cache = tmp_path / "cache"
     cache.mkdir()

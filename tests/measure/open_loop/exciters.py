@@ -102,10 +102,7 @@ class ExciterCard:
 
 
 def exciter_rig(
-    exciters: Sequence[Exciter],
-    names: Sequence[str] = ("exciter",),
-    seed: int = 0,
-    curve: ThresholdCurve | None = None,
+    exciters: Sequence[Exciter], names: Sequence[str] = ("exciter",), seed: int = 0, curve: ThresholdCurve | None = None
 ) -> SoundRig:
     display = exciter_display(exciters[0], names)
     if curve is not None:

@@ -71,11 +71,7 @@ def known_rig(monkeypatch, channel, display):
     monkeypatch.setattr(chain, "_known", lambda *given: known)
     monkeypatch.setattr(chain, "_put_back", lambda rig, known: known)
     return SimpleNamespace(
-        display=display,
-        channels=("index",),
-        without_sensor=(),
-        feed_far_ahead=lambda: None,
-        load=lambda made: None,
+        display=display, channels=("index",), without_sensor=(), feed_far_ahead=lambda: None, load=lambda made: None
     ), known
 
 
