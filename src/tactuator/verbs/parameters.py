@@ -72,7 +72,9 @@ RigOption = Annotated["Rig | str", Option(RIG_HELP, type=str, shell="simulated")
 Lsl = Annotated[bool, Option("Tell onsets, levels and answers by Lab Streaming Layer.")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]
 Load = Annotated[str, Option("Load of the display file, or none.")]
-MainsHz = Annotated[float | None, Option("Mains frequency; 0 for none (default: by the display's `hum_hz`).")]
+MainsHz = Annotated[
+    float | None, Option("Mains frequency; 0: none (default: by the display's hum_hz, else 60; cards 50).")
+]
 Curve = Annotated["Any", Option("Threshold curve: a name, or a CSV.", type=str | None)]
 Host = Annotated[str, Option("Address to listen at; another than loopback lets others in.")]
 AllowedHosts = Annotated[
