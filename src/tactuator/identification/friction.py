@@ -233,8 +233,8 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
             if (k, held, place) not in tried:
                 explain(k, place, (held,))
         best = max(near, key=gain)
-    k, held, presliding = best
-    _, coulomb, power = tried[best]
+    (k, held, presliding), (_, coulomb, power) = best, tried[best]
+    coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in signals) else 0.0  # it ran away
     return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
 
 
