@@ -129,16 +129,6 @@ def test_csv__uneven_stamps__are_believed_where_the_position_follows_them(
     assert np.allclose(read.position, y, atol=1e-9) != is_read_when_stamped
 
 
-def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
-    uneven = TIME + 0.2 / RATE_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, 2000)
-    smooth = np.sin(2.0 * np.pi * 5.0 * uneven)
-    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", uneven, U, smooth, digits="%.12g"))
-    assert any("resampled" in remark for remark in read.remarks)
-    offset = uneven[0]
-    expected = np.sin(2.0 * np.pi * 5.0 * (offset + np.arange(read.position.size) / read.rate_hz))
-    assert np.max(np.abs(read.position - expected)[5:-5]) < 2e-3
-
-
 def test_csv__longer_than_memory_allows__is_read_in_part_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
