@@ -79,7 +79,7 @@ def friction_shows(residuals: Sequence[Residual]) -> bool:
         for residual in residuals:
             state = dahl_state(residual.simulated, float(presliding))
             lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = residual.response * residual.taken.ahead * lines[1:] * residual.weight[1:]
+            pull = residual.response * lines[1:] * residual.weight[1:]
             size += float(np.sum(np.abs(pull) ** 2))
             along += float(np.sum((np.conj(pull) * residual.lines[1:] * residual.weight[1:]).real))
         if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN:
@@ -263,7 +263,7 @@ class _FrictionLines:
         # values that are known stay as they are
         self._free = freedom(fit.theta, fit.form, fit.rungs)
         for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
-            weighted = residual.response * taken.ahead * residual.weight[1:]
+            weighted = residual.response * residual.weight[1:]
             self._weighted.append(-weighted)
             slopes = log_slopes(fit, taken.frequency_hz[1:]) @ self._free
             columns_of.append(slopes * (weighted * taken.command[1:])[:, None])

@@ -56,11 +56,10 @@ def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> 
 def _shapes(residual: Residual) -> Iterator[ComplexArray]:
     """Yield the lines but zero of the position that each shape moves, nothing linear in them."""
     taken = residual.taken
-    passed = residual.response * taken.ahead
     command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
     size = float(np.std(command))
     for shape in (command**3, *(np.clip(command, -part * size, part * size) for part in _CLIPPED)):
-        yield passed * _lines(_beyond(shape, command))
+        yield residual.response * _lines(_beyond(shape, command))
     motion = residual.simulated
     turned = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples)
     for distance in _PLAY:

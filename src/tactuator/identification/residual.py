@@ -35,7 +35,7 @@ from tactuator.identification.uncertainty import log_slopes, response_on
 @dataclass(frozen=True, eq=False)
 class Residual:
     """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
-    deviation; response: the fit's, hold included, on the lines but zero; taken: the record's lines.
+    deviation; response: the fit's on the lines but zero, hold included, position shifted; taken: the record's lines.
     """
 
     lines: ComplexArray
@@ -109,8 +109,8 @@ def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     grid = taken.grid.like(fit.grid.scale_rad_s, fit.grid.hold)
-    response = response_on(fit, grid)
-    moved = response * taken.ahead * taken.command[1:]
+    response = response_on(fit, grid) * taken.ahead
+    moved = response * taken.command[1:]
     there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
     columns = given.transient_of(beside_columns(there, fit.theta, fit.form))
     held = response_on(fit, there)
@@ -138,7 +138,7 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
     swing = power = 0.0
     for residual in residuals:
         taken = residual.taken
-        lines = np.concatenate([[0.0], residual.response * taken.ahead * taken.command[1:]])
+        lines = np.concatenate([[0.0], residual.response * taken.command[1:]])
         slope = np.fft.irfft(2j * np.pi * taken.frequency_hz * lines, taken.samples)
         place = np.arange(taken.samples) / taken.samples - 0.5
         # a gain that swings once along the record, in place of one that rises: the record's ends are given up
