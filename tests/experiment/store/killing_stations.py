@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +31,7 @@ FORKS = multiprocessing.get_context("forkserver")
 _EVERY_S = 0.05
 """Time between answers, and between exchanges, for each station that there is."""
 _AT_WORK_S = 300.0
-"""At most, until every station has answered once: nobody is killed before."""
+"""At most, until every station has answered once, and then somebody between kills: nobody is killed before."""
 _SERVER_SHARE = 0.1
 """Share of the kills that strike the server."""
 preloaded: Any = None
@@ -87,8 +88,11 @@ class Stations:
         self.text = protocol_text(self.count)
         for number in range(self.count):
             self._start(number)
+        self._wait(lambda: all(self._told(number) for number in range(self.count)))
+
+    def _wait(self, reached: Callable[[], bool]) -> None:
         end = time.monotonic() + _AT_WORK_S
-        while time.monotonic() < end and not all(self._told(number) for number in range(self.count)):
+        while time.monotonic() < end and not reached():
             time.sleep(0.1)
 
     def _start(self, number: int) -> None:
@@ -97,10 +101,11 @@ class Stations:
         self._processes[number].start()
 
     def kill(self) -> None:
-        """Kill a station, or the server, at a random instant, and start it again at another."""
+        """Kill a station, or the server, at a random instant after another answer, and start it again at another."""
         rng = random.Random(f"{self.seed}/{self.kills}")
-        time.sleep(rng.uniform(0.0, 0.4))
         self.kills += 1
+        self._wait(lambda: self._acknowledged() >= self.count + self.kills)
+        time.sleep(rng.uniform(0.0, 0.4))
         if rng.random() < _SERVER_SHARE:
             self.server_kills += 1
             self.server.kill()
@@ -141,6 +146,9 @@ class Stations:
             "unlike the station's": sum(((own - stored) + (stored - own)).values()),
             "altered": len(verify(self.shared).altered),
         }
+
+    def _acknowledged(self) -> int:
+        return sum(self._told(number).count("\n") for number in range(self.count))
 
     def _told(self, number: int) -> str:
         path = self.folder / f"acknowledged{number}"
