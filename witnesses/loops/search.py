@@ -3,8 +3,9 @@
 Four plants that people own and others that are drawn, 8 kHz, default limits. Plants are sampled by SciPy, loops are
 evaluated here on a grid of 6000 frequencies, stability at the gain and at 60 lower ones by eigenvalues. The search is
 Nelder-Mead from the delivered loop's roots, shaken, over all of them and the gain; no limit on order of roots is the
-product's. It shares nothing with the synthesis but where it starts. Status 1 where a delivered loop breaks a limit, or
-lies more than 1 dB above the best known.
+product's. It shares nothing with the synthesis but where it starts. Half of the resonance objective stays in reserve
+(decision 0345), for both or for none. Status 1 where a delivered loop breaks a limit, or lies more than 1 dB above the
+best known.
 
     python -m witnesses.loops.search --drawn 30 --rounds 40
 """
@@ -30,8 +31,10 @@ from tactuator.synthesis.loop_synthesis import synthesise
 from tactuator.synthesis.screening import Task
 
 RATE_HZ, DELAY = 8000.0, 1
-SENSITIVITY, MARGIN_DEG, NOISE, RESONANCE = 1.45, 50.0, 30.0, 1.3
+SENSITIVITY, MARGIN_DEG, NOISE, RESONANCE, RESERVED = 1.45, 50.0, 30.0, 1.3, 1.15
 BAND_HZ = (0.4, 10.0)
+_GRIDS = 2e-3
+"""A limit is kept up to what two grids of frequencies differ by, as a share."""
 Array = Any
 
 
@@ -97,6 +100,7 @@ class Judge:
         stacked = np.linalg.solve(z[:, None, None] * eye - self.a, np.broadcast_to(self.b, (z.size, *self.b.shape)))
         self.response = ((self.c @ stacked)[:, 0, 0] + self.d[0, 0]) / z**DELAY
         self.band = (self.hz >= BAND_HZ[0]) & (self.hz <= BAND_HZ[1])
+        self.resonance = RESERVED
 
     def figures(self, zeros: Array, poles: Array, gain: float) -> tuple[float, float]:
         """Return the mean |S|, dB, and the worst excess over the limits, as a share (0: all kept)."""
@@ -108,7 +112,7 @@ class Judge:
         levels = 20.0 * np.log10(np.abs(away[self.band]))
         mean = float(np.trapezoid(levels, logs) / (logs[-1] - logs[0]))
         noise = np.sqrt(np.trapezoid(np.abs(control * away) ** 2, self.hz) / (0.5 * RATE_HZ))
-        ratios = [np.max(np.abs(away)) / SENSITIVITY, np.max(np.abs(loop * away)) / RESONANCE, noise / NOISE]
+        ratios = [np.max(np.abs(away)) / SENSITIVITY, np.max(np.abs(loop * away)) / self.resonance, noise / NOISE]
         crossing = np.flatnonzero((np.abs(loop[1:]) > 1.0) != (np.abs(loop[:-1]) > 1.0))
         lag = np.abs(np.degrees(np.angle(-loop)))
         margins = np.maximum(lag[crossing], lag[crossing + 1])
@@ -209,20 +213,21 @@ def main() -> int:
     parser.add_argument("--drawn", type=int, default=30)
     parser.add_argument("--rounds", type=int, default=20)
     asked = parser.parse_args()
-    print(f"{'plant':28} delivered  best known     bound  seconds  limits")
+    print(f"{'plant':28} delivered  best known     bound  seconds  max|T|  limits")
     failed = 0
     for plant in [*named(), *drawn(asked.drawn)]:
         judge = Judge(plant)
         zeros, poles, gain, seconds, bound = delivered(plant)
         mean, excess = judge.figures(zeros, poles, gain)
-        kept = excess < 2e-3 and judge.is_stable(zeros, poles, gain)
+        if excess >= _GRIDS:
+            judge.resonance = RESONANCE
+            mean, excess = judge.figures(zeros, poles, gain)
+        kept = excess < _GRIDS and judge.is_stable(zeros, poles, gain)
         best = min(mean, best_known_db(judge, zeros, poles, gain, asked.rounds)) if asked.rounds else mean
         failed += (not kept) or mean > best + 1.0
         told = "     none" if bound is None else f"{bound:9.1f}"
-        print(
-            f"{plant.name:28} {mean:9.1f} {best:11.1f} {told} {seconds:8.2f}  {'kept' if kept else 'BROKEN'}",
-            flush=True,
-        )
+        limits = f"{judge.resonance:6.2f}  {'kept' if kept else 'BROKEN'}"
+        print(f"{plant.name:28} {mean:9.1f} {best:11.1f} {told} {seconds:8.2f}  {limits}", flush=True)
     return int(failed > 0)
 
 

@@ -202,15 +202,20 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     """Return the solution with what its grids overlooked taken into account: a full assessment finds every limit kept.
 
     After every round the frequencies at which |S| and |T| are greatest join the grid, and the problem is tightened so
-    that each excess is that of the assessment, and a reserve more.
+    that each excess is that of the assessment, and a reserve more. A solution that keeps every limit at once goes
+    through one round all the same, for what its grids exaggerated.
     """
     stays = np.array([not limit.gives_way for limit in problem.limits])
+    settled: Candidate | None = None
     for reserve_db in _RESERVES_DB:
         assessments = judged(problem.task, problem.structure.system(solution.parameters))
         if not assessments:
-            return None
+            break
         if all_kept(assessments, problem.loop_limits):
-            return _candidate(assessments)
+            candidate = _candidate(assessments)
+            if settled is not None or reserve_db > _RESERVES_DB[0]:
+                return candidate if settled is None or candidate[0] < settled[0] - _AGAIN_DB else settled
+            settled = candidate
         peaks = [peak.frequency_hz for of in assessments for peak in (of.margins.sensitivity, of.margins.complementary)]
         before, problem = problem.tighten, LoopProblem(problem.task, problem.share, [*problem.peaks_hz, *peaks])
         seen = problem.at(solution.parameters).excess[: problem.tighten.size]
@@ -218,10 +223,10 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
         true = [limit.excess_db(by_load[limit.load or ""].figure(limit)) for limit in problem.limits]
         problem.tighten = np.where(stays, before + (np.array(true) > 0.0), np.array(true) - seen + reserve_db)
         again = solve(problem, solution.parameters)
-        if again is None or again.excess_db > _FEASIBLE_DB:
-            return None
+        if again is None or again.excess_db > _NEARLY_DB:
+            break
         solution = again
-    return None
+    return settled
 
 
 _WAYS_MAX = 2

@@ -345,35 +345,29 @@ _LIGHT, _HEAVY = (1.0, 0.25, 2.0), (2.0, 0.5, 4.0)
 _STARTS = ((0.02, _LIGHT), (0.035, _HEAVY), (0.02, _HEAVY), (0.008, _LIGHT), (0.008, _HEAVY), (0.035, _LIGHT))
 """Starts, the most fruitful first: crossover as a share of the rate, and a lag: a frequency (hertz) and a share of the
 crossover, between which its poles lie, and their damping."""
+_SLOW_START = (0.008, _LIGHT)
 _LOWER, _TIMES_LOWER = 0.5, 14
 
 
 def starts(problem: LoopProblem) -> list[FloatArray]:
     """Return starts that invert the plant's two slowest poles and its next mode and fall twice as steeply far below the
-    crossover, for several crossovers; the gain as far below that as the loop is stable."""
+    crossover, for several crossovers; the gain as far below that as the loop is stable. A plant that integrates and has
+    no mode gets one more, the first: its single pole is as slow as allowed, with zeros around the crossover."""
     task, structure = problem.task, problem.structure
     nominal, rate_hz = task.family[0], task.rate_hz
     slow, damping = slow_pair(nominal.continuous)
     others = [mode for mode in modes(nominal.continuous) if abs(mode[0] / slow - 1.0) > 0.2]
+    integrates = not others and bool(np.any(nominal.continuous.poles == 0.0))
     beginnings = []
-    for share, (lag_hz, lag_share, lag_damping) in _STARTS:
+    for index, (share, (lag_hz, lag_share, lag_damping)) in enumerate([*[_SLOW_START] * integrates, *_STARTS]):
         omega = 2.0 * np.pi * share
         lag = np.sqrt(2.0 * np.pi * lag_hz / rate_hz * lag_share * omega)
         notch, depth = (others[0][0] / rate_hz, max(others[0][1], 1e-3)) if others else (2.5, 1.0)
-        values = [
-            1.0,
-            slow / rate_hz,
-            damping,
-            2.5,
-            0.25 * omega,
-            0.8,
-            lag,
-            lag_damping,
-            notch,
-            depth,
-            3.0 * omega,
-            0.9,
-        ]
+        pole, far = 2.5, 3.0 * omega
+        if integrates and index == 0:
+            pole, notch, depth, far = 2.0 * np.pi * _SLOWEST_POLE_HZ / rate_hz, 1.7 * omega, 4.0, 1.25 * omega
+        second = [0.25 * omega, 0.8, lag, lag_damping, notch, depth, far, 0.9]
+        values = [1.0, slow / rate_hz, damping, pole, *second]
         parameters = np.clip(np.log(values), *bounds(task))
         unit = structure.system(parameters).response(share * rate_hz) * nominal.sampled.response(share * rate_hz)
         parameters[0] -= np.log(np.abs(unit))
