@@ -175,14 +175,14 @@ def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate
 
 
 def _solutions(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> list[Solution]:
-    """Return the local solutions from `beginnings`: of three, if one keeps the limits; of two, if they agree."""
+    """Return the local solutions from `beginnings`: of three, if two keep the limits; of two that do and agree."""
     solutions: list[Solution] = []
     for start in beginnings:
         solution = solve(problem, start)
         if solution is not None:
             solutions = sorted([*solutions, solution], key=lambda known: known.merit_db)
-        agree = len(solutions) > 1 and solutions[1].merit_db < solutions[0].merit_db + _AGAIN_DB
-        if solutions and solutions[0].excess_db <= _NEARLY_DB and (agree or len(solutions) >= _ENOUGH):
+        kept = [known for known in solutions if known.excess_db <= _NEARLY_DB]
+        if len(kept) > 1 and (len(solutions) >= _ENOUGH or kept[1].merit_db < kept[0].merit_db + _AGAIN_DB):
             break
     return solutions
 
