@@ -29,7 +29,7 @@ def page(browser):
 @pytest.fixture
 def display(tmp_path):
     path = tmp_path / "display.toml"
-    path.write_text(ONE)
+    path.write_text(ONE.replace("[feedback]", "[environment]\nhum_hz = [50.0]\nhum_v_peak = [1e-3]\n[feedback]"))
     return path
 
 
@@ -144,6 +144,7 @@ def measure(page, tmp_path):
     page.locator("#to-response").click()
     page.wait_for_selector("#measure:not([disabled])")
     measured(page, "40,100,250")
+    assert page.locator("#mains").input_value() == "50"
     page.wait_for_selector("#measured:has-text('3 points: measured')")
     page.evaluate(AXE)
     assert faults(page, {}) == []

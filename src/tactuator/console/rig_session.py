@@ -180,6 +180,7 @@ class RigSession:
             "controller": self._named,
             "signals": SIGNALS,
             "most_db_sl": MOST_DB_SL,
+            "mains_hz": display.mains_hz(None, MeasurementOptions.mains_hz),
             "frequency_hz": self.rig.levels.frequency_hz.tolist(),
         }
 
@@ -264,8 +265,7 @@ class RigSession:
         """Return the samples of a channel as the text of a record, which `identify` reads."""
         column = self.channels.index(self._display.channel(request.channel).name)
         rate_hz = self._display.rate_hz
-        start = max(0, request.end - round(request.span_s * rate_hz))
-        rows = self.rig.samples.rows(start, request.end)
+        rows = self.rig.samples.rows(max(0, request.end - round(request.span_s * rate_hz)), request.end)
         if not len(rows):
             raise BadInput("those samples are not kept any more", f"the last {KEPT_S:g} s")
         held = rows[:, [len(self.channels) * k + column for k in range(len(SIGNALS))]].astype(np.float64)

@@ -19,12 +19,12 @@ export default class Response {
   close() { this.rig?.close(); }
 
   build() {
-    const { display, channels } = this.rig.standing;
+    const { display, channels, mains_hz } = this.rig.standing;
     this.channels = channels;
     this.loader = new Loader(this.rig, this.link, this.state, make("h1", {}, `Response of ${display}`));
     const number = (id, value, text, more = {}) => make("label", {}, `${text} `, lasting(make("input", { type: "number", step: "any", id, value, ...more })));
     const loads = ["none", ...new Set(channels.flatMap((one) => one.loads))];
-    this.inputs = { level: number("level", "30", "level", { min: "-60", max: "55", onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB", { min: "0.001" }), longest: number("longest", "30", "s a point at most", { min: "0.1" }), mains: number("mains", "60", "mains, Hz", { min: "1" }) };
+    this.inputs = { level: number("level", "30", "level", { min: "-60", max: "55", onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB", { min: "0.001" }), longest: number("longest", "30", "s a point at most", { min: "0.1" }), mains: number("mains", String(mains_hz), "mains, Hz", { min: "1" }) };
     this.load = lasting(make("select", { id: "measured-load" }, ...loads.map((one) => make("option", { value: one }, one === "none" ? "free" : one))));
     this.hz = lasting(make("input", { id: "frequencies", placeholder: "30 over the band", size: "18" }));
     this.on = channels.map((one) => lasting(make("input", { type: "checkbox", id: `measure-${one.name}`, checked: "" })));
