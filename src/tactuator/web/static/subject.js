@@ -14,7 +14,7 @@ const link = new Link(
   () => banner(""),
   (code) => {
     if (page.over || code === 4001) return false;
-    if (code === 4004) { page.over = true; say(word("no_session")); return false; }
+    if (code === 4004) { page.over = true; if (!["done", "ended"].includes(page.stage)) say(word("no_session")); return false; }
     stand(null);
     page.asked = false;
     banner(word("lost"));
