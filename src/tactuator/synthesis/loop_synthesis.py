@@ -18,6 +18,7 @@ from dataclasses import replace
 from functools import partial
 from heapq import merge
 from itertools import chain, islice
+from operator import itemgetter
 
 import numpy as np
 
@@ -132,10 +133,7 @@ def _candidate(assessments: Sequence[MemberAssessment]) -> Candidate:
     return max(assessment.mean_rejection_db for assessment in assessments), feedback
 
 
-def _mean_db(candidate: Candidate) -> float:
-    return candidate[0]
-
-
+_mean_db = itemgetter(0)
 Beginnings = Callable[[LoopProblem], Sequence[FloatArray]]
 
 
@@ -155,11 +153,14 @@ def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RES
 
 
 def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, the best first.
-
-    An optimum is settled only once it may be the next: settling makes its mean worse, if anything.
+    """Yield local optima that keep every requirement, the best first; where one beginning alone leads to any, what the
+    first candidates lead to as well. An optimum is settled only once it may be the next.
     """
     solutions = _solutions(problem, beginnings(problem))
+    if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
+        task = problem.task
+        held = _witnesses(task, islice(shapes(task.family[0].continuous, task.rate_hz), 1))
+        solutions += _solutions(problem, _held(held, problem))
     means: list[float] = []
     ready: list[Candidate] = []
     for solution in sorted(solutions, key=lambda solution: solution.mean_db):
