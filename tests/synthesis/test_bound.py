@@ -35,6 +35,7 @@ def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best
     assert excess < 2e-3
     assert judge.is_stable(zeros, poles, gain)
     assert mean <= MOST_DB[name][0]
+    assert bound is not None
     assert MOST_DB[name][1] < bound < mean
     assert judge.figures(zeros, poles, 2.0 * gain)[1] > 0.02
 

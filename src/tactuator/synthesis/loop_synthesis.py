@@ -50,7 +50,7 @@ def synthesise(task: Task) -> Iterator[Candidate]:
     Each keeps every requirement in a full assessment. The first ones are local optima, all different; what the fixed
     set of candidates holds comes behind them. Nothing is yielded where nothing is found.
     """
-    blocks = partial(shapes, task.family[0].continuous, task.rate_hz)
+    blocks = partial(_blocks, task)
     held: list[tuple[FloatArray, Candidate]] = []
     optima = _improved(task, starts)
     best = next(optima, None)
@@ -81,16 +81,19 @@ def is_possible(task: Task) -> bool:
     """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
     if any(_settled(LoopProblem(task), starts)):
         return True
-    return bool(_witnesses(task, [next(shapes(task.family[0].continuous, task.rate_hz))]))
+    return bool(_witnesses(task, islice(_blocks(task), 1)))
 
 
 def nearest(task: Task) -> list[FloatArray]:
     """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
-    blocks = islice(shapes(task.family[0].continuous, task.rate_hz), 2)
-    parts = [task.screen.nearest(block, _NEAREST) for block in blocks]
+    parts = [task.screen.nearest(block, _NEAREST) for block in islice(_blocks(task), 2)]
     parameters, miss = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(miss, kind="stable")
     return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
+
+
+def _blocks(task: Task) -> Iterator[FloatArray]:
+    return shapes(task.family[0].continuous, task.rate_hz)
 
 
 def _witnesses(task: Task, blocks: Iterable[FloatArray]) -> list[tuple[FloatArray, Candidate]]:
@@ -153,13 +156,12 @@ def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RES
 
 
 def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, the best first; where one beginning alone leads to any, what the
-    first candidates lead to as well. An optimum is settled only once it may be the next.
+    """Yield local optima that keep every requirement, the best first, to the tenths of a dB that settling may change;
+    where one beginning alone leads to any, what the first candidates lead to as well.
     """
     solutions = _solutions(problem, beginnings(problem))
     if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
-        task = problem.task
-        held = _witnesses(task, islice(shapes(task.family[0].continuous, task.rate_hz), 1))
+        held = _witnesses(problem.task, islice(_blocks(problem.task), 1))
         solutions += _solutions(problem, _held(held, problem))
     means: list[float] = []
     ready: list[Candidate] = []

@@ -345,7 +345,6 @@ _LIGHT, _HEAVY = (1.0, 0.25, 2.0), (2.0, 0.5, 4.0)
 _STARTS = ((0.02, _LIGHT), (0.035, _HEAVY), (0.02, _HEAVY), (0.008, _LIGHT), (0.008, _HEAVY), (0.035, _LIGHT))
 """Starts, the most fruitful first: crossover as a share of the rate, and a lag: a frequency (hertz) and a share of the
 crossover, between which its poles lie, and their damping."""
-_SLOW_START = (0.008, _LIGHT)
 _LOWER, _TIMES_LOWER = 0.5, 14
 
 
@@ -359,7 +358,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     others = [mode for mode in modes(nominal.continuous) if abs(mode[0] / slow - 1.0) > 0.2]
     integrates = not others and bool(np.any(nominal.continuous.poles == 0.0))
     beginnings = []
-    for index, (share, (lag_hz, lag_share, lag_damping)) in enumerate([*[_SLOW_START] * integrates, *_STARTS]):
+    for index, (share, (lag_hz, lag_share, lag_damping)) in enumerate(_STARTS[3:4] * integrates + _STARTS):
         omega = 2.0 * np.pi * share
         lag = np.sqrt(2.0 * np.pi * lag_hz / rate_hz * lag_share * omega)
         notch, depth = (others[0][0] / rate_hz, max(others[0][1], 1e-3)) if others else (2.5, 1.0)

@@ -104,7 +104,8 @@ class Stations:
         """Kill a station, or the server, at a random instant after another answer, and start it again at another."""
         rng = random.Random(f"{self.seed}/{self.kills}")
         self.kills += 1
-        self._wait(lambda: self._acknowledged() >= self.count + self.kills)
+        told = self.count + self.kills
+        self._wait(lambda: sum(self._told(number).count("\n") for number in range(self.count)) >= told)
         time.sleep(rng.uniform(0.0, 0.4))
         if rng.random() < _SERVER_SHARE:
             self.server_kills += 1
@@ -146,9 +147,6 @@ class Stations:
             "unlike the station's": sum(((own - stored) + (stored - own)).values()),
             "altered": len(verify(self.shared).altered),
         }
-
-    def _acknowledged(self) -> int:
-        return sum(self._told(number).count("\n") for number in range(self.count))
 
     def _told(self, number: int) -> str:
         path = self.folder / f"acknowledged{number}"

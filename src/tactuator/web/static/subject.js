@@ -6,6 +6,7 @@ const page = {
   about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
   shownAt: 0, litAt: [], noise: null, choices: null, held: false, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
+const finished = () => page.stage === "done" || page.stage === "ended";
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
 const link = new Link(
@@ -14,7 +15,7 @@ const link = new Link(
   () => banner(""),
   (code) => {
     if (page.over || code === 4001) return false;
-    if (code === 4004) { page.over = true; if (!["done", "ended"].includes(page.stage)) say(word("no_session")); return false; }
+    if (code === 4004) { page.over = true; if (!finished()) say(word("no_session")); return false; }
     stand(null);
     page.asked = false;
     banner(word("lost"));
@@ -160,7 +161,7 @@ function asked(buttons) {
 function show() {
   if (page.over || page.about === null) return;
   hideAll();
-  if (page.stage === "done" || page.stage === "ended") {
+  if (finished()) {
     say(word(page.stage === "done" ? "done" : page.ended === "declined" ? "declined" : "withdrawn"));
     el("left").textContent = "";
     page.noise.stop();
@@ -219,7 +220,7 @@ function go() {
 // Nothing is to play, whatever the page shows: what was asked for may be on its way.
 function pause() {
   const rests = ["paused", "stopped"].includes(page.stage) && !page.asked;
-  if (page.over || rests || ["done", "ended"].includes(page.stage)) return;
+  if (page.over || rests || finished()) return;
   page.unsaved = null;
   stand(null);
   link.send({ type: "pause" });
