@@ -21,8 +21,9 @@ from tactuator.errors import BadInput
 ALIASES_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
 _TAPS_BY_HAND, _OUTPUTS_BY_HAND = 4000, 500_000
-"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its
-import."""
+"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its import:
+outputs are those of all the files of this process, so that a corpus of short files comes to it as well."""
+_given_by_hand = [0]
 
 
 @lru_cache(maxsize=8)
@@ -77,7 +78,8 @@ def _outputs(
     """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
     `origin`.
     """
-    if len(kernel) > _TAPS_BY_HAND or stop > _OUTPUTS_BY_HAND:
+    _given_by_hand[0] += max(0, stop - start)
+    if len(kernel) > _TAPS_BY_HAND or max(stop, _given_by_hand[0]) > _OUTPUTS_BY_HAND:
         return np.asarray(scipy.signal.upfirdn(kernel, history, up, down)[start - origin : stop - origin])
     reach = -(-len(kernel) // up)
     taps = np.append(kernel, np.zeros(reach * up - len(kernel))).reshape(reach, up)
@@ -139,11 +141,12 @@ def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> 
     all.
     """
     half, size = _frame_of(kernels)
-    spectra = [_spectrum(kernel.tobytes(), half, size) for kernel in kernels]
+    taps = [kernel.tobytes() for kernel in kernels]
 
     def filtered(frame: FloatArray) -> FloatArray:
-        spectrum = scipy.fft.rfft(frame)
-        return np.stack([scipy.fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
+        count, spectrum = len(frame), scipy.fft.rfft(frame)
+        products = (spectrum * _spectrum(each, half, count) for each in taps)
+        return np.stack([scipy.fft.irfft(product, count)[2 * half :] for product in products], axis=1)
 
     return _overlapped(blocks, half, size, filtered, np.zeros(2 * half))
 
@@ -151,11 +154,11 @@ def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> 
 def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator[FloatArray]:
     """Filter blocks of shape (n, columns), every column through the same kernel; yield blocks as long in all."""
     half, size = _frame_of([kernel])
-    spectrum = _spectrum(kernel.tobytes(), half, size)
+    taps = kernel.tobytes()
 
     def filtered(frame: FloatArray) -> FloatArray:
-        columns = np.ascontiguousarray(frame.T)
-        return np.asarray(scipy.fft.irfft(scipy.fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
+        product = scipy.fft.rfft(np.ascontiguousarray(frame.T)) * _spectrum(taps, half, len(frame))
+        return np.asarray(scipy.fft.irfft(product, len(frame))[:, 2 * half :].T)
 
     stream = iter(blocks)
     first = next(stream, None)
@@ -187,12 +190,18 @@ def _overlapped(
     remaining = len(history) - half - waiting
     history = np.concatenate((history, np.zeros((size + half, *history.shape[1:]))))
     while remaining > 0:
-        frame = filtered(history[:size])[waiting:][:remaining]
+        frame = filtered(history[: _last_frame(2 * half + waiting + remaining, size)])[waiting:][:remaining]
         yield frame
         history, remaining, waiting = history[hop:], remaining - len(frame), 0
 
 
-@lru_cache(maxsize=8)
+def _last_frame(wanted: int, size: int) -> int:
+    """Return the length of a stream's last frame: as many eighths of a frame as hold what is wanted of it."""
+    eighth = -(-size // 8)
+    return min(size, int(scipy.fft.next_fast_len(-(-wanted // eighth) * eighth, real=True)))
+
+
+@lru_cache(maxsize=32)
 def _spectrum(kernel: bytes, half: int, size: int) -> ComplexArray:
     """Return the spectrum of a kernel, float64: it is kept for the next file."""
     taps = np.frombuffer(kernel)
