@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Any
 
@@ -26,7 +26,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
+from tactuator.signals.spectra import Band, SlidingWindow, raised_ends, third_octave_bands
 from tactuator.table import brief
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
@@ -36,6 +36,8 @@ EDGE = 0.1
 
 CHUNK_S, MARGIN_S = 12.0, 2.0
 ENVELOPE_RATE_HZ = 160.0
+ENVELOPE = round(ENVELOPE_RATE_HZ * (CHUNK_S + 2.0 * MARGIN_S))
+"""Samples of a chunk's envelope."""
 
 
 Spectrum = NDArray[np.complex64] | NDArray[np.complex128]
@@ -98,26 +100,45 @@ class BandAnalysis:
         """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectra`: its rfft,
         (..., bins). Four signals that go together take little longer than one.
         """
-        return BandFrames(
-            self._levels(spectra, self.long_bands, LONG_FRAME_S, seconds),
-            self._levels(spectra, self.short_bands, SHORT_FRAME_S, seconds),
-        )
-
-    def _levels(self, spectra: Spectrum, bands: tuple[Band, ...], frame_s: float, seconds: float) -> Levels:
-        count = int((seconds + 1e-9) / frame_s)
-        samples = round(ENVELOPE_RATE_HZ * (CHUNK_S + 2.0 * MARGIN_S))
-        first, per_frame = round(ENVELOPE_RATE_HZ * MARGIN_S), round(ENVELOPE_RATE_HZ * frame_s)
+        long_count, short_count = (int((seconds + 1e-9) / frame_s) for frame_s in (LONG_FRAME_S, SHORT_FRAME_S))
         signals = spectra.shape[:-1]
-        levels = np.empty((*signals, count, len(bands)), dtype=np.float32)
-        bins = np.zeros((*signals, samples), dtype=spectra.dtype)
-        for column, band in enumerate(bands):  # each band is wider than the last, and covers it
+        long_powers = np.empty((*signals, long_count, len(self.long_bands)), dtype=np.float32)
+        for column, (band, means) in enumerate(zip(self.long_bands, self._long_means, strict=True)):
             start, weights = self._bins[band]
-            bins[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
-            envelope = scipy.fft.ifft(bins)[..., first : first + count * per_frame]
-            power = (envelope.real**2 + envelope.imag**2).reshape(*signals, count, per_frame)
-            levels[..., column] = power.mean(axis=-1) * (2.0 * samples / self.chunk) ** 2
+            bins = (spectra[..., start : start + len(weights)] * weights).astype(np.complex128)
+            envelope = scipy.fft.ifft(bins, len(means)) * (2.0 * len(means) / self.chunk)
+            powers = (envelope.real**2 + envelope.imag**2) @ means[:, :long_count]
+            long_powers[..., column] = np.maximum(powers, 0.0)  # of silence beside sound, rounding is left
+        short_powers = np.empty((*signals, short_count, len(self.short_bands)), dtype=np.float32)
+        first, per_frame = (round(ENVELOPE_RATE_HZ * seconds) for seconds in (MARGIN_S, SHORT_FRAME_S))
+        padded = np.zeros((*signals, ENVELOPE), dtype=spectra.dtype)
+        for column, band in enumerate(self.short_bands):  # each band is wider than the last, and covers it
+            start, weights = self._bins[band]
+            padded[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
+            envelope = scipy.fft.ifft(padded)[..., first : first + short_count * per_frame]
+            power = (envelope.real**2 + envelope.imag**2).reshape(*signals, short_count, per_frame)
+            short_powers[..., column] = power.mean(axis=-1) * (2.0 * ENVELOPE / self.chunk) ** 2
         with np.errstate(divide="ignore"):
-            return np.asarray(10.0 * np.log10(levels), dtype=np.float32)
+            return BandFrames(10.0 * np.log10(long_powers), 10.0 * np.log10(short_powers))
+
+    @cached_property
+    def _long_means(self) -> tuple[NDArray[np.float64], ...]:
+        """Return, for each long band, what gives the mean squares of all its frames, (samples, frames).
+
+        The squared magnitude of an envelope of n bins has less than n lines: 2 n samples of a chunk hold it whole, and
+        its mean over a frame's samples at the envelope's rate is a weighted sum of them.
+        """
+        count, first, per_frame = (
+            round(x) for x in (CHUNK_S / LONG_FRAME_S, ENVELOPE_RATE_HZ * MARGIN_S, ENVELOPE_RATE_HZ * LONG_FRAME_S)
+        )
+        frames = np.zeros((count, ENVELOPE))
+        for row, frame in enumerate(frames):
+            frame[first + row * per_frame : first + (row + 1) * per_frame] = 1.0 / per_frame
+        lines, means = scipy.fft.rfft(frames), []
+        for band in self.long_bands:
+            bins = len(self._bins[band][1])
+            means.append(scipy.fft.irfft(lines[:, :bins], scipy.fft.next_fast_len(2 * bins)).T)
+        return tuple(means)
 
     def _weights(self, band: Band) -> tuple[int, NDArray[np.float32]]:
         """Return the index of the band's first bin, and the weights from there on."""
@@ -252,10 +273,7 @@ class FeltComparison:
         self._weights = _weights(controller)
         self._chunker = Chunker(self.analysis, 2 * len(self._names))
         self._frames: list[list[BandFrames]] = [[] for _ in range(2 * len(self._names))]
-        edge = self.analysis.margin // 2
-        self._taper = np.ones(self.analysis.chunk, dtype=np.float32)
-        self._taper[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
-        self._taper[-edge:] = self._taper[:edge][::-1]
+        self._taper = raised_ends(self.analysis.chunk, self.analysis.margin // 2)
         self._peak = 0.0
 
     def push(self, asked: ArrayLike, displacement_mm: ArrayLike) -> None:
@@ -330,10 +348,21 @@ def _figures(finger: FingerFelt) -> dict[str, float | int]:
         ("all", finger.frame_rms_db()),
     )
     for name, values in kinds:
+        ordered, last = np.sort(values), len(values) - 1
         figures[f"frames_{name}"] = len(values)
-        figures[f"median_db_{name}"] = float(np.median(values)) if len(values) else float("nan")
-        figures[f"p95_db_{name}"] = float(np.percentile(values, 95)) if len(values) else float("nan")
+        # those of numpy's median and percentile to the last bit, in a twentieth of their time
+        middle = 0.5 * (ordered[last // 2] + ordered[len(values) // 2]) if len(values) else np.nan
+        figures[f"median_db_{name}"], figures[f"p95_db_{name}"] = float(middle), _p95(ordered)
     return figures
+
+
+def _p95(ordered: Levels) -> float:
+    last = len(ordered) - 1
+    if last < 0:
+        return float("nan")
+    place, part = divmod(0.95 * last, 1.0)
+    low, high = ordered[int(place)], ordered[min(int(place) + 1, last)]
+    return float(high - (high - low) * (1.0 - part) if part >= 0.5 else low + (high - low) * part)
 
 
 SETTLE_S = 0.5

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -38,12 +39,18 @@ _Q31_CONDITIONING_SHIFT_MAX = 62 - _EXTRA_BITS
 
 def delta_coefficients(sos: ArrayLike) -> FloatArray:
     """Return b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
+    return np.array(_delta_rows(check_sections(sos).tobytes()), dtype=np.float64).reshape(-1, 5)
+
+
+@lru_cache(maxsize=64)
+def _delta_rows(sections: bytes) -> list[list[float]]:
+    """Return the rows of sections (n, 6): a controller that is loaded again needs no sums of fractions."""
     rows = []
-    for section in check_sections(sos):
-        b0, b1, b2, a0, a1, a2 = (Fraction(float(value)) for value in section)
+    for section in np.frombuffer(sections).reshape(-1, 6).tolist():
+        b0, b1, b2, a0, a1, a2 = (Fraction(value) for value in section)
         exact = (b0 / a0, (2 * b0 + b1) / a0, (b0 + b1 + b2) / a0, (2 * a0 + a1) / a0, (a0 + a1 + a2) / a0)
         rows.append([float(value) for value in exact])
-    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return rows
 
 
 def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[np.float32]:

@@ -31,7 +31,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.spectra import SlidingWindow
+from tactuator.signals.spectra import SlidingWindow, raised_ends
 
 SAFETY_DB = 0.25
 """Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
@@ -180,7 +180,7 @@ class Reach:
         count = min(PIECES, TOGETHER * -(-sounding // TOGETHER))
         extent = np.concatenate((self.signal[begin:], self.signal[:length]), dtype=np.float32, casting="same_kind")
         pieces = np.lib.stride_tricks.sliding_window_view(extent, length)[: count * step : step]
-        spectra = scipy.fft.rfft(pieces * _fade(length, margin - flat))
+        spectra = scipy.fft.rfft(pieces * raised_ends(length, margin - flat))
         above = int(QUIET_ABOVE_HZ * length / self._rate_hz) + 1
         return spectra, np.abs(spectra[:, above:].view(np.float32)).sum(axis=1) * np.float32(2.0 / length)
 
@@ -197,15 +197,6 @@ class Reach:
         within = between_samples(self._rate_hz) * greatest + rest * constraint.beyond
         self._known.append((constraint, float(within.max()) + 2.0 * self.peak * constraint.tail))
         return self._known[-1][1]
-
-
-@lru_cache(maxsize=4)
-def _fade(length: int, edge: int) -> NDArray[np.float32]:
-    """Return ones that rise from zero at the begin and fall at the end."""
-    fade = np.ones(length, dtype=np.float32)
-    fade[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
-    fade[-edge:] = fade[:edge][::-1]
-    return fade
 
 
 @lru_cache(maxsize=256)
