@@ -43,6 +43,18 @@ def test_band_levels__white_noise__power_is_kept_and_goes_with_bandwidth():
     assert 10 * np.log10(power.sum() / expected.sum()) == pytest.approx(0.0, abs=0.15)
 
 
+def test_band_levels__low_bands__are_mean_squares_of_the_envelope_at_its_rate():
+    analysis, rng = BandAnalysis(RATE), np.random.default_rng(3)
+    spectrum = np.fft.rfft(rng.standard_normal(analysis.chunk) * np.linspace(1.0, 1e-3, analysis.chunk))
+    levels = analysis.frames(spectrum, 4.7).long_db
+    assert levels.shape == (9, len(analysis.long_bands))
+    for band, level_db in zip(analysis.long_bands, levels.T, strict=True):
+        start, weights = analysis._bins[band]
+        envelope = 2.0 / analysis.chunk * 2560 * np.fft.ifft(spectrum[start:][: len(weights)] * weights, 2560)
+        squares = np.abs(envelope[320 : 320 + 9 * 80].reshape(9, 80)) ** 2
+        np.testing.assert_allclose(level_db, 10.0 * np.log10(squares.mean(axis=1)), atol=1e-4)
+
+
 def test_bands__up_to_300_hz__split_at_40_hz():
     analysis = BandAnalysis(RATE)
     assert round(analysis.long_bands[-1].centre_hz) == 40
@@ -99,7 +111,9 @@ def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median_and_2_d
     reference, _, _ = render_array(sample_path(), controller)
     report = compare_felt(SimulatedRig(controller.display, 1), controller, [reference])
     assert report.worst_rms_db <= 1.0
-    for figures in report.figures().values():
+    for finger, figures in zip(report.fingers, report.figures().values(), strict=True):
+        values = frame_differences_db(finger.asked_short, finger.felt_short)
+        assert (figures["median_db_100ms"], figures["p95_db_100ms"]) == (np.median(values), np.percentile(values, 95))
         assert figures["frames_all"] > 10
         assert figures["median_db_all"] <= 1.0
         assert figures["p95_db_all"] <= 2.0

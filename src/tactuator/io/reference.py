@@ -42,6 +42,7 @@ FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
 SUFFIXES = (".wav", ".h5", ".hdf5")
 LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
+SHORT_BYTES = 1 << 22
 FORMAT = "tactuator-reference/1"
 MOST_CHUNK_VALUES = 1 << 24
 """Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
@@ -130,6 +131,13 @@ class ReferenceWriter:
         self._digest.update(shares.data)
 
 
+class _SoundWriter(soundfile.SoundFile):  # type: ignore[misc]
+    """A sound file that does not wait for the disk when it is closed; no other file of ours does."""
+
+    def flush(self) -> None:
+        """Leave it to the system when what was written goes to the disk."""
+
+
 @contextmanager
 def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> Iterator[ReferenceWriter]:
     """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
@@ -150,7 +158,7 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
         if path.suffix == ".wav":
             with (
                 _writing(path),
-                soundfile.SoundFile(beside, "w", int(head.rate_hz), len(head.channels), "FLOAT", format="WAV") as file,
+                _SoundWriter(beside, "w", int(head.rate_hz), len(head.channels), "FLOAT", format="WAV") as file,
             ):
                 file.comment = head.comment()
                 yield ReferenceWriter(file, head, path)
@@ -243,8 +251,12 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
 
 
 def _require_room(beside: Path, frames: int, channels: int) -> None:
-    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
+    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out, and
+    of a short WAV writing it tells as soon.
+    """
     wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
+    if beside.suffix == ".wav" and wanted <= SHORT_BYTES:
+        return
     if wanted and hasattr(os, "posix_fallocate"):
         with beside.open("r+b") as file:
             try:

@@ -128,12 +128,9 @@ class BandAnalysis:
         The squared magnitude of an envelope of n bins has less than n lines: 2 n samples of a chunk hold it whole, and
         its mean over a frame's samples at the envelope's rate is a weighted sum of them.
         """
-        count, first, per_frame = (
-            round(x) for x in (CHUNK_S / LONG_FRAME_S, ENVELOPE_RATE_HZ * MARGIN_S, ENVELOPE_RATE_HZ * LONG_FRAME_S)
-        )
-        frames = np.zeros((count, ENVELOPE))
-        for row, frame in enumerate(frames):
-            frame[first + row * per_frame : first + (row + 1) * per_frame] = 1.0 / per_frame
+        count, per_frame = round(CHUNK_S / LONG_FRAME_S), round(ENVELOPE_RATE_HZ * LONG_FRAME_S)
+        margin = np.zeros((count, round(ENVELOPE_RATE_HZ * MARGIN_S)))
+        frames = np.concatenate((margin, np.repeat(np.eye(count) / per_frame, per_frame, axis=1), margin), axis=1)
         lines, means = scipy.fft.rfft(frames), []
         for band in self.long_bands:
             bins = len(self._bins[band][1])
@@ -212,11 +209,6 @@ class FingerFelt:
         """Return the root mean square of `difference_db` over the bands that count; NaN if none does."""
         counted = self.difference_db[np.isfinite(self.difference_db)]
         return float(np.sqrt(np.mean(counted**2))) if counted.size else float("nan")
-
-    def frame_rms_db(self) -> Levels:
-        """Return the rms difference over the counted bands of every frame that has any, long frames first."""
-        parts = ((self.asked_long, self.felt_long), (self.asked_short, self.felt_short))
-        return np.concatenate([frame_differences_db(asked, felt) for asked, felt in parts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,10 +334,12 @@ def _mean_level(levels_db: Levels) -> Levels:
 
 def _figures(finger: FingerFelt) -> dict[str, float | int]:
     figures: dict[str, float | int] = {"rms_db": finger.rms_db}
+    long = frame_differences_db(finger.asked_long, finger.felt_long)
+    short = frame_differences_db(finger.asked_short, finger.felt_short)
     kinds = (
-        (f"{1e3 * LONG_FRAME_S:.0f}ms", frame_differences_db(finger.asked_long, finger.felt_long)),
-        (f"{1e3 * SHORT_FRAME_S:.0f}ms", frame_differences_db(finger.asked_short, finger.felt_short)),
-        ("all", finger.frame_rms_db()),
+        (f"{1e3 * LONG_FRAME_S:.0f}ms", long),
+        (f"{1e3 * SHORT_FRAME_S:.0f}ms", short),
+        ("all", np.concatenate((long, short))),
     )
     for name, values in kinds:
         ordered, last = np.sort(values), len(values) - 1
