@@ -134,7 +134,7 @@ class Written:
             "[display]", f"rate_hz = {self.rate * setup.rate_hz}", "delay_samples = 1",
             "[converter]", f"range_v = {self.range * setup.range_v}",
             "[threshold]", f"curve = {curve}", f"band_hz = [{low}, {high}]",
-            "[feedback]", f'structure = "{setup.structure}"', "[prefilter]", "poles = 10",
+            "[feedback]", f'structure = "{setup.structure}"', "[prefilter]", "poles = 6",
             "[environment]", *(f"{key} = {value}" for key, value in environment.items()),
             "[objectives]", "flatness_db = 3.0",
             "[[channel]]", 'name = "index"', f"sensor_gain_v_per_mm = {self.gain * setup.gain_v_per_mm}",
@@ -149,9 +149,9 @@ class Written:
 
     def _record(self, setup: Setup, path: Path) -> None:
         rng = np.random.default_rng(7)
-        count, rate = 16000, min(setup.rate_hz, 8000.0)
+        count, rate = 8000, min(setup.rate_hz, 8000.0)
         if setup is MOTOR:
-            count, rate = 24000, 2000.0
+            count, rate = 16000, 2000.0
         command = setup.drive_v * signal.lfilter([0.35], [1.0, -0.65], rng.standard_normal(count)).clip(-2.5, 2.5)
         num, den, _ = signal.cont2discrete((setup.num, setup.den), 1.0 / rate)
         position = signal.lfilter(np.ravel(num), den, command)
