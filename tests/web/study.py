@@ -26,6 +26,12 @@ from tests.experiment.session.apparatuses import response_of
 
 ASKED = ".choice[aria-disabled=false]"
 """A response button while an answer is asked for."""
+STANDS = f"""() => ({{
+    over: document.querySelector("#status").innerText.startsWith("That was all"),
+    go: document.querySelector("#go").checkVisibility(),
+    trial: document.querySelector("{ASKED}") && document.body.dataset.trial,
+}})"""
+"""Whether the session is over, whether the subject is to go on, and the trial that is to be answered, or null."""
 
 
 FORKS = multiprocessing.get_context("forkserver")
@@ -134,15 +140,14 @@ class Subject:
 
     def act(self) -> bool:
         """Do the next thing if there is one to do; False once the session is over."""
-        status = self.page.locator("#status").inner_text()
-        if status.startswith("That was all"):
+        stands = self.page.evaluate(STANDS)
+        if stands["over"]:
             return False
-        if self.page.locator("#go").is_visible():
+        if stands["go"]:
             self.page.keyboard.press("Enter")
-        elif self.page.locator(ASKED).count():
-            run, number = map(int, self.page.locator("body").get_attribute("data-trial").split("/"))
+        elif stands["trial"]:
             self.asked()
-            self.page.keyboard.press(self.key(run, number))
+            self.page.keyboard.press(self.key(*map(int, stands["trial"].split("/"))))
         self.page.wait_for_timeout(4)
         return True
 
