@@ -26,12 +26,17 @@ from tests.experiment.session.apparatuses import response_of
 
 ASKED = ".choice[aria-disabled=false]"
 """A response button while an answer is asked for."""
-STANDS = f"""() => ({{
-    over: document.querySelector("#status").innerText.startsWith("That was all"),
-    go: document.querySelector("#go").checkVisibility(),
-    trial: document.querySelector("{ASKED}") && document.body.dataset.trial,
-}})"""
-"""Whether the session is over, whether the subject is to go on, and the trial that is to be answered, or null."""
+STANDS = f"""() => {{
+    const shows = (one) => document.querySelector(one).checkVisibility();
+    return {{
+        over: document.querySelector("#status").innerText.startsWith("That was all"),
+        done: document.querySelector("#progress").value === 1 && !shows("#choices"),
+        go: shows("#go"),
+        trial: document.querySelector("{ASKED}, .number input:not([readonly])") && document.body.dataset.trial,
+    }};
+}}"""
+"""Whether the session is over (as told, and as shown), whether to go on, and the trial that is to be answered, or null:
+all by one question, since each takes a hundredth of a second of four processes."""
 
 
 FORKS = multiprocessing.get_context("forkserver")
