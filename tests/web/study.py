@@ -40,7 +40,18 @@ all by one question, since each takes a hundredth of a second of four processes.
 
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["tactuator.web.study_pages"])  # a server comes up in the time of a fork
+# what `experiment serve` imports and `main` does not yet: a server comes up in the time of a fork
+FORKS.set_forkserver_preload(
+    [
+        "tactuator.cli.main",
+        "tactuator.web.serve",
+        "tactuator.web.study_pages",
+        "uvicorn.protocols.http.h11_impl",
+        "uvicorn.protocols.websockets.websockets_sansio_impl",
+        "tactuator.web.server",
+        "tactuator.rig.open",
+    ]
+)
 
 
 def _serve(arguments: list[str], told: Connection) -> None:
