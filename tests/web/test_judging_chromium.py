@@ -2,7 +2,7 @@
 
 import itertools
 import sqlite3
-from contextlib import ExitStack, closing
+from contextlib import closing
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.words import shipped_words
 from tests.experiment.session.apparatuses import controller
-from tests.web.study import STANDS, started, watch_errors
+from tests.web.study import STANDS, page, start  # noqa: F401
 
 HEAD = """
 [study]
@@ -83,24 +83,19 @@ def typed(page: Page, count: int) -> None:
         for pair in itertools.product(TASKS, ("en", "de", "fr"))
     ],
 )
-def test_judging__by_keyboard_alone__is_answered_to_the_end(tmp_path, browser, task: str, language: str) -> None:
+def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: str, language: str) -> None:
     text = HEAD.format(language=language) + TASKS[task]
     keys = parse_any_protocol(text).task
-    with ExitStack() as closes:
-        server = started(tmp_path, text, controller())
-        closes.callback(server.kill)
-        page = closes.enter_context(closing(browser.new_page()))
-        errors = watch_errors(page)
-        page.goto(server.addresses["subject S1"])
-        expect(page.locator("body")).to_contain_text(keys.asked(shipped_words(language)).prompt)
-        count = answered(
-            page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
-        )
-        with closing(sqlite3.connect(server.store)) as store:
-            given = [response for (response,) in store.execute("select response from response order by trial_id")]
+    server = start(text, controller())
+    page.goto(server.addresses["subject S1"])
+    expect(page.locator("body")).to_contain_text(keys.asked(shipped_words(language)).prompt)
+    count = answered(
+        page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
+    )
+    with closing(sqlite3.connect(server.store)) as store:
+        given = [response for (response,) in store.execute("select response from response order by trial_id")]
     assert len(given) == count == {"matching": 21, "magnitude": 5, "order": 6}[task]
     if task == "magnitude":
         assert given == ["1.5", "2,5", "3.5", "4,5", "5.5"]
     if task == "order":
         assert set(given) == set(keys.fingers)
-    assert errors == []
