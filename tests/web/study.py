@@ -45,7 +45,7 @@ FORKS.set_forkserver_preload(
     [
         "tactuator.cli.main",
         "tactuator.web.serve",
-        "tactuator.web.study_pages",
+        "tactuator.console.app",
         "uvicorn.protocols.http.h11_impl",
         "uvicorn.protocols.websockets.websockets_sansio_impl",
         "tactuator.web.server",
