@@ -2,7 +2,9 @@
 
 import sqlite3
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.shipped import EXAMPLES
@@ -87,7 +89,10 @@ def test_newcomer__speech_and_then_measure_while_live__are_played_stopped_and_to
     pressed(page, "main .cards a[href*='display=file']", "body[data-ready=loop]")
     pressed(page, "#to-speech", "body[data-ready=speech]")
     tab_to(page, "main input[type=file]")
-    page.set_input_files("main input[type=file]", EXAMPLES / "speech.wav")
+    samples, rate_hz = soundfile.read(EXAMPLES / "speech.wav")
+    long = bench.folder / "speech.wav"  # it still plays when a busy machine shows the scope
+    soundfile.write(long, np.tile(samples, 4), rate_hz)
+    page.set_input_files("main input[type=file]", long)
     pressed(page, "#play-reference", "#playing:has-text('It plays.')")
     pressed(page, "#to-scope", "#wave-now:has-text('file at')")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
