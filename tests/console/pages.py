@@ -7,6 +7,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from tactuator.console import rig_connection
 from tactuator.console.app import build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
@@ -34,7 +37,10 @@ def console_with(state: ConsoleState, rig: str, display: Any, seed: int = 0) -> 
 
 @contextmanager
 def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True) -> Iterator[Any]:
-    """Yield an empty page; errors of its scripts, and those that the browser logged, fail the test at its end."""
+    """Yield an empty page; errors of its scripts, and those that the browser logged, fail the test at its end.
+
+    The scope's pictures come five times a second: to draw them is most of what a browser does.
+    """
     context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
     page = context.new_page()
     page.set_default_timeout(1000.0 * timeout_s)
@@ -42,7 +48,9 @@ def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True
     page.on("pageerror", lambda error: complaints.append(str(error)))
     if also_logged:
         page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-    yield page
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rig_connection, "FRAMES_HZ", 5.0)
+        yield page
     assert [one for one in complaints if not one.startswith(REFUSED)] == []
     context.close()
 

@@ -17,13 +17,9 @@ AXE = (HERE / "axe" / "axe.min.js").read_text("utf-8")
 STATIC = HERE.parents[1] / "src" / "tactuator" / "console" / "static"
 VIEWS = re.findall(r"^  (\w+): \{ title", (STATIC / "views.js").read_text("utf-8"), flags=re.MULTILINE)
 LAPTOP, PHONE = {"width": 1366, "height": 800}, {"width": 390, "height": 844}
-#: Rules of layout and structure need one look each on a laptop and a phone; colours are looked at in both schemes.
-LOOKS = [
-    (LAPTOP, "light", {}),
-    (LAPTOP, "dark", {"runOnly": ["color-contrast"]}),
-    (PHONE, "dark", {}),
-    (PHONE, "light", {"runOnly": ["color-contrast"]}),
-]
+#: Every rule on a laptop and on a phone, and with them the colours of both schemes; the soak has each scheme on both.
+LOOKS = [(LAPTOP, "light", {}), (PHONE, "dark", {})]
+COLOURS = {"runOnly": ["color-contrast"]}
 SETTLED = {"loop": ".tiles[aria-busy=false] > div", "prefilter": "#error:has-text('Greatest')", "display": "#use"}
 CUT = """() => [...document.querySelectorAll(".tiles :is(dt, small), .factor input, main button")]
     .filter((one) => one.clientWidth && one.scrollWidth > one.clientWidth + 1).map((one) => one.outerHTML)
@@ -85,11 +81,18 @@ def test_start__has_no_serious_fault_and_a_broken_page_has(page):
 
 
 @pytest.mark.slow
-def test_every_view__on_laptop_and_phone_in_light_and_dark__has_no_serious_fault(page):
+@pytest.mark.parametrize(
+    "looks",
+    [
+        LOOKS,
+        pytest.param([*LOOKS, (LAPTOP, "dark", COLOURS), (PHONE, "light", COLOURS)], marks=pytest.mark.soak),
+    ],
+)
+def test_every_view__on_laptop_and_phone_in_light_and_dark__has_no_serious_fault(page, looks):
     found = {}
     for view in VIEWS:
         opened(page, view)
-        for size, scheme, options in LOOKS:
+        for size, scheme, options in looks:
             page.set_viewport_size(size)
             page.emulate_media(color_scheme=scheme)
             told = faults(page, options) + page.evaluate(CUT)

@@ -1,15 +1,15 @@
-"""Somebody with the page alone, by keyboard: a study with ten trials, speech played on the rig, Measure while live."""
+"""Somebody with the page alone, by keyboard: trials of a study, speech played on the rig, Measure while live."""
 
 import sqlite3
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import ONE, address_of, console_with, pressed, tab_to, watched_page
 from tests.web.study import ASKED
-
-TRIALS = 10
 
 
 @pytest.fixture(scope="module")
@@ -40,26 +40,21 @@ def loaded(page):
 
 
 def answered(page, trials):
-    """Do what the subject's page says, by its keys, until so many trials are answered; return what it said."""
-    told, trial = [], None
-    while len({words for words in told if words.startswith("trial ")}) < trials:
-        page.wait_for_timeout(20)
-        status = page.locator("#status").inner_text()
-        if not told or told[-1] != status:
-            told.append(status)
+    """Do what the subject's page says, by its keys, until so many trials are answered."""
+    done = set()
+    while len(done) < trials:
+        page.wait_for_selector(f"#go:visible, {ASKED}")
         if page.locator("#go").is_visible():
             page.keyboard.press("Enter")
-        elif page.locator(ASKED).count():
-            now = page.locator("body").get_attribute("data-trial")
-            if now != trial:
-                trial = now
-                told.append(f"trial {now}")
-                page.keyboard.press("1")
-    return told
+        else:
+            page.keyboard.press("1")
+            done.add(page.locator("body").get_attribute("data-trial"))
+        page.wait_for_timeout(100)
 
 
 @pytest.mark.slow
-def test_newcomer__study_of_the_package__ten_trials_by_keyboard(bench, page):
+@pytest.mark.parametrize("trials", [4, pytest.param(10, marks=pytest.mark.soak)])
+def test_newcomer__study_of_the_package__trials_by_keyboard(bench, page, trials):
     pressed(page, "#to-experiment", "body[data-ready=experiment]")
     assert page.locator("#needs").inner_text() == "needs a controller, loaded above and a protocol"
     loaded(page)
@@ -76,17 +71,17 @@ def test_newcomer__study_of_the_package__ten_trials_by_keyboard(bench, page):
         page.keyboard.press("Enter")
     subject = opened.value
     subject.set_default_timeout(60_000.0)
-    told = answered(subject, TRIALS)
-    subject.wait_for_function("() => true")
+    answered(subject, trials)
     page.wait_for_selector("#export")
-    page.wait_for_function("() => Number(document.querySelector('#sessions td:nth-child(7)').textContent) >= 9")
+    page.wait_for_function(
+        "least => Number(document.querySelector('#sessions td:nth-child(7)').textContent) >= least", arg=trials - 1
+    )
     page.keyboard.press("Escape")
     page.wait_for_selector("#state:has-text('nobody')")
     pressed(page, "#end-study", "#begin:not([disabled])")
     with sqlite3.connect(next(bench.folder.glob("*.db"))) as store:
         (count,) = store.execute("SELECT count(*) FROM response").fetchone()
-    assert count >= TRIALS - 1  # the tenth answer may still have been on its way
-    assert told[0] != ""
+    assert count >= trials - 1  # the last answer may still have been on its way
 
 
 @pytest.mark.slow
@@ -94,7 +89,10 @@ def test_newcomer__speech_and_then_measure_while_live__are_played_stopped_and_to
     pressed(page, "main .cards a[href*='display=file']", "body[data-ready=loop]")
     pressed(page, "#to-speech", "body[data-ready=speech]")
     tab_to(page, "main input[type=file]")
-    page.set_input_files("main input[type=file]", EXAMPLES / "speech.wav")
+    samples, rate_hz = soundfile.read(EXAMPLES / "speech.wav")
+    long = bench.folder / "speech.wav"  # it still plays when a busy machine shows the scope
+    soundfile.write(long, np.tile(samples, 4), rate_hz)
+    page.set_input_files("main input[type=file]", long)
     pressed(page, "#play-reference", "#playing:has-text('It plays.')")
     pressed(page, "#to-scope", "#wave-now:has-text('file at')")
     page.wait_for_selector("#rig-mode:has-text('at rest')")

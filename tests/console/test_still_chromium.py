@@ -1,13 +1,21 @@
 """A workbench that stands still, in Chromium: by how far each handle, its value and everything else moves in a drag."""
 
+import itertools
+
 import pytest
 
 from tests.console.pages import go
 from tests.console.test_chromium import SETTLED, page, shape  # noqa: F401
 
-SIZES = [(1440, 900), *(pytest.param(*size, marks=pytest.mark.soak) for size in ((1024, 768), (390, 844)))]
 PULL = 40.0
-DIRECTIONS = {"right": (PULL, 0.0), "left": (-PULL, 0.0), "up": (0.0, -PULL), "down": (0.0, PULL)}
+DIRECTIONS = [(PULL, 0.0), (-PULL, 0.0), (0.0, -PULL), (0.0, PULL)]
+ASLANT = [(PULL, -PULL), (-PULL, PULL)]
+"""Right and up, and left and down: each pull goes along both axes."""
+SIZES = [
+    (1440, 900, ASLANT),
+    *(pytest.param(*size, DIRECTIONS, marks=pytest.mark.soak) for size in ((1440, 900), (1024, 768), (390, 844))),
+]
+SIZED = pytest.mark.parametrize(("wide", "high", "ways"), SIZES)
 NEAR_PX = 3.0
 """By how far a handle may be from where the pointer has taken it: places are drawn to a tenth, frequencies in steps."""
 POINTS = "[aria-label^='Threshold at']"
@@ -36,55 +44,29 @@ def pulled(page, handle, along, down, settled):
     (x, y), before = middle(page, handle), page.evaluate(PLACES, PARTS)
     page.mouse.move(x, y)
     page.mouse.down()
-    for step in range(1, 9):
-        page.mouse.move(x + along * step / 8.0, y + down * step / 8.0)
-        page.wait_for_timeout(15)
+    page.mouse.move(x + along, y + down, steps=2)
     settled()
     (to_x, to_y), after = middle(page, handle), page.evaluate(PLACES, PARTS)
     page.mouse.up()
     return (to_x - x, to_y - y), still(before, after)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("wide", "high"), SIZES)
-def test_loop__each_handle_pulled_by_40_px__moves_what_is_dragged_and_nothing_else(page, wide, high):
-    settled = loop_view(page, wide, high)
-    whole = page.locator(".bench .plots").bounding_box()
-    if wide >= 1440:
-        assert whole["y"] + whole["height"] <= high
-    else:
-        chart = page.locator("svg.nichols").bounding_box()
-        assert chart["y"] + min(chart["height"], 300.0) <= high
-    marks = page.locator(".nichols g:not([visibility=hidden]) > .mark").count()
-    assert marks >= 6
-    handles = [f".nichols g:not([visibility=hidden]) > .mark >> nth={k}" for k in range(marks)]
-    # a mark that 40 px would take out of the chart is hidden there, and has no place to be compared
-    chart = page.locator("svg.nichols .axis").first.bounding_box()
-    edges = chart["y"] + PULL + 5.0, chart["y"] + chart["height"] - PULL - 5.0
-    handles = [handle for handle in handles if edges[0] < middle(page, handle)[1] < edges[1]]
-    assert len(handles) >= 5
-    for handle in handles:
-        for way, (along, down) in DIRECTIONS.items():
-            before = shape(page)
-            (x, y), moved = pulled(page, handle, along, down, settled)
-            assert (x, y) == pytest.approx((along, down), abs=NEAR_PX), (handle, way)
-            assert moved == [], (handle, way)
-            after = shape(page)
-            kept = [one for one in after["factors"] if one["kind"] != "lead"]
-            assert kept == before["factors"], (handle, way)
-            assert (len(after["factors"]) > len(before["factors"])) == (along != 0.0), (handle, way)
-            undone(page, settled, before)
+def pulls(ways, handles):
+    """Yield handles and the ways to pull each of them: all, or of those aslant one after the other."""
+    for nth, handle in enumerate(handles):
+        for way in ways if ways is DIRECTIONS else ways[nth % 2 :][:1]:
+            yield handle, way
 
 
-def loop_view(page, wide, high):
-    """Open the loop in a window of this size; return what waits until it stands."""
+def view(page, name, wide, high, there):
+    """Open a view in a window of this size; return what waits until it stands."""
     page.set_viewport_size({"width": wide, "height": high})
-    go(page, "loop", display="file")
-    page.wait_for_selector(SETTLED)
+    go(page, name, display="file")
+    page.wait_for_selector(there)
 
     def settled():
-        page.wait_for_timeout(120)
-        page.wait_for_selector(SETTLED)
+        page.wait_for_timeout(40)  # two pictures: what was pulled has been asked for
+        page.wait_for_selector(there)
 
     return settled
 
@@ -96,32 +78,55 @@ def undone(page, settled, before):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wide", "high"), SIZES)
-def test_handles_on_the_open_loop__pulled_by_40_px__move_their_own_value_alone(page, wide, high):
-    settled = loop_view(page, wide, high)
-    for nth, name in enumerate(["gain", "zero", "pole"]):
-        for way, (along, down) in DIRECTIONS.items():
-            before = shape(page)
-            (x, y), moved = pulled(page, f".handle >> nth={nth}", along, down, settled)
-            assert moved == [], (name, way)
-            after = shape(page)
-            changed = [key for key in ("gain_db", "factors") if after[key] != before[key]]
-            if name == "gain":
-                assert changed == (["gain_db"] if down else []), way
-                assert (x, y) == pytest.approx((0.0, down), abs=NEAR_PX), way
-            else:
-                assert changed == (["factors"] if along else []), (name, way)
-                assert x == pytest.approx(along, abs=NEAR_PX), (name, way)
-                others = [[one for k, one in enumerate(of["factors"]) if k != nth] for of in (before, after)]
-                assert others[0] == others[1], (name, way)
-            if changed:
-                undone(page, settled, before)
+@SIZED
+def test_loop__each_handle_pulled_by_40_px__moves_what_is_dragged_and_nothing_else(page, wide, high, ways):
+    settled = view(page, "loop", wide, high, SETTLED)
+    whole, chart = (page.locator(part).bounding_box() for part in (".bench .plots", "svg.nichols"))
+    if wide >= 1440:
+        assert whole["y"] + whole["height"] <= high
+    else:
+        assert chart["y"] + min(chart["height"], 300.0) <= high
+    marks = page.locator(".nichols g:not([visibility=hidden]) > .mark").count()
+    assert marks >= 6
+    handles = [f".nichols g:not([visibility=hidden]) > .mark >> nth={k}" for k in range(marks)]
+    # a mark that 40 px would take out of the chart is hidden there, and has no place to be compared
+    chart = page.locator("svg.nichols .axis").first.bounding_box()
+    edges = chart["y"] + PULL + 5.0, chart["y"] + chart["height"] - PULL - 5.0
+    handles = [handle for handle in handles if edges[0] < middle(page, handle)[1] < edges[1]]
+    assert len(handles) >= 5
+    straight_up = [(handles[0], (0.0, -PULL))]  # it alone turns nothing
+    for handle, (along, down) in [*pulls(ways, handles), *straight_up]:
+        before = shape(page)
+        by, moved = pulled(page, handle, along, down, settled)
+        assert (by, moved) == (pytest.approx((along, down), abs=NEAR_PX), []), (handle, along, down)
+        after = shape(page)
+        kept = [one for one in after["factors"] if one["kind"] != "lead"]
+        assert kept == before["factors"], (handle, along, down)
+        assert (len(after["factors"]) > len(before["factors"])) == (along != 0.0), (handle, along, down)
+        undone(page, settled, before)
+
+
+@pytest.mark.slow
+@SIZED
+def test_handles_on_the_open_loop__pulled_by_40_px__move_their_own_value_alone(page, wide, high, ways):
+    settled = view(page, "loop", wide, high, SETTLED)
+    for nth, (along, down) in itertools.product(range(3), ways):  # gain, zero, pole
+        before = shape(page)
+        (x, y), moved = pulled(page, f".handle >> nth={nth}", along, down, settled)
+        after = shape(page)
+        value, by = ("factors", along) if nth else ("gain_db", down)
+        changed = [key for key in ("gain_db", "factors") if after[key] != before[key]]
+        assert (changed, moved) == ([value] if by else [], []), (nth, along, down)
+        assert (x if nth else (x, y)) == pytest.approx(along if nth else (0.0, down), abs=NEAR_PX), (nth, along, down)
+        others = [[one for k, one in enumerate(of["factors"]) if k != nth] for of in (before, after)]
+        assert others[0] == others[1], (nth, along, down)
+        if by:
+            undone(page, settled, before)
 
 
 @pytest.mark.slow
 def test_value__typed_at_the_handle__is_the_handles(page):
-    go(page, "loop", display="file")
-    page.wait_for_selector(SETTLED)
+    view(page, "loop", 1366, 900, SETTLED)
     before = shape(page)
     page.locator(".handle >> nth=1").focus()
     page.keyboard.press("Enter")
@@ -131,8 +136,7 @@ def test_value__typed_at_the_handle__is_the_handles(page):
     page.wait_for_selector(SETTLED)
     assert shape(page)["factors"][1] == {"kind": "zero", "hz": 7.5}
     assert shape(page)["factors"][2] == before["factors"][2]
-    mark = page.locator("[aria-label^='Point of the curve at 20 Hz']")
-    mark.focus()
+    page.locator("[aria-label^='Point of the curve at 20 Hz']").focus()
     page.keyboard.press("Enter")
     page.keyboard.type("-6")
     page.keyboard.press("Enter")
@@ -140,23 +144,14 @@ def test_value__typed_at_the_handle__is_the_handles(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wide", "high"), SIZES)
-def test_prefilter__each_point_pulled_by_40_px__moves_up_and_down_alone(page, wide, high):
-    page.set_viewport_size({"width": wide, "height": high})
-    go(page, "prefilter", display="file")
-    page.wait_for_selector("#error:has-text('Greatest error')")
-
-    def settled():
-        page.wait_for_timeout(100)
-        page.wait_for_selector("#error[aria-busy=false]")
-
+@SIZED
+def test_prefilter__each_point_pulled_by_40_px__moves_up_and_down_alone(page, wide, high, ways):
+    settled = view(page, "prefilter", wide, high, "#error[aria-busy=false]:has-text('Greatest error')")
     count = page.locator(POINTS).count()
     assert count >= 20
-    for nth in range(count):
-        for way, (along, down) in DIRECTIONS.items():
-            (x, y), moved = pulled(page, f"{POINTS} >> nth={nth}", along, down, settled)
-            assert (x, y) == pytest.approx((0.0, down), abs=NEAR_PX), (nth, way)
-            assert moved == [], (nth, way)
-            if down:
-                page.keyboard.press("Control+z")
-                settled()
+    for point, (along, down) in pulls(ways, [f"{POINTS} >> nth={nth}" for nth in range(count)]):
+        by, moved = pulled(page, point, along, down, settled)
+        assert (by, moved) == (pytest.approx((0.0, down), abs=NEAR_PX), []), (point, along, down)
+        if down:
+            page.keyboard.press("Control+z")
+            settled()

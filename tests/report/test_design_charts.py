@@ -1,6 +1,8 @@
 """Charts of a design: everything is in them, inside the frame, and no label covers another."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from tactuator.synthesis.family import plant_family
 from tests.synthesis.displays import channel, paper_controller, three_finger_controller
 
 
+@cache
 def paper_chart() -> Plate:
     family = plant_family(channel(), 4000.0, 1)
     c = bilinear(paper.FEEDBACK, 4000.0)
@@ -38,10 +41,15 @@ def boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:
     return {text.get_text(): text.get_window_extent().extents for text in axes.texts if text.get_text()}
 
 
-@pytest.mark.parametrize("plate", [paper_chart, lambda: design_plates(three_finger_controller(), "index")[0]])
-def test_nichols__labels__neither_collide_nor_leave_the_frame(plate: object) -> None:
-    made = plate() if callable(plate) else None
-    assert isinstance(made, Plate)
+@cache
+def designed_charts(finger: str) -> dict[str, Plate]:
+    """The charts of a designed display's finger, by their names."""
+    return {plate.name: plate for plate in design_plates(three_finger_controller(), finger)}
+
+
+@pytest.mark.parametrize("chart", [paper_chart, lambda: designed_charts("thumb")["nichols-thumb"]])
+def test_nichols__labels__neither_collide_nor_leave_the_frame(chart: Callable[[], Plate]) -> None:
+    made = chart()
     found = boxes(made)
     left, bottom, right, top = made.figure.axes[0].get_window_extent().extents
     for x0, y0, x1, y1 in found.values():
@@ -61,19 +69,14 @@ def test_nichols__marks__frequencies_margins_and_grid_are_there() -> None:
     assert {"0 dB", "−3 dB", "−20 dB", "−90°"} <= texts
 
 
-def test_nichols__phase_axis__covers_the_data() -> None:
+def test_nichols__phase_axis_and_caption__cover_the_data_and_say_which_contours_are_touched() -> None:
     plate = paper_chart()
+    assert all(words in plate.caption for words in ("|T| = 0.79 dB", "|S| = 2.95 dB"))
     left, right = plate.figure.axes[0].get_xlim()
     seen = np.array(plate.table["gain_db"]) > -50.0
     phase = np.array(plate.table["phase_deg"])[seen]
     assert left <= phase.min()
     assert phase.max() <= right
-
-
-def test_nichols__caption__says_which_contours_are_touched() -> None:
-    caption = paper_chart().caption
-    assert "|T| = 0.79 dB" in caption
-    assert "|S| = 2.95 dB" in caption
 
 
 def many_models() -> dict[str, Plate]:
@@ -111,17 +114,12 @@ def test_hull__any_points__holds_them_all_and_turns_one_way(points: list[tuple[f
 
 
 def test_equality__felt_level__flat() -> None:
-    plate = next(one for one in design_plates(three_finger_controller(), "thumb") if one.name == "equality-thumb")
+    plate = designed_charts("thumb")["equality-thumb"]
     felt = np.array(plate.table["felt_db_sl"])
     total = np.array(plate.table["displacement_db_re_1um"]) + np.array(plate.table["sensitivity_db"])
     assert felt == pytest.approx(total)
     assert np.abs(felt - 30.0).max() <= 0.25
     assert "inferred" in plate.caption
-
-
-def test_plates__without_a_loop__no_nichols_and_no_sensitivity() -> None:
-    names = {one.name for one in design_plates(paper_controller(), "index")}
-    assert names == {"nichols-index", "bode-index", "sensitivity-index", "headroom-index", "equality-index"}
 
 
 def test_save__folder_with_other_things__refused(tmp_path: Path) -> None:
@@ -133,4 +131,5 @@ def test_save__folder_with_other_things__refused(tmp_path: Path) -> None:
 def test_save__every_plate__svg_and_csv(tmp_path: Path) -> None:
     folder = tmp_path / "charts"
     save_design_plates(paper_controller(), folder)
-    assert len(list(folder.glob("*.svg"))) == len(list(folder.glob("*.csv"))) == 5
+    names = {f"{kind}-index" for kind in ("nichols", "bode", "sensitivity", "headroom", "equality")}
+    assert {path.stem for path in folder.glob("*.svg")} == {path.stem for path in folder.glob("*.csv")} == names

@@ -1,9 +1,7 @@
 """The subject's page as a screen reader and a Braille line have it: Chromium's own accessibility tree."""
 
-import pytest
-
 from tests.experiment.session.apparatuses import PROTOCOL, controller
-from tests.web.study import asked, started, visible
+from tests.web.study import asked, page, start, visible  # noqa: F401
 
 NAMED = (
     PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace(
@@ -12,17 +10,6 @@ NAMED = (
     )
     + "[marks]\nchannel = 'thumb'\n"
 )
-
-
-@pytest.fixture
-def page(tmp_path, browser):
-    server = started(tmp_path, NAMED, controller())
-    opened = browser.new_page(viewport={"width": 390, "height": 844})
-    opened.goto(server.addresses["subject S1"])
-    visible(opened, "Before we begin")
-    yield opened
-    opened.close()
-    server.kill()
 
 
 def tree(page) -> list[tuple[str, str, dict]]:
@@ -50,7 +37,10 @@ def focused(page) -> list[tuple[str, str]]:
     return [(role, name) for role, name, about in tree(page) if about.get("focused") and role != "RootWebArea"]
 
 
-def test_page__without_eyes__is_read_from_consent_to_answer(page) -> None:
+def test_page__without_eyes__is_read_from_consent_to_answer(start, page) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(start(NAMED, controller()).addresses["subject S1"])
+    visible(page, "Before we begin")
     assert page.evaluate("document.documentElement.lang") == "en"
     assert focused(page) == [("region", "Before we begin")]  # the text is what is read first
     assert "You may stop at any time." in names(page, "StaticText")
@@ -75,16 +65,7 @@ def test_page__without_eyes__is_read_from_consent_to_answer(page) -> None:
     for name in ("Pause", "Leave the study"):
         assert name in names(page, "button")
     assert all(name for role, name, _ in tree(page) if role in ("button", "textbox", "link"))
-
-
-def test_page__three_answers__are_large_enough_for_touch_without_sight(page) -> None:
-    page.locator("#name").fill("Ada Example")
-    page.locator("#witness").fill("Bob Example")
-    page.locator("#witness").press("Enter")
-    visible(page, "Which interval has the vibration?")
-    page.keyboard.press("Enter")
-    asked(page)
     sizes = [page.locator(".choice").nth(number).bounding_box() for number in range(3)]
-    assert all(size["width"] >= 100 and size["height"] >= 70 for size in sizes)
+    assert all(size["width"] >= 100 and size["height"] >= 70 for size in sizes)  # large enough without sight
     page.locator(".choice").nth(1).click()
     visible(page, "Which")

@@ -15,17 +15,9 @@ from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial import ForcedChoice
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, controller, everything
 from tests.experiment.session.test_yes_no import YES_NO
-from tests.web.study import Subject, asked, kills_and_finish, started, visible, watch_errors
+from tests.web.study import Subject, asked, kills_and_finish, page, start, started, visible, watch_errors  # noqa: F401
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
-
-
-@pytest.fixture
-def server(tmp_path):
-    """A server for one subject, to be killed."""
-    with_one = started(tmp_path, ONE, controller())
-    yield with_one
-    with_one.kill()
 
 
 @pytest.fixture(scope="module")
@@ -59,29 +51,23 @@ def undisturbed(path, text=ONE):
     return outcome(path)
 
 
-def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(
-    server, browser, tmp_path
-) -> None:
-    page = browser.new_page()
-    errors = watch_errors(page)
+def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(start, page, tmp_path) -> None:
+    server = start(ONE, controller())
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)
     page.reload()
     visible(page, "Before we begin")
     assert kills_and_finish(server, subject, 2, seed=1) == 2
-    assert errors == []
     rows, found = outcome(server.store)
     assert (rows, found) == undisturbed(tmp_path / "whole.db")
     assert len({row[:2] for row in rows}) == len(rows)
     assert {(run - 1, number) for run, number in subject.acknowledged} <= {row[:2] for row in rows}
-    page.close()
 
 
 @pytest.mark.soak
-def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, browser) -> None:
+def test_session__server_killed_fifty_times__is_the_undisturbed_one(start, page, tmp_path) -> None:
     text = ONE.replace("reversals = 6", "reversals = 24").replace("averaged = 4", "averaged = 20")
-    server = started(tmp_path, text, controller())
-    page = browser.new_page()
+    server = start(text, controller())
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)
     visible(page, "Before we begin")
@@ -93,8 +79,8 @@ def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, br
     assert {(run - 1, number) for run, number in subject.acknowledged} <= {row[:2] for row in rows}
 
 
-def test_operator__page__shows_the_track_and_pauses(shared, browser) -> None:
-    operator, page = browser.new_page(), browser.new_page()
+def test_operator__page__shows_the_track_and_pauses(shared, page, browser) -> None:
+    operator = browser.new_page()
     errors = watch_errors(operator)
     operator.goto(shared.addresses["operator"])
     page.goto(shared.addresses["subject S1"])
@@ -112,7 +98,6 @@ def test_operator__page__shows_the_track_and_pauses(shared, browser) -> None:
     visible(page, "wait for the experimenter")
     operator.locator("[data-command=resume]").click()
     asked(page)
-    page.close()
     operator.locator("[data-command=stop]").click()
     operator.locator("#state", has_text="nobody").wait_for()
     assert errors == []
@@ -153,8 +138,8 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     context.close()
 
 
-def test_page__second_tab__takes_over_and_gives_back(shared, browser) -> None:
-    first, second = browser.new_page(), browser.new_page()
+def test_page__second_tab__takes_over_and_gives_back(shared, page, browser) -> None:
+    first, second = page, browser.new_page()
     first.goto(shared.addresses["subject S3"])
     visible(first, "Before we begin")
     second.goto(shared.addresses["subject S3"])
@@ -162,63 +147,56 @@ def test_page__second_tab__takes_over_and_gives_back(shared, browser) -> None:
     first.keyboard.press("Enter")
     visible(second, "opened in another tab")
     visible(first, "Before we begin")
-    first.close()
     second.close()
 
 
-def test_operator__correction__sends_what_was_changed_with_its_reason(shared, browser) -> None:
-    operator = browser.new_page()
-    operator.goto(shared.addresses["operator"])
-    operator.locator("[data-day=S1]").click()
-    form = operator.locator("form.day").nth(1)
+def test_operator__correction__sends_what_was_changed_with_its_reason(shared, page) -> None:
+    page.goto(shared.addresses["operator"])
+    page.locator("[data-day=S1]").click()
+    form = page.locator("form.day").nth(1)
     form.locator("button").click()
     assert form.locator("[data-reason]").evaluate("field => field.validity.valueMissing")
     form.locator("[list=groups]").fill("hearing")
     form.locator("[data-reason]").fill("asked again")
-    operator.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
+    page.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
     form.locator("button").click()
     changed = {"type": "correct", "subject": "S1", "reason": "asked again", "group": "hearing", "demographics": {}}
-    assert operator.evaluate("said") == [changed]
-    operator.close()
+    assert page.evaluate("said") == [changed]
 
 
-def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, browser) -> None:
-    operator = browser.new_page()
-    operator.goto(shared.addresses["operator"])
-    operator.locator("[data-day]").first.wait_for()
-    operator.locator("#enrol summary").click()
-    operator.locator("#enrol-form [name=code]").fill("S1")
-    operator.locator("#enrol-form button").click()
-    operator.locator("#banner", has_text="S1 is enrolled already").wait_for()
-    operator.wait_for_timeout(1500)  # the page is sent anew every second
-    assert operator.locator("#banner").is_visible()
-    assert "Refused: S1 is enrolled already" in operator.locator("#banner").inner_text()
-    operator.close()
+def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, page) -> None:
+    page.goto(shared.addresses["operator"])
+    page.locator("[data-day]").first.wait_for()
+    page.locator("#enrol summary").click()
+    page.locator("#enrol-form [name=code]").fill("S1")
+    page.locator("#enrol-form button").click()
+    page.locator("#banner", has_text="S1 is enrolled already").wait_for()
+    page.wait_for_timeout(1500)  # the page is sent anew every second
+    assert page.locator("#banner").is_visible()
+    assert "Refused: S1 is enrolled already" in page.locator("#banner").inner_text()
 
 
-def test_held_key__answers_every_burst_by_its_state(tmp_path, browser) -> None:
+def test_held_key__answers_every_burst_by_its_state(start, browser) -> None:
     text = YES_NO.replace("intervals = 1", "intervals = 1\nheld = true").replace("break_after_trials = 20", "")
-    server = started(tmp_path, text, controller())
-    try:
-        page = browser.new_page(bypass_csp=True)
-        page.goto(server.addresses["subject S1"])
-        visible(page, "Before we begin")
-        page.keyboard.press("Enter")
-        visible(page, "Hold 1 while you feel it")
-        assert page.locator(".choice").count() == 1
-        page.keyboard.down("1")
-        page.keyboard.press("Enter")
-        for trials, turn in ((4, page.keyboard.up), (9, page.keyboard.down), (14, page.keyboard.up)):
-            page.wait_for_function(f"Number((document.body.dataset.trial || '').split('/')[1]) >= {trials}")
-            assert page.locator(".choice").get_attribute("aria-pressed") == str(turn == page.keyboard.up).lower()
-            turn("1")
-        assert page.locator(".right, .wrong").count() == 0  # they would hide whether it is held
-        page.evaluate("page.demonstration.listen(true); page.demonstration.play({ envelope_db_sl: [30], step_s: 90 })")
-        page.keyboard.press("Escape")
-        visible(page, "You have paused")
-        assert page.evaluate("[page.demonstration.shape, page.demonstration.source]") == [None, None]
-    finally:
-        server.kill()
+    server = start(text, controller())
+    page = browser.new_page(bypass_csp=True)
+    page.goto(server.addresses["subject S1"])
+    visible(page, "Before we begin")
+    page.keyboard.press("Enter")
+    visible(page, "Hold 1 while you feel it")
+    assert page.locator(".choice").count() == 1
+    page.keyboard.down("1")
+    page.keyboard.press("Enter")
+    for trials, turn in ((4, page.keyboard.up), (9, page.keyboard.down), (14, page.keyboard.up)):
+        page.wait_for_function(f"Number((document.body.dataset.trial || '').split('/')[1]) >= {trials}")
+        assert page.locator(".choice").get_attribute("aria-pressed") == str(turn == page.keyboard.up).lower()
+        turn("1")
+    assert page.locator(".right, .wrong").count() == 0  # they would hide whether it is held
+    page.evaluate("page.demonstration.listen(true); page.demonstration.play({ envelope_db_sl: [30], step_s: 90 })")
+    page.keyboard.press("Escape")
+    visible(page, "You have paused")
+    assert page.evaluate("[page.demonstration.shape, page.demonstration.source]") == [None, None]
+    server.kill()
     with closing(sqlite3.connect(server.store)) as store:
         said = "".join(row[0] for row in store.execute("select response from response order by trial_id"))
     assert re.match("1{3,}0{3,}1{3,}", said)

@@ -14,26 +14,18 @@ from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
-from tests.web.study import ASKED, Server, Subject, asked, finish, kills_and_finish, started, visible, watch_errors
+from tests.web.study import ASKED, Server, Subject, asked, finish, kills_and_finish, page, start, visible, watch_errors  # noqa: F401
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
 PHONE, LAPTOP = {"width": 360, "height": 640}, {"width": 1280, "height": 720}
 
 
 @pytest.fixture
-def serve(tmp_path, items, controller):
+def serve(tmp_path, items, controller, start):
     """Starts a server for a protocol text, the items beside it; killed at the end."""
-    made: list[Server] = []
-
-    def start(text: str) -> Server:
-        for path in Path(items).iterdir():
-            (tmp_path / path.name).symlink_to(path)
-        made.append(started(tmp_path, text, controller))
-        return made[-1]
-
-    yield start
-    for one in made:
-        one.kill()
+    for path in Path(items).iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    return lambda text: start(text, controller)
 
 
 def opened(page: Page, server: Server, text: str) -> Subject:
@@ -73,13 +65,9 @@ def begin(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(
-    serve, browser, capsys
-) -> None:
+def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(serve, page, capsys) -> None:
     text = protocol_text(training=1, test=6, labels=LABELS, consent="You may stop at any time.")
     server = serve(text)
-    page = browser.new_page()
-    errors = watch_errors(page)
     subject = opened(page, server, text)
     visible(page, "Before we begin")
     while len(subject.acknowledged) < 2:
@@ -90,12 +78,10 @@ def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undis
     begin(page)
     assert page.locator("body").get_attribute("data-trial") == stands
     assert kills_and_finish(server, subject, 3, seed=4) == 3
-    assert errors == []
     rows = stored(server.store)
     assert rows == planned(text)
     acknowledged = {(run - 1, number) for run, number in subject.acknowledged}
     assert acknowledged <= {row[:2] for row in rows}
-    page.close()
     capsys.readouterr()
     assert main(["experiment", "information", "--store", str(server.store), "--json"]) == 0
     (result,) = json.loads(capsys.readouterr().out)["results"]
@@ -109,27 +95,24 @@ def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undis
 
 
 @pytest.mark.soak
-def test_session__server_killed_fifty_times__stores_every_trial_once(serve, browser) -> None:
+def test_session__server_killed_fifty_times__stores_every_trial_once(serve, page) -> None:
     text = protocol_text(training=5, test=25, labels=LABELS)
     server = serve(text)
-    page = browser.new_page()
     subject = opened(page, server, text)
     visible(page, "Which one was it?")
     assert kills_and_finish(server, subject, 50, seed=5) == 50
     assert stored(server.store) == planned(text)
 
 
-def test_page__before_each_answer__is_the_same_whatever_was_played(serve, browser) -> None:
+def test_page__before_each_answer__is_the_same_whatever_was_played(serve, page) -> None:
     text = protocol_text(training=0, test=3, labels=LABELS)
     server = serve(text)
-    page = browser.new_page()
     subject = opened(page, server, text)
     seen: set[str] = set()
     subject.asked = lambda: seen.add(_told(page))
     finish(subject)
     assert len({correct for _, _, correct, _ in stored(server.store)}) == 4
     assert len(seen) == 1
-    page.close()
 
 
 def _told(page: Page) -> str:
@@ -139,10 +122,9 @@ def _told(page: Page) -> str:
     return re.sub(r'"(number|shownAt)":[\d.]+', "", html)
 
 
-def test_feedback__in_training__says_what_was_right(serve, browser) -> None:
+def test_feedback__in_training__says_what_was_right(serve, page) -> None:
     text = protocol_text(training=1, test=1, labels=LABELS).replace("feedback_s = 0.0", "feedback_s = 1.0")
     server = serve(text)
-    page = browser.new_page()
     opened(page, server, text)
     begin(page)
     first, second = planned(text)[0][2], planned(text)[1][2]
@@ -155,13 +137,11 @@ def test_feedback__in_training__says_what_was_right(serve, browser) -> None:
     assert page.locator(".choice.right, .choice.wrong").count() == 0
     page.keyboard.press(str(1 + LABELS.index(second)))
     visible(page, "Right")
-    page.close()
 
 
-def test_break__between_blocks__lasts_its_time_and_shows_what_comes(serve, browser) -> None:
+def test_break__between_blocks__lasts_its_time_and_shows_what_comes(serve, page) -> None:
     text = protocol_text(training=1, test=1, labels=LABELS, extra="[session]\nbreak_s = 1\n")
     server = serve(text)
-    page = browser.new_page()
     subject = opened(page, server, text)
     while not page.locator("#status").inner_text().startswith("Time for a break"):
         subject.act()
@@ -176,13 +156,12 @@ def test_break__between_blocks__lasts_its_time_and_shows_what_comes(serve, brows
     begin(page)
     finish(subject)
     assert stored(server.store)[4:] == planned(text)[4:]
-    page.close()
 
 
-def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serve, browser) -> None:
+def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serve, page) -> None:
     text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
-    page = browser.new_page(viewport=LAPTOP)
+    page.set_viewport_size(LAPTOP)
     opened(page, server, text)
     begin(page)
     page.keyboard.press("Tab")
@@ -199,13 +178,11 @@ def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serv
     page.keyboard.press("Space")
     page.locator("body[data-trial='1/2']").wait_for()
     assert [row[3] for row in stored(server.store)] == [LABELS[1], LABELS[0]]
-    page.close()
 
 
-def test_page__roles__name_what_it_shows(serve, browser) -> None:
+def test_page__roles__name_what_it_shows(serve, page) -> None:
     text = protocol_text(training=0, test=1, labels=LABELS)
     server = serve(text)
-    page = browser.new_page()
     opened(page, server, text)
     visible(page, "Which one was it?")
     assert page.locator("#text").evaluate("one => one === document.activeElement")  # what is read first; Enter begins
@@ -216,7 +193,6 @@ def test_page__roles__name_what_it_shows(serve, browser) -> None:
     assert page.get_by_role("progressbar", name="Progress").count() == 1
     shortcuts = [one.get_attribute("aria-keyshortcuts") for one in group.get_by_role("button").all()]
     assert shortcuts == ["1", "2", "3", "4"]
-    page.close()
 
 
 def many(count: int) -> str:
@@ -231,9 +207,9 @@ def _file_and_key(found: re.Match[str]) -> str:
 
 
 @pytest.mark.parametrize("count", [*(pytest.param(few, marks=pytest.mark.slow) for few in (2, 3, 9)), 12, 30])
-def test_responses__two_to_thirty__fit_phone_and_laptop(serve, browser, count) -> None:
+def test_responses__two_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
     server = serve(many(count))
-    page = browser.new_page(viewport=LAPTOP)
+    page.set_viewport_size(LAPTOP)
     page.goto(server.addresses["subject S1"])
     begin(page)
     for size in (LAPTOP, PHONE, {"width": 640, "height": 360}):
@@ -254,7 +230,6 @@ def test_responses__two_to_thirty__fit_phone_and_laptop(serve, browser, count) -
             apart_x = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
             apart_y = one["y"] + one["height"] <= other["y"] or other["y"] + other["height"] <= one["y"]
             assert apart_x or apart_y
-    page.close()
 
 
 def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve, browser, capsys) -> None:
@@ -293,10 +268,10 @@ new MutationObserver((changes) => {
 
 
 @pytest.mark.slow
-def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, browser) -> None:
+def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, page, browser) -> None:
     text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
-    first, second = browser.new_page(), browser.new_page()
+    first, second = page, browser.new_page()
     opened(first, server, text)
     begin(first)
     subject = opened(second, server, text)
@@ -306,14 +281,13 @@ def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, brow
     assert second.locator("body").get_attribute("data-trial") == "1/0"
     finish(subject)
     assert stored(server.store) == planned(text)
-    first.close()
     second.close()
 
 
-def test_operator__page__shows_blocks_matrix_and_results(serve, browser) -> None:
+def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -> None:
     text = protocol_text(training=0, test=3, labels=LABELS)
     server = serve(text)
-    operator, page = browser.new_page(), browser.new_page()
+    operator = browser.new_page()
     errors = watch_errors(operator)
     operator.goto(server.addresses["operator"])
     subject = opened(page, server, text)
@@ -336,4 +310,3 @@ def test_operator__page__shows_blocks_matrix_and_results(serve, browser) -> None
     assert sum(right) == sum(correct == response for _, _, correct, response in planned(text))
     assert errors == []
     operator.close()
-    page.close()

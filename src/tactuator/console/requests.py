@@ -14,16 +14,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from fastapi import WebSocket, WebSocketDisconnect
 from pydantic import ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 from pydantic_core import from_json
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, TactuatorError
-from tactuator.web.messages import refusal
-from tactuator.web.sockets import receive_text, send
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # and what only a server needs is imported where it serves: the rig's process reads this as well
+    from fastapi import WebSocket
+
     from tactuator.console.state import ConsoleState
 
 CHANNELS_MAX = 64
@@ -68,6 +67,8 @@ def checked(requests: Requests[Asked], message: Mapping[str, Any]) -> Asked:
         kind: Any = requests[name]
         request: Asked = _adapter(kind).validate_python(fields)
     except ValidationError as error:
+        from tactuator.web.messages import refusal
+
         raise refusal(error, "message", _OF_PAGE) from None
     return request
 
@@ -83,6 +84,10 @@ async def serve_requests(
     """Answer a page's requests, one after another, until it goes. answer: called with the number and the request; what
     it returns is sent, and None where nothing is.
     """
+    from fastapi import WebSocketDisconnect
+
+    from tactuator.web.sockets import receive_text, send
+
     while True:
         number: int | None = None
         answered: Answer | None

@@ -22,7 +22,7 @@ from tactuator.model.description import Display
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.design import design_channel
+from tactuator.synthesis import design
 
 FILE = "file"
 _EXAMPLE, _TEXT = "example:", "text:"
@@ -172,7 +172,7 @@ class ConsoleState:
         """
         display = self.display(key)
         if (key, channel) not in self._designed:
-            self._designed.keep((key, channel), design_channel(display, display.channel(channel)))
+            self._designed.keep((key, channel), design.design_channel(display, display.channel(channel)))
         return self._designed[key, channel]
 
     def file_controller(self, key: str) -> Controller:
@@ -212,7 +212,7 @@ class ConsoleState:
         channels = []
         for channel in display.channels:
             if channel.feedback.structure == "none":
-                channels.append(design_channel(display, channel))
+                channels.append(design.design_channel(display, channel))
             elif channel.name in shapes:
                 channels.append(self.channel_of(key, channel.name, shapes[channel.name]))
             else:
