@@ -26,7 +26,7 @@ from tactuator.experiment.session.task import Apparatus, Envelope, OfferedRespon
 from tactuator.experiment.store import chain, schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial import IntervalRecord, Trial
+from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
@@ -230,12 +230,9 @@ class BlockCourse:
         if asking.paradigm == "abx":
             references = [np.pad(reference, ((0, longest - len(reference)), (0, 0))) for reference in references]
         silent = longest * len(references) - sum(len(reference) for reference in references)
-        presenter = Presenter(rig, rig.channels[0], watch, halted)
+        presenter = Presenter(rig, watch, halted)
         shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
-        records = tuple(
-            IntervalRecord(label, None, None, bool(at.trace.saturated.any()), at.onset_s, at.duration_s, at.lamp_late_s)
-            for label, at in zip(trial.stimuli, shown.intervals, strict=True)
-        )
+        records = tuple(at.record(label) for label, at in zip(trial.stimuli, shown.intervals, strict=True))
         return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:

@@ -82,6 +82,10 @@ class Apparatus:
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
         raise BadInput(f"finger {finger!r} is not on the display", f"{fingers}")
 
+    def column(self, finger: str) -> int:
+        """Return the place of that finger's channel among those of the rig. Raises BadInput as `channel` does."""
+        return self.rig.channels.index(self.channel(finger).name)
+
     def record(self, finger: str) -> dict[str, object]:
         """Return the columns of a run on that finger that describe the apparatus.
 
