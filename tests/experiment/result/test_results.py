@@ -165,8 +165,6 @@ def test_export__format_unknown_or_store_empty__is_refused(study, tmp_path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_refit__few_trials_or_odd_coverage__is_refused() -> None:
+def test_refit__few_trials__is_refused() -> None:
     with pytest.raises(BadInput, match="4 trials"):
         refit(np.zeros(4), np.ones(4, dtype=bool))
-    with pytest.raises(BadInput, match="coverage"):
-        refit(np.zeros(9), np.ones(9, dtype=bool), coverage=1.5)

@@ -7,7 +7,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.simulated.judging_quality import run_judging
+from tactuator.experiment.simulated.sitting import run_study
 from tactuator.experiment.simulated.strength_people import people_of
 from tactuator.experiment.store.store import Store
 from tactuator.io.csv_tables import read_contours, write_contours
@@ -40,7 +40,7 @@ def observed(path, text: str) -> None:
     protocol, store = parse_any_protocol(text), Store(path)
     codes = [subject.code for subject in protocol.subject]
     people = people_of(codes, dict.fromkeys(codes, "sensation-level"), {}, curve("bolanowski-1988"), 3)
-    run_judging(store, protocol, text, apparatus(), people, SystemClock())
+    run_study(store, protocol, text, apparatus(), people, SystemClock())
     store.close()
 
 

@@ -177,9 +177,6 @@ def test_open_session__first_visit_over__is_the_next(store) -> None:
     first.withdraw(keep=True)
     study = opened_study(store, clock, text)
     assert open_session(study, "S1").id == study.sessions()[1].id
-    assert open_session(study, "S1", visit=1).stage == "ended"
-    with pytest.raises(BadInput, match="visit 7"):
-        open_session(study, "S1", visit=7)
 
 
 def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> None:

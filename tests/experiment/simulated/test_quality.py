@@ -13,6 +13,13 @@ from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
 
+
+def tracks(rule, setting):
+    """Tracks of many runs, and the errors of their estimates, dB."""
+    done, truth = run_procedure(rule, setting, np.random.default_rng(setting.seed))
+    return done, done.estimates_db_sl - truth.threshold
+
+
 TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
     (1.5, 0.0, -0.56, 1.48, 80, 63, 101),
     (2.5, 0.0, -0.41, 0.95, 78, 62, 98),
@@ -26,22 +33,22 @@ TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
 def test_imece2004__twenty_thousand_runs__reproduce_the_table(
     slope: float, lapse: float, bias: float, sd: float, trials: float, low: float, high: float
 ) -> None:
-    found = run_procedure(IMECE2004, Setting(20_000, (slope, slope), lapse, seed=4))
-    assert found.estimates_db_sl.mean() == pytest.approx(bias, abs=0.06)
-    assert found.estimates_db_sl.std(ddof=1) == pytest.approx(sd, rel=0.05)
+    found, errors = tracks(IMECE2004, Setting(20_000, (slope, slope), lapse, seed=4))
+    assert errors.mean() == pytest.approx(bias, abs=0.06)
+    assert errors.std(ddof=1) == pytest.approx(sd, rel=0.05)
     assert found.trials.mean() == pytest.approx(trials, abs=1.5)
     assert np.percentile(found.trials, [5.0, 95.0]) == pytest.approx([low, high], abs=2)
 
 
 def test_floor__one_db_below_the_threshold__biases_upwards() -> None:
-    free = run_procedure(IMECE2004, Setting(10_000, seed=1))
-    clamped = run_procedure(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(10_000, seed=1))
-    assert clamped.estimates_db_sl.mean() > free.estimates_db_sl.mean() + 0.4
+    _, free = tracks(IMECE2004, Setting(10_000, seed=1))
+    _, clamped = tracks(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(10_000, seed=1))
+    assert clamped.mean() > free.mean() + 0.4
 
 
 def test_fourth_large_step__lets_a_large_reversal_into_the_mean() -> None:
     rule = UpDownRule(steps_db=(4.0, 4.0, 4.0, 4.0, 1.0))
-    assert run_procedure(rule, Setting(10_000, seed=1)).estimates_db_sl.mean() > 0.2
+    assert tracks(rule, Setting(10_000, seed=1))[1].mean() > 0.2
 
 
 @pytest.mark.parametrize("slope", [1.5, 2.0, 2.5, 3.0, 3.5])
@@ -61,8 +68,8 @@ def test_refit__slopes_drawn__interval_is_calibrated(lapse: float) -> None:
 
 @pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (40, 1.23), (50, 1.08), (60, 0.97)])
 def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, rmse: float) -> None:
-    found = run_procedure(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
-    assert np.sqrt(np.mean(found.estimates_db_sl**2)) <= 1.04 * rmse
+    _, errors = tracks(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
+    assert np.sqrt(np.mean(errors**2)) <= 1.04 * rmse
 
 
 def test_simulate__same_seed__gives_the_same() -> None:

@@ -62,31 +62,6 @@ def _batch(
     return levels, outcomes, table.threshold(posterior)[0]
 
 
-def estimates(
-    rule: QuestPlusRule, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of the threshold after these trials, (runs,) each; arguments (runs, trials).
-
-    The posterior is the same as trial by trial, computed in one product of counts with log psi.
-    """
-    table = tables(rule)
-    place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)
-    columns = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
-    log_right, log_wrong = np.log(table.psi), np.log1p(-table.psi)
-    for first in range(0, levels_db_sl.shape[0], _BATCH_RUNS):
-        part, hit = place[first : first + _BATCH_RUNS], correct[first : first + _BATCH_RUNS]
-        rows = np.arange(part.shape[0])[:, None]
-        right, wrong = np.zeros((2, part.shape[0], table.levels.size))
-        np.add.at(right, (rows, part), hit)
-        np.add.at(wrong, (rows, part), ~hit)
-        log_posterior = right @ log_right.T + wrong @ log_wrong.T + np.log(table.prior)
-        posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
-        posterior /= posterior.sum(axis=1, keepdims=True)
-        for column, values in zip(columns, table.threshold(posterior), strict=True):
-            column[first : first + _BATCH_RUNS] = values
-    return columns[0], columns[1]
-
-
 @table("[procedure]")
 class QuestPlusKeys(ProcedureKeys):
     """Keys of `quest-plus`."""

@@ -18,7 +18,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
-_MINIMUM_TRIALS = 5
+_MINIMUM_TRIALS, _TAIL = 5, 0.025
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
@@ -85,12 +85,10 @@ class Refit:
     lapse_log_odds: FloatArray
 
 
-def refit(
-    levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
-) -> Refit:
+def refit(levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None) -> Refit:
     """Refit runs. levels_db, correct: (runs, trials), NaN where a run was over; or (trials,) for one run.
 
-    coverage: of the central interval. Raises BadInput for a run of fewer than five trials or a coverage outside (0, 1).
+    Raises BadInput for a run of fewer than five trials.
     """
     prior = RefitPrior() if prior is None else prior
     levels = np.atleast_2d(np.asarray(levels_db, dtype=np.float64))
@@ -98,18 +96,14 @@ def refit(
     fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=_MINIMUM_TRIALS))
     if fewest < _MINIMUM_TRIALS:
         raise BadInput(f"refit of a run of {fewest} trials", f"{_MINIMUM_TRIALS} or more")
-    if not 0.0 < coverage < 1.0:
-        raise BadInput(f"coverage {coverage:g}", "between 0 and 1")
     parts = [
-        _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior, coverage)
+        _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior)
         for first in range(0, levels.shape[0], _BATCH_RUNS)
     ]
     return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _refit_batch(
-    levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float
-) -> tuple[FloatArray, ...]:
+def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior) -> tuple[FloatArray, ...]:
     centre = _middle(levels)
     offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
     grid = _grid(prior)
@@ -131,9 +125,7 @@ def _refit_batch(
     marginal /= total
     mean = marginal @ grid.thresholds
     sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
-    low, middle, high = (
-        _quantile(marginal, grid.thresholds, q) for q in (0.5 - coverage / 2.0, 0.5, 0.5 + coverage / 2.0)
-    )
+    low, middle, high = (_quantile(marginal, grid.thresholds, share) for share in (_TAIL, 0.5, 1.0 - _TAIL))
     slope = of_shape.sum(axis=2) @ grid.slopes
     lapse = of_shape.sum(axis=1) @ grid.lapses
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds

@@ -107,6 +107,17 @@ class DetectionTask(ToneTask):
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, seed, procedure)
 
+    def tones(self, planned: PlannedRun, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
+        """Return the tone of every interval, of -inf dB SL where nothing is played."""
+        at = trial.placement
+        assert at is not None
+        assert at.frequency_hz is not None
+        levels = [-math.inf if label == BLANK else at.level_db_sl for label in trial.stimuli]
+        return [
+            (JudgedTone(label, planned.finger, at.frequency_hz, level),)
+            for label, level in zip(trial.stimuli, levels, strict=True)
+        ]
+
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return the thresholds of the runs that are done. Raises BadInput where there is none."""
         return (threshold_table(thresholds(detection_runs(store, session=session)), self.words),)
@@ -168,16 +179,6 @@ class DetectionCourse(ToneCourse):
         lot = float(trial_rng((*self.seed, 9), self.trials).random())
         return LOUD if lot < catch.loud_share else BLANK if lot < catch.loud_share + catch.blank_share else SIGNAL
 
-    def _tones(self, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
-        at, finger = trial.placement, self.planned.finger
-        assert at is not None
-        assert at.frequency_hz is not None
-        levels = [-math.inf if label == BLANK else at.level_db_sl for label in trial.stimuli]
-        return [
-            (JudgedTone(label, finger, at.frequency_hz, level),)
-            for label, level in zip(trial.stimuli, levels, strict=True)
-        ]
-
     def _reference(self, trial: Trial, interval: int, tones: Sequence[JudgedTone]) -> FloatArray:
         reference, masker = super()._reference(trial, interval, tones), self.task.protocol.masker
         if masker is not None:
@@ -189,7 +190,7 @@ class DetectionCourse(ToneCourse):
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: a tone between its ramps, or nothing."""
-        (tone,), timing = self._tones(trial)[interval], self.task.protocol.timing
+        (tone,), timing = self.task.tones(self.planned, trial)[interval], self.task.protocol.timing
         count = max(1, round(tone.lasts_s(timing) / Envelope.STEP_S))
         rise = ramps(count, 1.0 / Envelope.STEP_S, tone.ramp_s(timing))
         levels = tone.level_db_sl + 20.0 * np.log10(np.maximum(rise, 1e-3))

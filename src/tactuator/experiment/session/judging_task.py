@@ -69,6 +69,11 @@ class JudgingTask(ToneTask):
         seed = run_seed(self.protocol, subject, planned.position, attempt, visit)
         return JudgingCourse(self, planned, seed, self.protocol.task.begin(planned.part, self.place, seed))
 
+    def tones(self, planned: PlannedRun, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
+        """Return the tones of every interval."""
+        assert isinstance(trial, Judgement)
+        return trial.tones
+
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return what the answers of the runs that are done come to. Raises BadInput where there is none."""
         runs = answered_runs(store, self.protocol.task.kind, session=session)
@@ -100,10 +105,6 @@ class JudgingCourse(ToneCourse):
 
     def _draw(self) -> Judgement | None:
         return None if self.trials >= self._limit else self.run.trial(self.trials)
-
-    def _tones(self, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
-        assert isinstance(trial, Judgement)
-        return trial.tones
 
     def _learn(self, trial: Trial, response: str, correct: bool) -> None:
         assert isinstance(trial, Judgement)

@@ -49,12 +49,14 @@ class SystemClock:
         return time.monotonic()
 
 
+_JUMP_S = 2.0
+
+
 class JumpWatch:
     """Detector of jumps of the wall clock, relative to the monotonic one."""
 
-    def __init__(self, clock: Clock, tolerance_s: float = 2.0) -> None:
+    def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._tolerance_s = tolerance_s
         self._utc, self._monotonic_s = clock.utc(), clock.monotonic_s()
 
     def jump_s(self) -> float | None:
@@ -62,7 +64,7 @@ class JumpWatch:
         utc, monotonic_s = self._clock.utc(), self._clock.monotonic_s()
         jump = (utc - self._utc).total_seconds() - (monotonic_s - self._monotonic_s)
         self._utc, self._monotonic_s = utc, monotonic_s
-        return jump if abs(jump) > self._tolerance_s else None
+        return jump if abs(jump) > _JUMP_S else None
 
 
 @dataclass(frozen=True)

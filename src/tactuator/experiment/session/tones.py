@@ -37,6 +37,10 @@ class ToneTask:
         if self.protocol.marks is not None:
             self.protocol.marks.end(self.apparatus.rig.rate_hz, self.apparatus.rig.channels)
 
+    def tones(self, planned: PlannedRun, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
+        """Return the tones of every interval; a tone of -inf dB SL is silence."""
+        raise NotImplementedError
+
     def _expected(self, planned: PlannedRun, trials: float, intervals: int, feedback_s: float) -> tuple[float, float]:
         """Return the number of trials of a run, fewer of practice, and how many seconds one of them plays."""
         hertz, protocol = planned.frequency_hz or self.apparatus.middle_hz, self.protocol
@@ -71,15 +75,11 @@ class ToneCourse:
     def _learn(self, trial: Trial, response: str, correct: bool) -> None:
         raise NotImplementedError
 
-    def _tones(self, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
-        """Return the tones of every interval; a tone of -inf dB SL is silence."""
-        raise NotImplementedError
-
     def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the trial's tones, each on the channel of its finger."""
         timing, apparatus = self.task.protocol.timing, self.task.apparatus
         presenter = Presenter(apparatus.rig, watch, halted, self.task.protocol.marks)
-        tones = self._tones(trial)
+        tones = self.task.tones(self.planned, trial)
         references = [self._reference(trial, interval, of) for interval, of in enumerate(tones)]
         shown = presenter.present(references, timing.lead_s, timing.gap_s)
         records = tuple(map(self._record, trial.stimuli, tones, shown.intervals))
@@ -113,7 +113,7 @@ class ToneCourse:
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: of its strongest tone in each step."""
-        tones, timing = self._tones(trial)[interval], self.task.protocol.timing
+        tones, timing = self.task.tones(self.planned, trial)[interval], self.task.protocol.timing
         ends = [tone.onset_s + tone.lasts_s(timing) for tone in tones]
         times = np.arange(max(1, round(max(ends) / Envelope.STEP_S))) * Envelope.STEP_S
         levels = np.full(times.size, Envelope.SILENT_DB_SL)
