@@ -18,7 +18,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
-_MINIMUM_TRIALS, _TAIL = 5, 0.025
+_MINIMUM_TRIALS, _INTERVAL = 5, (0.5 - 0.95 / 2.0, 0.5, 0.5 + 0.95 / 2.0)
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
@@ -125,7 +125,7 @@ def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPr
     marginal /= total
     mean = marginal @ grid.thresholds
     sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
-    low, middle, high = (_quantile(marginal, grid.thresholds, share) for share in (_TAIL, 0.5, 1.0 - _TAIL))
+    low, middle, high = (_quantile(marginal, grid.thresholds, share) for share in _INTERVAL)
     slope = of_shape.sum(axis=2) @ grid.slopes
     lapse = of_shape.sum(axis=1) @ grid.lapses
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
