@@ -18,11 +18,11 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys, psi_at
 from tactuator.experiment.procedure.up_down import Probability, Tracks
 from tactuator.parameters import NotNegative, Number, Positive, Share, Whole, table
 from tactuator.perception.curve import Level
-from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
 _BATCH_RUNS = 64
 """Runs that are computed side by side: their posteriors stay in the processor's own memory."""
@@ -125,11 +125,9 @@ class Tables:
         self.thresholds = np.arange(rule.low_db_sl, rule.high_db_sl + 1e-9, fine)
         slopes, lapses = np.array(rule.slopes), np.array(rule.lapses)
         self.shape = (self.thresholds.size, slopes.size, lapses.size)
-        at_threshold = (rule.target - rule.guess) / (1.0 - rule.guess - lapses)
         level = self.levels[None, None, None, :] - self.thresholds[:, None, None, None]
-        rise = weibull_rise(level, slopes[None, :, None, None], at_threshold[None, None, :, None])
-        psi = rule.guess + (1.0 - rule.guess - lapses[:, None]) * rise
-        self.psi = np.clip(psi.reshape(-1, self.levels.size), 1e-6, 1.0 - 1e-6)
+        psi = psi_at(level, slopes[None, :, None, None], lapses[:, None], rule.guess, rule.target)
+        self.psi = psi.reshape(-1, self.levels.size)
         self.entropy = scipy.special.entr(self.psi) + scipy.special.entr(1.0 - self.psi)
         self._likelihood = np.stack([1.0 - self.psi.T, self.psi.T])  # of a wrong and of a right answer, by level
         weights = np.broadcast_to(np.array(rule.slope_weights)[None, :, None], self.shape).reshape(-1)

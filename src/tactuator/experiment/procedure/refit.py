@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
+from tactuator.experiment.procedure.procedure import psi_at
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
 _MINIMUM_TRIALS, _INTERVAL = 5, (0.5 - 0.95 / 2.0, 0.5, 0.5 + 0.95 / 2.0)
 _ANY_LAPSE_SHARE = 0.1
@@ -183,11 +184,9 @@ class _Grid:
 
     def log_likelihood(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return log psi and log(1 - psi) at each level, (bins, grid points) each."""
-        guess, target = self.prior.guess, self.prior.target
-        at_threshold = (target - guess) / (1.0 - guess - self.lapses)
         level = offsets[:, None, None, None] - self.thresholds[None, :, None, None]
-        rise = weibull_rise(level, self.slopes[None, None, :, None], at_threshold)
-        psi = np.clip(guess + (1.0 - guess - self.lapses) * rise, 1e-6, 1.0 - 1e-6).reshape(offsets.size, -1)
+        psi = psi_at(level, self.slopes[:, None], self.lapses, self.prior.guess, self.prior.target)
+        psi = psi.reshape(offsets.size, -1)
         return np.log(psi), np.log1p(-psi)
 
 

@@ -19,7 +19,7 @@ from tactuator.experiment.protocol.detection import Protocol, plan_runs
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, Question, Rules, track
+from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, Question, Rules
 from tactuator.experiment.session.tones import ToneCourse, ToneTask
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
@@ -208,5 +208,5 @@ class DetectionCourse(ToneCourse):
             return curve_picture(self.procedure, words("run.so_far", **about))
         if isinstance(self.procedure, UpDown):
             reversals = len(self.procedure.reversal_levels)
-            return track(words("run.so_far_reversals", **about, reversals=reversals), self._outcomes)
+            return self._track(words("run.so_far_reversals", **about, reversals=reversals))
         return super().picture()

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sqlalchemy import Connection
-
 from tactuator.experiment.protocol.file import JudgingProtocol, plan_judging
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.session.task import OfferedResponse, Question, Rules
@@ -50,9 +48,6 @@ class JudgingTask(ToneTask):
         """Return the rules of a session, as the protocol has them."""
         session = self.protocol.session
         return Rules.of(session, self.protocol.timing.feedback_s if session.feedback else 0.0)
-
-    def enrol(self, connection: Connection, study: int) -> None:
-        """Store nothing besides the sessions."""
 
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Return practice, then the runs of the task in the subject's order."""
@@ -97,11 +92,6 @@ class JudgingCourse(ToneCourse):
     def progress(self) -> float:
         """Return how far the run is, from 0 to 1."""
         return min(1.0, self.trials / self._limit) if self.planned.practice else self.run.progress
-
-    @property
-    def passed(self) -> bool:
-        """Return True: practice has no criterion."""
-        return True
 
     def _draw(self) -> Judgement | None:
         return None if self.trials >= self._limit else self.run.trial(self.trials)

@@ -9,12 +9,11 @@ from datetime import datetime
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
 from tactuator.experiment.presenter import PlayedInterval, Presenter, Watch, amplitude
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import JudgingProtocol
 from tactuator.experiment.protocol.study import PlannedRun
-from tactuator.experiment.session.task import Apparatus, Envelope, Picture, track
+from tactuator.experiment.session.task import Apparatus, Course, Envelope, SessionTask
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.task.task_keys import JudgedTone
 from tactuator.experiment.trial import IntervalRecord, Trial
@@ -26,7 +25,7 @@ _LEAST_PEAK_V = 1e-12
 
 
 @dataclass(frozen=True)
-class ToneTask:
+class ToneTask(SessionTask):
     """A protocol whose trials play tones, at an apparatus. Raises BadInput for marks on a channel that is not there."""
 
     protocol: Protocol | JudgingProtocol
@@ -49,31 +48,10 @@ class ToneTask:
 
 
 @dataclass
-class ToneCourse:
-    """Course of one run: the level and outcome of its trials. A kind of it says what is drawn, and learns."""
+class ToneCourse(Course):
+    """Course of one run whose trials play tones."""
 
     task: ToneTask
-    planned: PlannedRun
-    seed: tuple[int, ...]
-    _outcomes: list[tuple[float, bool]] = field(init=False, default_factory=list)
-    _standing: tuple[int, Trial | None] = field(init=False, default=(-1, None))
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials answered so far, catch trials included."""
-        return len(self._outcomes)
-
-    def trial(self) -> Trial | None:
-        """Return the trial that stands, or None when the run is over. It is drawn once for each answer."""
-        if self._standing[0] != self.trials:
-            self._standing = (self.trials, self._draw())
-        return self._standing[1]
-
-    def _draw(self) -> Trial | None:
-        raise NotImplementedError
-
-    def _learn(self, trial: Trial, response: str, correct: bool) -> None:
-        raise NotImplementedError
 
     def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the trial's tones, each on the channel of its finger."""
@@ -122,16 +100,3 @@ class ToneCourse:
             levels[inside] = np.maximum(levels[inside], tone.level_db_sl)
         hertz = {tone.frequency_hz for tone in tones}
         return Envelope.of(levels, hertz.pop() if len(hertz) == 1 else None)
-
-    def record(self, response: str) -> None:
-        """Record the response to the trial that stands. Raises BadInput when the run is over, or for no response."""
-        trial = self.trial()
-        if trial is None:
-            raise BadInput("the run is over", "a response to a trial that stands")
-        correct = trial.judge(response)
-        self._outcomes.append((0.0 if trial.placement is None else trial.placement.level_db_sl, correct))
-        self._learn(trial, response, correct)
-
-    def picture(self) -> Picture:
-        """Return the level and outcome of every trial."""
-        return track(self.task.words("run.so_far", title=self.planned.title, trials=self.trials), self._outcomes)
