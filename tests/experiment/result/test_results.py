@@ -23,7 +23,8 @@ from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 TEXT = (
     PROTOCOL[: PROTOCOL.index("[procedure]")]
-    + '[procedure]\nkind = "up-down"\nreversals = 9\naveraged = 6\n[conditions]\nfingers = ["index"]\nfrequencies_hz = [8, 40, 200]\n'
+    + '[procedure]\nkind = "up-down"\nreversals = 9\naveraged = 6\n'
+    + '[conditions]\nfingers = ["index"]\nfrequencies_hz = [8, 40, 200]\n'
     + PROTOCOL[PROTOCOL.index("[circumstances]") :].replace("stimulus_s = 0.05", "stimulus_s = 0.25")
 )
 
