@@ -86,7 +86,7 @@ def test_console_rig__halted_in_a_trial__is_at_rest_and_plays_the_next(host, con
     rig = ConsoleRig(host)
     rig.load(controller)
     began = time.monotonic()
-    presenter = Presenter(rig, "index", halted=lambda: time.monotonic() - began > 0.2)
+    presenter = Presenter(rig, halted=lambda: time.monotonic() - began > 0.2)
     with pytest.raises(Halted):
         presenter.present([np.zeros((40_000, 3))], 0.0, 0.0)
     assert time.monotonic() - began < 9.0  # of ten seconds that would have been played

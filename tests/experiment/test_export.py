@@ -23,7 +23,7 @@ from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
 from tactuator.experiment.trial import LOUD, SIGNAL
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, begin, opened_study
 
 STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
 QUESTS = 'kind = "quest-plus"\ntrials = 16'
@@ -41,9 +41,7 @@ def store(tmp_path_factory):
     for _ in range(2):
         run_study(made, protocol, QUICK, place, simulated_observers(curve, 2, 3, place.band_hz), ObedientClock())
     text, clock = QUICK + '[[subject]]\ncode = "S3"\n', ObedientClock()
-    person = begin(made, clock, text, subject=2)
-    for _ in range(5):
-        answer_one(person, clock)
+    person = begin(made, clock, text, subject=2, trials=5)
     person.withdraw(keep=False)
     study = opened_study(made, clock, text)
     for code in ("S3", "S1"):

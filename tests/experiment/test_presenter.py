@@ -47,7 +47,7 @@ def tones(count=3, samples=2000):
 
 def test_present__intervals__are_one_stretch_with_the_protocols_gaps() -> None:
     rig = Recorder()
-    shown = Presenter(rig, "index").present(tones(), 0.3, 0.25, 0.1)
+    shown = Presenter(rig).present(tones(), 0.3, 0.25, 0.1)
     (played,) = rig.played  # one stream
     assert len(played) == round((0.3 + 3 * 0.5 + 2 * 0.25 + 0.1) * RATE_HZ)
     assert [one.onset_s for one in shown.intervals] == [0.3, 1.05, 1.8]
@@ -59,7 +59,7 @@ def test_present__intervals__are_one_stretch_with_the_protocols_gaps() -> None:
 
 def test_present__watch__is_told_in_order_by_the_rigs_time_and_how_late() -> None:
     rig, told = Recorder(behind=71), []
-    presenter = Presenter(rig, "index", lambda interval, begins: told.append((interval, begins)))
+    presenter = Presenter(rig, lambda interval, begins: told.append((interval, begins)))
     shown = presenter.present(tones(), 0.3, 0.25)
     assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
     assert all(0.0 <= one.lamp_late_s < 111 / RATE_HZ for one in shown.intervals)
@@ -77,15 +77,15 @@ def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -
             yield self.trace(rows)
 
     told, rig = [], Ahead()
-    shown = Presenter(rig, "index", lambda *edge: told.append((*edge, rig.rows_played))).present(tones(), 0.3, 0.25)
+    shown = Presenter(rig, lambda *edge: told.append((*edge, rig.rows_played))).present(tones(), 0.3, 0.25)
     assert [(interval, at) for interval, begins, at in told if begins] == [(0, 1200), (1, 4208), (2, 7200)]
     assert [one.lamp_late_s for one in shown.intervals] == [0.0, 8 / RATE_HZ, 0.0]
 
 
 def test_present__simulated_rig__stands_at_each_onset_when_the_watch_is_told() -> None:
     rig = apparatus().rig
-    stands, presenter = [], Presenter(rig, "index")
-    reference = presenter.on_channel(np.zeros(777))
+    stands, presenter = [], Presenter(rig)
+    reference = np.zeros((777, len(rig.channels)))
     presenter.watch = lambda interval, begins: stands.append(rig._ticks)
     shown = presenter.present([reference, reference], 0.1001, 0.2)
     assert [stand - shown.rig_tick for stand in stands] == [400, 1177, 1977, 2754]
@@ -94,7 +94,7 @@ def test_present__simulated_rig__stands_at_each_onset_when_the_watch_is_told() -
 
 def test_present__halted__rests_the_rig_within_a_piece() -> None:
     rig, asked = Recorder(), []
-    presenter = Presenter(rig, "index", halted=lambda: bool(asked.append(1)) or len(asked) == 5)
+    presenter = Presenter(rig, halted=lambda: bool(asked.append(1)) or len(asked) == 5)
     with pytest.raises(Halted):
         presenter.present(tones(), 0.3, 0.25)
     assert (len(asked), rig.rests) == (5, 1)
@@ -103,14 +103,14 @@ def test_present__halted__rests_the_rig_within_a_piece() -> None:
 @pytest.mark.parametrize("shape", [(100,), (100, 3)])
 def test_present__reference_of_other_channels__is_refused(shape) -> None:
     with pytest.raises(BadInput, match=r"allowed: \(samples, 2\)"):
-        Presenter(Recorder(), "index").present([np.zeros(shape)], 0.1, 0.1)
+        Presenter(Recorder()).present([np.zeros(shape)], 0.1, 0.1)
 
 
 def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_long_one() -> None:
     rig = Recorder()
     marks = Marks("thumb", frequency_hz=60.0, level_db_sl=20.0, tap_s=0.08, pause_s=0.12, after_s=0.5)
     silent = [np.zeros((400, 2))] * 3
-    shown = Presenter(rig, "index", marks=marks).present(silent, 0.3, 0.3)
+    shown = Presenter(rig, marks=marks).present(silent, 0.3, 0.3)
     felt = np.abs(rig.played[0][:, 1]) > 1e-9
     starts = np.flatnonzero(np.diff(np.concatenate([[0], np.convolve(felt, np.ones(200), "same") > 0])) == 1)
     onsets = [round(one.onset_s * RATE_HZ) for one in shown.intervals]
@@ -149,19 +149,20 @@ def test_present__board_whose_time_goes_on__keeps_the_onsets_and_lights_lamps_wi
     rig.simulate(1)
     rig.load(designed())
     stands: list[tuple[int, bool, int]] = []
-    presenter = Presenter(rig, "index", lambda *edge: stands.append((*edge, int(transport.board.tick))))
+    presenter = Presenter(rig, lambda *edge: stands.append((*edge, int(transport.board.tick))))
     late_s, stored_s, lags = [], [], []
     for trial in range(4):
         stands.clear()
         time_s = np.arange(701 + 37 * trial) / RATE_HZ
-        tone = presenter.on_channel(100.0 * np.sin(2.0 * np.pi * 70.0 * time_s) * np.sin(np.pi * time_s / time_s[-1]))
+        wave = 100.0 * np.sin(2.0 * np.pi * 70.0 * time_s) * np.sin(np.pi * time_s / time_s[-1])
+        tone = np.outer(wave, np.eye(len(rig.channels))[rig.channels.index("index")])
         shown = presenter.present([tone] * 3, 0.31, 0.13)
         begun = [tick for _, begins, tick in stands if begins]
         assert len(begun) == 3
         for tick, one in zip(begun, shown.intervals, strict=True):
             late_s.append((tick - shown.rig_tick) / RATE_HZ - one.onset_s)
             stored_s.append(one.lamp_late_s)
-        felt = [one.trace.position_v[:, presenter.column] for one in shown.intervals]
+        felt = [one.trace.position_v[:, rig.channels.index("index")] for one in shown.intervals]
         lags += [lag(felt[0], other) for other in felt[1:]]
     assert {abs(one) <= 1 for one in lags} == {True}, lags
     assert min(late_s) >= 0.0

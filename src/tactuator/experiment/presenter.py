@@ -23,7 +23,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.store.records import PlayedTrial
-from tactuator.experiment.trial import Marks
+from tactuator.experiment.trial import IntervalRecord, Marks
 from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import ramps
@@ -74,6 +74,17 @@ class PlayedInterval:
     duration_s: float
     lamp_late_s: float
 
+    def record(
+        self,
+        stimulus: str,
+        commanded_db_sl: float | None = None,
+        measured_db_sl: float | None = None,
+        column: int | slice = slice(None),
+    ) -> IntervalRecord:
+        """Return its record; column: of the channel whose saturation counts, by default that of any."""
+        saturated, times = bool(self.trace.saturated[:, column].any()), (self.onset_s, self.duration_s)
+        return IntervalRecord(stimulus, commanded_db_sl, measured_db_sl, saturated, *times, self.lamp_late_s)
+
 
 @dataclass(frozen=True)
 class Presentation:
@@ -90,32 +101,16 @@ class Presentation:
 
 @dataclass
 class Presenter:
-    """Player of trials on one channel of a rig with its controller loaded.
+    """Player of trials on a rig with its controller loaded.
 
     watch: called as an interval begins and ends. halted: called after every piece; the trial ends at once where it
-    returns True. marks: taps that announce intervals. Raises BadInput where the rig has no such channel.
+    returns True. marks: taps that announce intervals.
     """
 
     rig: Rig
-    channel: str
     watch: Watch = field(default=lambda interval, begins: None)
     halted: Callable[[], bool] = field(default=lambda: False)
     marks: Marks | None = None
-
-    def __post_init__(self) -> None:
-        if self.channel not in self.rig.channels:
-            raise BadInput(f"channel {self.channel!r} is not on the rig", f"{', '.join(self.rig.channels)}")
-
-    @property
-    def column(self) -> int:
-        """Return the channel's place among those of the rig."""
-        return self.rig.channels.index(self.channel)
-
-    def on_channel(self, wave: FloatArray) -> FloatArray:
-        """Return a reference of every channel, (n, channels), from the wave of one, (n,)."""
-        reference = np.zeros((wave.size, len(self.rig.channels)))
-        reference[:, self.column] = wave
-        return reference
 
     def present(
         self, references: Sequence[FloatArray], lead_s: float, gap_s: float, tail_s: float = 0.0

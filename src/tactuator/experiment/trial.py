@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.parameters import Flag, Number, Positive, Seconds, Whole, table
-from tactuator.perception.curve import COMFORT_DB_SL, Level
+from tactuator.perception.curve import Level
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
 
@@ -75,29 +75,6 @@ class Masker:
             scipy.signal.butter(2, band, "bandpass", fs=rate_hz, output="sos"), rng.standard_normal(2 * count)
         )[count:]
         return np.asarray(amplitude / np.sqrt(2.0) * noise / np.std(noise) * ramps(count, rate_hz, ramp_s))
-
-
-@dataclass(frozen=True)
-class ToneInterval:
-    """One interval of a detection trial: a tone of frequency_hz at level_db_sl, or nothing (level None).
-
-    Raises BadInput for a level above comfort.
-    """
-
-    frequency_hz: float
-    level_db_sl: float | None
-
-    def __post_init__(self) -> None:
-        if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
-            raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL", f"{COMFORT_DB_SL:g} at most")
-
-    def wave(self, rate_hz: float, timing: Timing) -> FloatArray:
-        """Return the interval's signal, shape (n,), in threshold units."""
-        duration = timing.duration_s(self.frequency_hz)
-        if self.level_db_sl is None:
-            return np.zeros(round(duration * rate_hz))
-        amplitude = float(from_db(self.level_db_sl))
-        return tone(self.frequency_hz, amplitude, duration, rate_hz, ramp_s=timing.ramp_at_s(self.frequency_hz))
 
 
 _Tap = Annotated[Seconds, Field(le=5.0)]
@@ -246,12 +223,6 @@ class ForcedChoice:
         target = int(trial_rng(seed, number).integers(self.intervals))
         stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
         return Trial(number, stimuli, self.responses, self.responses[target], placement)
-
-    def tones(self, trial: Trial, frequency_hz: float) -> tuple[ToneInterval, ...]:
-        """Return the tone, or silence, of each interval."""
-        assert trial.placement is not None
-        level = trial.placement.level_db_sl
-        return tuple(ToneInterval(frequency_hz, None if label == BLANK else level) for label in trial.stimuli)
 
 
 def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:

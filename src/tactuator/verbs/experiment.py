@@ -231,7 +231,6 @@ def observe(
 
     from tactuator.experiment.protocol.file import JudgingProtocol, read_any_protocol, read_protocol
     from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.judging_quality import run_judging
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
@@ -260,16 +259,13 @@ def observe(
 
             if isinstance(study, JudgingProtocol):
                 people = people_of(codes, laws, lapses, curve, seed)
-                run_judging(database, study, text, place, people, *how, show)
+                run_study(database, study, text, place, people, *how, show)
                 hertz = np.array([10.0, 30.0, 60.0, 100.0, 160.0, 250.0])
                 levels = [person.equal_to(30.0, hertz) for person in people]
             else:
                 drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
                 observers = with_truths(drawn, codes, curve, truths, lapses)
-                order = [observer.name for observer in observers]
-                run_study(
-                    database, study, text, place, observers, *how, lambda name, share: show(order.index(name), share)
-                )
+                run_study(database, study, text, place, observers, *how, show)
                 hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
                 levels = [observer.curve.level_db_re_1um_at(hertz) for observer in observers]
     each = zip(codes, levels, strict=True)

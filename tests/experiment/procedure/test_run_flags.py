@@ -1,12 +1,13 @@
 """Flags of runs at one frequency: guessers, lapses, drift; how often they are right and how often they cry wolf."""
 
+import dataclasses
 import tomllib
 from importlib.resources import files
 
 import numpy as np
 import pytest
 
-from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, estimates
+from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, tables
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
 from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
@@ -82,23 +83,17 @@ def test_flags__two_thousand_runs__figures_of_the_documents() -> None:
     assert normal["drift"] <= 0.02
 
 
-def test_quest_plus__estimates_from_counts__are_those_trial_by_trial() -> None:
+def test_quest_plus__estimate__is_of_the_product_of_prior_and_all_answers() -> None:
     rule, rng = QuestPlusRule(trials=25), np.random.default_rng(2)
-    levels, outcomes, stated = [], [], []
-    for _ in range(3):
-        run, mine, right = QuestPlus(rule), [], []
-        while (placement := run.placement()) is not None:
-            mine.append(placement.level_db_sl)
-            right.append(bool(rng.random() < 0.7))
-            run.record(right[-1])
-        levels.append(mine)
-        outcomes.append(right)
-        estimate = run.estimate()
-        assert estimate is not None
-        stated.append((estimate.level_db_sl, estimate.standard_error_db))
-    mean, sd = estimates(rule, np.array(levels), np.array(outcomes))
-    assert mean == pytest.approx([one for one, _ in stated])
-    assert sd == pytest.approx([one for _, one in stated], rel=1e-6)
+    run, table = QuestPlus(rule), tables(rule)
+    weight = table.prior.copy()
+    while (placement := run.placement()) is not None:
+        right, psi = bool(rng.random() < 0.7), table.psi[:, np.flatnonzero(table.levels == placement.level_db_sl)[0]]
+        weight *= psi if right else 1.0 - psi
+        run.record(right)
+    mean = np.average(table.parameter_threshold, weights=weight)
+    sd = np.sqrt(np.average((table.parameter_threshold - mean) ** 2, weights=weight))
+    assert dataclasses.astuple(run.estimate()) == pytest.approx((mean, sd), rel=1e-6)
 
 
 @pytest.mark.parametrize("target", [0.5**0.5, 0.5 ** (1.0 / 3.0)])

@@ -51,8 +51,8 @@ def run(truth: str, runs: int, trials: int = 150, lapse: float = 0.02, **people:
 
 @pytest.mark.parametrize(("truth", "limit_db"), [("flat", 1.3), ("+30 flat", 3.0), ("sinusoid", 4.0)])
 def test_whole_curve__person_outside_the_prior__stays_inside_the_band(truth: str, limit_db: float) -> None:
-    found = run(truth, 5, 100)
-    assert found.coverage95 >= 0.80  # five runs; two hundred in the soak
+    found = run(truth, 3, 100)
+    assert found.coverage95 >= 0.80  # three runs; two hundred in the soak
     assert found.rms_error_db <= limit_db
     assert found.flags.get("chance", 0.0) == 0.0
     assert found.people == truth
@@ -70,15 +70,11 @@ def test_whole_curve__every_truth_two_hundred_runs__band_covers(truth: str) -> N
 
 
 @pytest.mark.soak
-def test_whole_curve__a_fifth_of_lapses__band_covers_and_no_threshold_is_lost() -> None:
-    found = run("flat", 200, lapse=0.2)
+@pytest.mark.parametrize(("trials", "lapse", "limit_db"), [(150, 0.2, 3.3), (100, 0.02, 0.95)])
+def test_whole_curve__normal_person_of_many_lapses_or_few_trials__is_known_so_well(trials, lapse, limit_db) -> None:
+    found = run("flat", 200, trials, lapse)
     assert found.coverage95 >= 0.90
-    assert found.rms_error_db <= 3.3  # 4.9 where only the heaviest components choose the trials
-
-
-@pytest.mark.soak
-def test_whole_curve__normal_person_hundred_trials__nine_tenths_of_a_decibel() -> None:
-    assert run("flat", 200, 100).rms_error_db <= 0.95
+    assert found.rms_error_db <= limit_db  # 4.9 of lapses where only the heaviest components choose the trials
 
 
 @pytest.mark.soak
@@ -87,7 +83,7 @@ def test_whole_curve__three_hundred_guessers__all_are_flagged() -> None:
 
 
 def test_whole_curve__guessers__are_flagged() -> None:
-    found = run("flat", 8, 60, guessed=1.0)
+    found = run("flat", 3, 60, guessed=1.0)
     assert found.flags["chance"] == 1.0
     assert found.flagged == 1.0
 
@@ -236,8 +232,8 @@ def test_curve_drift__three_points_one_kind__are_the_odds_of_the_integral_over_a
 
 def test_curve_drift__answers_of_another_generator__are_flagged_where_the_curve_moved() -> None:
     prior, answering = CurvePrior(points=14, notch_share=0.0, edge_share=0.0), Answering()
-    for drift_db, least, most in ((0.0, 0.0, 0.15), (12.0, 0.8, 1.0), (-12.0, 0.8, 1.0)):
-        trials = answered(prior.points, 7, 150, drift_db, seed=7)
+    for drift_db, least, most in ((0.0, 0.0, 0.25), (12.0, 0.75, 1.0), (-12.0, 0.75, 1.0)):
+        trials = answered(prior.points, 4, 150, drift_db, seed=7)
         found = curve_drift(learnt(prior, answering, trials), trials)
         assert least <= float(np.mean(found.log_odds > LEAST_LOG_ODDS)) <= most
         assert ((found.power > 0.0) & (found.power < 1.0)).all()  # a limit of 3.0 leaves single runs with little
@@ -274,8 +270,8 @@ def trials(
 def curve_by_grid(
     point: np.ndarray, level: np.ndarray, correct: np.ndarray, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return mean, standard deviation and log evidence by summing over 421 x 421 pairs of thresholds."""
-    g = 2.5 + np.linspace(-7.0, 7.0, 421) * np.sqrt(covariance.max())
+    """Return mean, standard deviation and log evidence by summing over 241 x 241 pairs of thresholds."""
+    g = 2.5 + np.linspace(-7.0, 7.0, 241) * np.sqrt(covariance.max())
     pairs = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1)
     about = pairs - MEAN
     log_prior = -0.5 * np.einsum("abi,ij,abj->ab", about, np.linalg.inv(covariance), about)
@@ -425,15 +421,16 @@ def test_kind__loss_of_one_channel__leaves_the_band_of_the_other(channel) -> Non
     assert lost == pytest.approx([kind.feature_mean_db for kind in kinds])
 
 
-def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twelve() -> None:
-    """None of the twelve was told above 6.1 dB where no trial was put to exclude a notch and none was weighed late."""
+@pytest.mark.parametrize(("runs", "inside"), [(6, 0.6), pytest.param(12, 0.9, marks=pytest.mark.soak)])
+def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_three_quarters(runs: int, inside: float) -> None:
+    """None of twelve was told above 6.1 dB where no trial was put to exclude a notch and none was weighed late."""
     rule, rng, shape = WholeCurveRule(), np.random.default_rng(5), Psychometric(Logistic(0.5), lapse=0.02)
-    hertz, belief = rule.prior.frequency_hz, CurveBelief(rule.prior, rule.answering, 12)
+    hertz, belief = rule.prior.frequency_hz, CurveBelief(rule.prior, rule.answering, runs)
     truth = 15.0 * np.exp(-0.5 * (np.log10(hertz / 192.0) / 0.06) ** 2)
     for _ in range(rule.trials):
         point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
-        belief.learn(point, level, rng.random(12) < shape.probability(level - truth[point]))
+        belief.learn(point, level, rng.random(runs) < shape.probability(level - truth[point]))
     deepest = int(np.argmax(truth))
     read = belief.curve(hertz)
-    assert np.sum(read.mean[:, deepest] > 8.0) >= 9
-    assert np.mean((read.low[:, deepest] <= 14.0) & (read.high[:, deepest] >= 14.0)) >= 0.9
+    assert np.sum(read.mean[:, deepest] > 8.0) >= int(0.75 * runs)
+    assert np.mean((read.low[:, deepest] <= 14.0) & (read.high[:, deepest] >= 14.0)) >= inside

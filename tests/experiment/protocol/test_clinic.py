@@ -13,7 +13,7 @@ from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, controller, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, controller, opened_study, rows_of
 
 GATES = (
     '\n[gates]\nskin_temperature_low_c = 27\nskin_temperature_high_c = 36\npreload_high_n = 0.5\nposture = "seated"\n'
@@ -70,8 +70,7 @@ def test_run__outside_gates_that_only_tell__begins_with_an_event(tmp_path) -> No
     session.give_consent()
     study.set_day(row.id, 12.0, 0.2, posture="seated")
     answer_one(PresentedSession(session), study.clock)
-    with store.read() as connection:
-        told = connection.execute(select(schema.event.c.detail).where(schema.event.c.kind == "gate")).scalars().all()
+    told = [detail for (detail,) in rows_of(store, select(schema.event.c.detail).where(schema.event.c.kind == "gate"))]
     assert told == ["skin_temperature_c: 12 °C (allowed: 27 to 36 °C)"]
     store.close()
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.special import erfc
 
 from tactuator.experiment.result.group_level import GroupLevel, group_level
 
@@ -28,7 +29,7 @@ def by_grid(level_db: np.ndarray, limit_db: float) -> tuple[float, float, float]
     for level in level_db:
         if level > limit_db:
             z = (limit_db - means[:, None]) / spreads
-            found = found + np.log(np.array([[0.5 * math.erfc(one / math.sqrt(2.0)) for one in row] for row in z]))
+            found = found + np.log(0.5 * erfc(z / math.sqrt(2.0)))
         else:
             found = found - np.log(spreads) - 0.5 * ((level - means[:, None]) / spreads) ** 2
     profile = found.max(axis=1)
@@ -71,18 +72,22 @@ def test_group_level__small_group__is_the_highest_point_of_a_grid(seed: int) -> 
 
 @pytest.mark.parametrize(("mean", "spread", "people"), [(30.0, 10.0, 12), (36.0, 12.0, 20), (30.0, 6.0, 6)])
 def test_group_level__patients_beyond_the_display__mean_is_unbiased(mean: float, spread: float, people: int) -> None:
-    """Without those beyond it the mean is 2 to 9 dB too good; told as precise at the limit, 0.7 to 5 dB."""
+    """Without those beyond it the mean is 2 to 9 dB too good; told as precise at the limit, 0.7 to 5 dB.
+
+    The error is that from the mean of all, had nobody been beyond: it scatters less than that from the truth, and 0.5
+    dB of bias is seen in a hundred groups.
+    """
     rng = np.random.default_rng(7)
     errors, left_out, clipped, held = [], [], [], []
-    for _ in range(300):
+    for _ in range(100):
         level = rng.normal(mean, spread, people)
         found = told(level)
         if found.bound:
             continue
-        errors.append(found.level_db - mean)
+        errors.append(found.level_db - level.mean())
         left_out.append(level[level <= LIMIT_DB].mean() - mean)
         clipped.append(np.minimum(level, LIMIT_DB).mean() - mean)
-        held.append(abs(errors[-1]) <= 1.96 * found.standard_error_db)
+        held.append(abs(found.level_db - mean) <= 1.96 * found.standard_error_db)
     uncertain = 3.0 * float(np.std(errors)) / math.sqrt(len(errors))
     assert abs(float(np.mean(errors))) <= uncertain + 0.4
     assert float(np.mean(left_out)) < -1.5

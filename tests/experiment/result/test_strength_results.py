@@ -7,7 +7,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.simulated.judging_quality import run_judging
+from tactuator.experiment.simulated.sitting import run_study
 from tactuator.experiment.simulated.strength_people import people_of
 from tactuator.experiment.store.store import Store
 from tactuator.io.csv_tables import read_contours, write_contours
@@ -40,7 +40,7 @@ def observed(path, text: str) -> None:
     protocol, store = parse_any_protocol(text), Store(path)
     codes = [subject.code for subject in protocol.subject]
     people = people_of(codes, dict.fromkeys(codes, "sensation-level"), {}, curve("bolanowski-1988"), 3)
-    run_judging(store, protocol, text, apparatus(), people, SystemClock())
+    run_study(store, protocol, text, apparatus(), people, SystemClock())
     store.close()
 
 
@@ -70,19 +70,16 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
     assert moved == pytest.approx(-MORE_DB * np.log2(at_hz / 100.0) - 6.0, abs=3.0)
 
 
-def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance(tmp_path) -> None:
+def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance_and_no_figure(tmp_path) -> None:
     observed(tmp_path / "lab.db", HEAD + PAIRS)
+    assert judged(tmp_path / "lab.db").to_dict()["tables"]
+    with pytest.raises(BadInput, match="nothing to draw"):
+        judged(tmp_path / "lab.db", figures=tmp_path / "figures")
     results = contour_results(tmp_path / "lab.db")
     assert results.group is None
     (balance,) = results.balance
     assert balance.finger == "thumb"
     assert balance.offset_db.value == pytest.approx(0.0, abs=2.0)
-
-
-def test_contour_results__store_without_matches__is_refused(tmp_path) -> None:
-    Store(tmp_path / "lab.db").close()
-    with pytest.raises(BadInput, match="no done run of matching"):
-        contour_results(tmp_path / "lab.db")
 
 
 def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None:
@@ -95,14 +92,9 @@ def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None
         judged(tmp_path / "lab.db", task="matching")
 
 
-def test_judged__store_of_no_task__names_what_there_is(tmp_path) -> None:
+def test_results__store_of_no_task__name_what_there_is(tmp_path) -> None:
     Store(tmp_path / "lab.db").close()
+    with pytest.raises(BadInput, match="no done run of matching"):
+        contour_results(tmp_path / "lab.db")
     with pytest.raises(BadInput, match="the store holds no study; allowed: a study in which tones are judged"):
         judged(tmp_path / "lab.db")
-
-
-def test_judged__a_task_without_a_figure__is_not_drawn(tmp_path) -> None:
-    observed(tmp_path / "lab.db", HEAD + PAIRS)
-    assert judged(tmp_path / "lab.db").to_dict()["tables"]
-    with pytest.raises(BadInput, match="nothing to draw"):
-        judged(tmp_path / "lab.db", figures=tmp_path / "figures")

@@ -173,14 +173,10 @@ def test_figure__doubtful_and_censored_thresholds__are_crossed_have_arrows_and_a
     assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
-def test_group_curve__measured_by_people__is_called_measured(study) -> None:
-    felt = [replace(one, simulated=False) for one in thresholds(detection_runs(study[0])) if one.subject == "S1"]
-    assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
-
-
 def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
     found = sorted(thresholds(detection_runs(study[0])), key=lambda one: one.frequency_hz)
-    felt = [one for one in found if one.subject == "S1"]
+    felt = [replace(one, simulated=False) for one in found if one.subject == "S1"]
+    assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
     other = [replace(one, study_number=2, level_db_re_1um=one.level_db_re_1um + 8.0) for one in felt]
     both = group_curve([*felt, *felt, *other], LIBRARY, (0.4, 300.0))  # S1 of study 1 came twice
     assert both.subjects == (0, 2, 2, 2, 0)

@@ -87,18 +87,29 @@ def apparatus(seed: int = 0) -> Apparatus:
     return Apparatus(rig, controller(), "simulated")
 
 
-def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> PresentedSession:
-    """The subject's session, opened or resumed, consent given."""
+def begin(
+    store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0, trials: int = 0
+) -> PresentedSession:
+    """The subject's session, opened or resumed, consent given, and so many trials answered."""
     study = opened_study(store, clock, text)
     session = open_session(study, study.task.protocol.subject[subject].code)
     if session.stage == "consent":
         session.give_consent()
-    return PresentedSession(session)
+    presented = PresentedSession(session)
+    for _ in range(trials):
+        answer_one(presented, clock)
+    return presented
 
 
 def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
     """The study of the protocol in the store."""
     return open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, clock, token, amend)
+
+
+def rows_of(store: Store, query) -> list:
+    """What the store has to say to a query."""
+    with store.read() as connection:
+        return connection.execute(query).all()
 
 
 def token(code: str, visit: int) -> str:

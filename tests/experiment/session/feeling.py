@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.recognition import ABX_RESPONSES, asked_label
+from tactuator.experiment.protocol.recognition import ABX_RESPONSES
 from tactuator.experiment.session.presented_session import Respondent
 from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store.records import PlayedTrial
@@ -69,7 +69,7 @@ class FeelingRespondent(Respondent):
     def learn(self, trial: Trial, acknowledged: Acknowledged) -> None:
         """Keep what was felt under the item that was asked for."""
         if self.paradigm != "abx":
-            self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)
+            self._known.setdefault(trial.correct, []).append(self._last)
 
     def _pattern(self, fingers: list[FloatArray]) -> FloatArray:
         """Return levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""

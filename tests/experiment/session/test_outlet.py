@@ -24,7 +24,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.rig.simulated import PacedRig, SimulatedRig
 from tests.experiment.session.apparatuses import PROTOCOL, controller, token
 
-ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
+ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace("[30, 90, 210]", "[30, 210]")
 
 
 def on_this_machine(folder: Path, more: str = "") -> dict[str, str]:
@@ -108,7 +108,7 @@ def test_observe__with_a_recorder__has_every_onset_within_one_sample_of_the_stor
             [sys.executable, *command], cwd=tmp_path, env=os.environ | heard, check=True, stderr=-3, stdout=-3
         )
     rig_s, stamps = compare(tmp_path / "all.xdf", tmp_path / "lab.db")
-    assert rig_s.size > 100
+    assert rig_s.size > 80
     assert np.abs((stamps - stamps[0]) - (rig_s - rig_s[0])).max() < 1.0 / controller().rate_hz
 
 

@@ -5,7 +5,7 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_recognition, read_recognition
+from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials, plan_trials
 from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.simulated.sitting import ErringRespondent
@@ -145,12 +145,6 @@ def test_study__item_changed_since__refused(opened, items, controller):
         write_waveforms(SET, controller, items)
 
 
-def test_study__unknown_subject__refused(opened):
-    study, _, _ = opened(protocol_text())
-    with pytest.raises(BadInput, match="S9"):
-        study.run("S9", ErringRespondent(0.0, np.random.default_rng(0)))
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -160,18 +154,12 @@ def test_study__unknown_subject__refused(opened):
         (("repetitions = 20", "repetitions = 0"), "repetitions"),
         (("[study]", "[studies]"), "study"),
         (('code = "S1"', 'code = "S 1"'), "code"),
-        (("[study]", "[study"), "allowed: TOML"),
     ],
 )
 def test_protocol__amiss__refused_in_one_line(change, words):
     with pytest.raises(BadInput, match=words) as refusal:
         parse_recognition(protocol_text().replace(*change, 1))
     assert "\n" not in str(refusal.value)
-
-
-def test_protocol__no_file__refused(tmp_path):
-    with pytest.raises(BadInput, match="No such file"):
-        read_recognition(tmp_path / "none.toml")
 
 
 def test_study__item_file_missing__refused(opened):

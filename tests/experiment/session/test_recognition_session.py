@@ -7,7 +7,7 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.store import schema
-from tests.experiment.session.apparatuses import nobody
+from tests.experiment.session.apparatuses import nobody, rows_of
 from tests.experiment.session.recognising import (  # noqa: F401
     answer,
     controller,
@@ -70,30 +70,6 @@ def test_session__break_rules__are_kept(opened, rules, stages) -> None:
     assert breaks == stages
 
 
-def test_session__interrupted_over_and_over__asks_every_trial_once(opened) -> None:
-    text = protocol_text(test=5)
-    while True:
-        study, _, store = opened(text)
-        presented = study.presented()
-        if presented.session.stage == "done":
-            break
-        go_on(presented, 3)
-        if presented.session.stage == "trial":
-            presented.present(nobody)  # played, never answered: played again
-        store.close()
-    with store.read() as connection:
-        rows = connection.execute(
-            select(schema.run.c.position, schema.trial).select_from(schema.run.join(schema.trial))
-        )
-        asked = [(row.position, row.number, row.correct_response) for row in rows]
-    planned = [
-        (run.position, trial.number, trial.correct)
-        for run in presented.session.runs
-        for trial in study.task.course(run, 0).planned_trials
-    ]
-    assert asked == planned
-
-
 def test_session__years_between_two_trials__goes_on_in_the_same_block(opened) -> None:
     study, _, store = opened(protocol_text())
     presented = study.presented()
@@ -101,8 +77,7 @@ def test_session__years_between_two_trials__goes_on_in_the_same_block(opened) ->
     study.clock.jump(3e8)
     again = study.presented()
     assert answer(again).number == 2
-    with store.read() as connection:
-        assert [run.attempt for run in connection.execute(select(schema.run))] == [0, 0]
+    assert [run.attempt for run in rows_of(store, select(schema.run))] == [0, 0]
 
 
 def test_session__feedback__only_in_its_block(opened) -> None:

@@ -13,7 +13,6 @@ from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import (
     PROTOCOL,
-    ObedientClock,
     answer_one,
     apparatus,
     begin,
@@ -21,14 +20,8 @@ from tests.experiment.session.apparatuses import (
     nobody,
     opened_study,
     response_of,
+    rows_of,
 )
-
-
-@pytest.fixture
-def store(tmp_path):
-    made = Store(tmp_path / "lab.db")
-    yield made
-    made.close()
 
 
 def stored(store):
@@ -39,8 +32,7 @@ def stored(store):
         return [tuple(row) for row in rows]
 
 
-def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) -> None:
-    clock = ObedientClock()
+def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path, clock) -> None:
     whole, broken = Store(tmp_path / "whole.db"), tmp_path / "broken.db"
     everything(begin(whole, clock), clock)
     while True:
@@ -61,8 +53,7 @@ def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) ->
     whole.close()
 
 
-def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
-    clock = ObedientClock()
+def test_trial__stored__has_levels_labels_times_and_apparatus(store, clock) -> None:
     presented = begin(store, clock)
     answer_one(presented, clock)
     with store.read() as connection:
@@ -86,12 +77,8 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
 
 
 @pytest.mark.parametrize(("gap_s", "attempts"), [(599.0, [0]), (700.0, [0, 1])])
-def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp_path, gap_s, attempts) -> None:
-    clock = ObedientClock()
-    store = Store(tmp_path / "lab.db")
-    presented = begin(store, clock)
-    for _ in range(5):
-        answer_one(presented, clock)
+def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(store, gap_s, attempts, clock) -> None:
+    begin(store, clock, trials=5)
     clock.jump(gap_s)  # the machine was off: the monotonic clock knows nothing of it
     answer_one(begin(store, clock), clock)
     with store.read() as connection:
@@ -100,33 +87,24 @@ def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp
         ).all()
     assert [run.attempt for run in runs] == attempts
     assert [run.state for run in runs] == (["running"] if len(attempts) == 1 else ["restarted", "running"])
-    store.close()
 
 
-def test_long_pause__within_one_process__restarts_by_the_monotonic_clock(store) -> None:
-    clock = ObedientClock()
-    presented = begin(store, clock)
-    for _ in range(4):
-        answer_one(presented, clock)
+def test_long_pause__within_one_process__restarts_by_the_monotonic_clock(store, clock) -> None:
+    presented = begin(store, clock, trials=4)
     clock.jump(-3600.0)  # set back by an hour: nothing is restarted for that
     assert answer_one(presented, clock) == (1, 2)
     clock.passed_s += 601.0
     assert answer_one(presented, clock) == (1, 0)
 
 
-def test_resume__clock_set_back__is_noted_and_loses_nothing(store) -> None:
-    clock = ObedientClock()
-    presented = begin(store, clock)
-    for _ in range(4):
-        answer_one(presented, clock)
+def test_resume__clock_set_back__is_noted_and_loses_nothing(store, clock) -> None:
+    begin(store, clock, trials=4)
     clock.jump(-7200.0)
     assert answer_one(begin(store, clock), clock) == (1, 2)
-    with store.read() as connection:
-        assert [row.kind for row in connection.execute(select(schema.event))] == ["clock-jump"]
+    assert [row.kind for row in rows_of(store, select(schema.event))] == ["clock-jump"]
 
 
-def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> None:
-    clock = ObedientClock()
+def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store, clock) -> None:
     presented = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 40"))  # enough trials to fill a page
     with store.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
@@ -147,8 +125,7 @@ def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> Non
         assert len(stored(store)) == len(acknowledged) + 1
 
 
-def test_answer__database_locked__is_told_and_may_come_again(store) -> None:
-    clock = ObedientClock()
+def test_answer__database_locked__is_told_and_may_come_again(store, clock) -> None:
     presented = begin(store, clock)
     presented.present(nobody)
     with store.engine.connect() as connection:
@@ -164,8 +141,7 @@ def test_answer__database_locked__is_told_and_may_come_again(store) -> None:
     assert len(stored(store)) == 1
 
 
-def test_answer__sent_again__is_acknowledged_again_and_stored_once(store) -> None:
-    clock = ObedientClock()
+def test_answer__sent_again__is_acknowledged_again_and_stored_once(store, clock) -> None:
     presented = begin(store, clock)
     run = presented.present(nobody).run
     first = presented.answer(records.Answer("1", clock.utc()))
@@ -176,8 +152,7 @@ def test_answer__sent_again__is_acknowledged_again_and_stored_once(store) -> Non
     assert len(stored(store)) == 1
 
 
-def test_already__another_sessions_run__is_nothing(store) -> None:
-    clock = ObedientClock()
+def test_already__another_sessions_run__is_nothing(store, clock) -> None:
     mine, other = begin(store, clock), begin(store, clock, subject=1)
     run = mine.present(nobody).run
     mine.answer(records.Answer("1", clock.utc()))
@@ -185,8 +160,7 @@ def test_already__another_sessions_run__is_nothing(store) -> None:
 
 
 @pytest.mark.parametrize("response", ["0", "4", "", "left"])
-def test_answer__not_allowed__is_refused_and_nothing_stored(store, response) -> None:
-    clock = ObedientClock()
+def test_answer__not_allowed__is_refused_and_nothing_stored(store, response, clock) -> None:
     presented = begin(store, clock)
     presented.present(nobody)
     with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
@@ -194,17 +168,13 @@ def test_answer__not_allowed__is_refused_and_nothing_stored(store, response) -> 
     assert stored(store) == []
 
 
-def test_answer__without_a_trial__is_refused(store) -> None:
-    clock = ObedientClock()
+def test_answer__without_a_trial__is_refused(store, clock) -> None:
     with pytest.raises(BadInput, match="no trial waits"):
         begin(store, clock).answer(records.Answer("1", clock.utc()))
 
 
-def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store) -> None:
-    clock = ObedientClock()
-    presented = begin(store, clock)
-    for _ in range(20):
-        answer_one(presented, clock)
+def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store, clock) -> None:
+    presented = begin(store, clock, trials=20)
     assert presented.session.stage == "break"
     with pytest.raises(BadInput, match="'break'"):
         presented.present(nobody)
@@ -212,11 +182,8 @@ def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(stor
     assert begin(store, clock).session.stage == "trial"
 
 
-def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
-    clock = ObedientClock()
-    presented = begin(store, clock)
-    for _ in range(4):
-        answer_one(presented, clock)
+def test_give_up_run__goes_on_with_the_next_and_marks_it(store, clock) -> None:
+    presented = begin(store, clock, trials=4)
     presented.give_up_run()
     assert answer_one(presented, clock) == (2, 0)
     with store.read() as connection:
@@ -229,26 +196,21 @@ def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
         presented.answer(records.Answer("1", clock.utc()))
 
 
-def test_replay__store_changed_by_hand__is_refused(store) -> None:
-    clock = ObedientClock()
-    presented = begin(store, clock)
-    for _ in range(6):
-        answer_one(presented, clock)
+def test_replay__store_changed_by_hand__is_refused(store, clock) -> None:
+    begin(store, clock, trials=6)
     with store.begin() as connection:
         connection.execute(schema.trial.update().where(schema.trial.c.number == 2).values(level_db_sl=3.0))
     with pytest.raises(BadInput, match="does not replay"):
         begin(store, clock)
 
 
-def test_subjects__latin_square__have_orders_of_their_own(store) -> None:
-    clock = ObedientClock()
+def test_subjects__latin_square__have_orders_of_their_own(store, clock) -> None:
     orders = [[run.frequency_hz for run in begin(store, clock, subject=one).session.runs] for one in (0, 1)]
     assert orders[0][1:] != orders[1][1:]
     assert sorted(orders[0][1:]) == sorted(orders[1][1:]) == [30.0, 90.0, 210.0]
 
 
-def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
-    clock = ObedientClock()
+def test_consent__asked_for__comes_before_the_first_trial(store, clock) -> None:
     begin(store, clock)
     with store.begin() as connection:
         connection.execute(schema.session.update().values(consented_utc=None))

@@ -13,6 +13,13 @@ from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
 
+
+def tracks(rule, setting):
+    """Tracks of many runs, and the errors of their estimates, dB."""
+    done, truth = run_procedure(rule, setting, np.random.default_rng(setting.seed))
+    return done, done.estimates_db_sl - truth.threshold
+
+
 TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
     (1.5, 0.0, -0.56, 1.48, 80, 63, 101),
     (2.5, 0.0, -0.41, 0.95, 78, 62, 98),
@@ -26,27 +33,27 @@ TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
 def test_imece2004__twenty_thousand_runs__reproduce_the_table(
     slope: float, lapse: float, bias: float, sd: float, trials: float, low: float, high: float
 ) -> None:
-    found = run_procedure(IMECE2004, Setting(20_000, (slope, slope), lapse, seed=4))
-    assert found.estimates_db_sl.mean() == pytest.approx(bias, abs=0.06)
-    assert found.estimates_db_sl.std(ddof=1) == pytest.approx(sd, rel=0.05)
+    found, errors = tracks(IMECE2004, Setting(20_000, (slope, slope), lapse, seed=4))
+    assert errors.mean() == pytest.approx(bias, abs=0.06)
+    assert errors.std(ddof=1) == pytest.approx(sd, rel=0.05)
     assert found.trials.mean() == pytest.approx(trials, abs=1.5)
     assert np.percentile(found.trials, [5.0, 95.0]) == pytest.approx([low, high], abs=2)
 
 
 def test_floor__one_db_below_the_threshold__biases_upwards() -> None:
-    free = run_procedure(IMECE2004, Setting(10_000, seed=1))
-    clamped = run_procedure(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(10_000, seed=1))
-    assert clamped.estimates_db_sl.mean() > free.estimates_db_sl.mean() + 0.4
+    _, free = tracks(IMECE2004, Setting(10_000, seed=1))
+    _, clamped = tracks(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(10_000, seed=1))
+    assert clamped.mean() > free.mean() + 0.4
 
 
 def test_fourth_large_step__lets_a_large_reversal_into_the_mean() -> None:
     rule = UpDownRule(steps_db=(4.0, 4.0, 4.0, 4.0, 1.0))
-    assert run_procedure(rule, Setting(10_000, seed=1)).estimates_db_sl.mean() > 0.2
+    assert tracks(rule, Setting(10_000, seed=1))[1].mean() > 0.2
 
 
-@pytest.mark.parametrize("slope", [1.5, 2.0, 2.5, 3.0, 3.5])
+@pytest.mark.parametrize("slope", [1.5, 2.5, 3.5])
 def test_refit__each_slope__is_less_wrong_unbiased_and_covers(slope: float) -> None:
-    found = simulate(IMECE2004, Setting(1000, (slope, slope), seed=2))
+    found = simulate(IMECE2004, Setting(500, (slope, slope), seed=2))
     assert found.refit.rmse_db <= 0.85 * found.rmse_db
     assert abs(found.refit.bias_db) <= 0.2
     assert found.refit.coverage95 >= 0.88
@@ -54,19 +61,21 @@ def test_refit__each_slope__is_less_wrong_unbiased_and_covers(slope: float) -> N
 
 @pytest.mark.parametrize("lapse", [0.0, 0.02])
 def test_refit__slopes_drawn__interval_is_calibrated(lapse: float) -> None:
-    found = simulate(IMECE2004, Setting(2000, (1.5, 3.5), lapse, seed=3))
+    found = simulate(IMECE2004, Setting(800, (1.5, 3.5), lapse, seed=3))
     assert 0.92 <= found.refit.coverage95 <= 0.985
     assert found.refit.rmse_db <= 0.85 * found.rmse_db
 
 
-@pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (40, 1.23), (50, 1.08), (60, 0.97)])
+@pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (60, 0.97)])
 def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, rmse: float) -> None:
-    found = run_procedure(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
-    assert np.sqrt(np.mean(found.estimates_db_sl**2)) <= 1.04 * rmse
+    _, errors = tracks(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
+    assert np.sqrt(np.mean(errors**2)) <= 1.04 * rmse
 
 
 def test_simulate__same_seed__gives_the_same() -> None:
-    setting = Setting(200, (1.5, 3.5), 0.02, seed=9)
+    first, second = (simulate_curve(WholeCurveRule(6), Setting(2, seed=5)) for _ in range(2))
+    assert first == second
+    setting = Setting(40, (1.5, 3.5), 0.02, seed=9)
     assert simulate(IMECE2004, setting) == simulate(IMECE2004, setting)
     assert simulate(IMECE2004, setting) != simulate(IMECE2004, dataclasses.replace(setting, seed=10))
 
@@ -91,9 +100,9 @@ def test_setting__nonsense__is_refused(settings: dict[str, object], message: str
 
 
 def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
-    found = simulate_curve(WholeCurveRule(40), Setting(4, seed=1))
+    found = simulate_curve(WholeCurveRule(30), Setting(3, seed=1))
     assert "drawn" in found.people
-    assert found.trials == 40
+    assert found.trials == 30
     assert found.coverage95 >= 0.8
     hertz = WholeCurveRule().prior.frequency_hz
     assert [each.frequency_hz for each in found.by_frequency] == hertz.tolist()  # the points that `thresholds` exports
@@ -101,11 +110,6 @@ def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
     assert np.sqrt(mean_square) == pytest.approx(found.rms_error_db)
     assert np.mean([each.coverage95 for each in found.by_frequency]) == pytest.approx(found.coverage95)
     assert 0.0 <= found.notch_excluded <= 1.0
-
-
-def test_simulate_curve__same_seed__same_figures() -> None:
-    first, second = (simulate_curve(WholeCurveRule(10), Setting(3, seed=5)) for _ in range(2))
-    assert first == second
 
 
 @settings(max_examples=50)
@@ -157,6 +161,6 @@ def test_simulate__drift_and_guessing__are_flagged_with_every_procedure() -> Non
 
 
 def test_simulate_curve__loud_trials_missed__are_flagged() -> None:
-    found = simulate_curve(WholeCurveRule(24), Setting(3, lapse=0.2, seed=2, loud_share=0.5))
+    found = simulate_curve(WholeCurveRule(20), Setting(2, lapse=0.2, seed=2, loud_share=0.5))
     assert found.flags["attention"] >= 0.5
-    assert simulate_curve(WholeCurveRule(24), Setting(3, seed=2, loud_share=0.5)).flags.get("attention", 0.0) == 0.0
+    assert simulate_curve(WholeCurveRule(20), Setting(2, seed=2, loud_share=0.5)).flags.get("attention", 0.0) == 0.0

@@ -98,7 +98,7 @@ def stations(tmp_path_factory) -> Path:
     for name, subject in (("one", 0), ("two", 1)):
         with opened_store(folder / f"{name}.db") as store, closing(Shared(store, str(folder / "all.db"))) as shared:
             presented = begin(store, clock, PROTOCOL, subject)
-            for _ in range(10):
+            for _ in range(4):
                 answer_one(presented, clock)
                 shared.exchange()
     return folder / "two.db"
@@ -209,7 +209,7 @@ with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[
 """
 
 
-@pytest.mark.parametrize("count", [5, pytest.param(100, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", [3, pytest.param(100, marks=pytest.mark.soak)])
 def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, count) -> None:
     path = tmp_path / "lab.db"
     writer = subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True)

@@ -5,7 +5,6 @@ import os
 import sqlite3
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from sqlalchemy import inspect
@@ -16,22 +15,14 @@ from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin, opened_study
 
 
-def test_store__new__has_the_latest_schema_in_wal_mode(tmp_path) -> None:
-    store = Store(tmp_path / "lab.db")
+@pytest.mark.parametrize(("durable", "waits"), [(True, 2), (False, 0)])
+def test_store__new__has_the_latest_schema_in_wal_mode_and_waits_for_the_disk_or_not(tmp_path, durable, waits) -> None:
+    store = Store(tmp_path / "lab.db", durable=durable)
     assert set(inspect(store.engine).get_table_names()) == set(schema.tables.tables)
     with store.read() as connection:
-        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
-        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2
-        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
-    store.close()
-
-
-def test_store__thrown_away__is_the_same_but_waits_for_no_disk(tmp_path: Path) -> None:
-    store = Store(tmp_path / "lab.db", durable=False)
-    with store.read() as connection:
-        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
-        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 0
-        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
+        asked = ("journal_mode", "synchronous", "foreign_keys")
+        found = [connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in asked]
+    assert found == ["wal", waits, 1]
     store.close()
 
 
@@ -183,8 +174,7 @@ def test_opened_store__interrupted_before_anybody_came__keeps_the_study_whose_li
     assert left(tmp_path) == ["lab.db"]
 
 
-def test_opened_store__refused_after_an_answer__keeps_it(tmp_path) -> None:
-    clock = ObedientClock()
+def test_opened_store__refused_after_an_answer__keeps_it(tmp_path, clock) -> None:
     with pytest.raises(BadInput), opened_store(tmp_path / "lab.db") as store:
         answer_one(begin(store, clock), clock)
         raise BadInput("no")

@@ -137,7 +137,7 @@ def test_estimate__velocity_that_takes_over_by_the_tones_own_level__lies_in_the_
         return np.where(whole >= 15.0, whole, level_db_sl / (1.0 - distance_db(hertz, 30.0) / 15.0))
 
     hertz, off = np.geomspace(15.0, 80.0, 12), []
-    for seed in (12, 13, 14):
+    for seed in (12, 13):
         result = estimate(matched(level, 400, seed), KNOWN)
         assert result.law == "equal-velocity"
         mean, sd = result.levels(hertz, np.full(12, 18.0))

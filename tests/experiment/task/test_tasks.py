@@ -47,14 +47,14 @@ def test_task__any_answers__ends_and_replays_to_the_same_trials(name: str) -> No
     assert all(len(trial.stimuli) == len(trial.tones) for trial, _ in trials)
 
 
-@pytest.mark.parametrize("language", ["en", "de", "fr"])
 @pytest.mark.parametrize("name", TASKS)
-def test_task__in_every_language__has_question_titles_and_keys(name: str, language: str) -> None:
-    keys, words = parse_task(TASKS[name]), shipped_words(language)
-    asked = keys.asked(words)
-    assert asked.prompt
-    assert all(plan.what and plan.trials > 0 for plan in keys.plans(words))
-    assert len({key for _, of in asked.responses for key in of}) == len(asked.responses)
+def test_task__in_every_language__has_question_titles_and_keys(name: str) -> None:
+    keys = parse_task(TASKS[name])
+    for words in map(shipped_words, ("en", "de", "fr")):
+        asked = keys.asked(words)
+        assert asked.prompt
+        assert all(plan.what and plan.trials > 0 for plan in keys.plans(words))
+        assert len({key for _, of in asked.responses for key in of}) == len(asked.responses)
 
 
 @pytest.mark.parametrize("name", ["contour", "pairs"])
@@ -173,7 +173,7 @@ def test_difference__of_a_psychometric_function_written_here__is_found(of: str, 
     assert np.mean(found) == pytest.approx(jnd, abs=within)
 
 
-@pytest.mark.parametrize(("of", "jnd"), [("gap", 12.0), ("gap", 35.0), ("order", 25.0), ("order", 75.0)])
+@pytest.mark.parametrize(("of", "jnd"), [("gap", 12.0), ("order", 75.0)])
 def test_difference__put_into_a_simulated_person__comes_out(of: str, jnd: float) -> None:
     fingers = ("index", "thumb") if of == "order" else ("index",)
     keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))

@@ -5,8 +5,9 @@ The kinds that a protocol file may name are entry points of the group GROUP; the
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from itertools import product
 from typing import Any, ClassVar, Protocol
 
@@ -53,36 +54,6 @@ class Playable:
     clearance_hz: float = 2.5
 
 
-class FixedTrials:
-    """The count of a run that is over after a fixed number of trials. Procedures inherit from it."""
-
-    point = TARGET_3_DOWN_1_UP
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._trials = 0
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return self._trials
-
-    @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return self._trials / self._limit
-
-    @property
-    def is_over(self) -> bool:
-        """Tell whether every trial has been recorded."""
-        return self._trials >= self._limit
-
-    def _count(self) -> None:
-        if self.is_over:
-            raise BadInput(f"the run was over after {self._trials} trials", "no further response")
-        self._trials += 1
-
-
 class Procedure(Protocol):
     """An adaptive procedure as a state machine.
 
@@ -105,14 +76,46 @@ class Procedure(Protocol):
 
     def estimate(self) -> Estimate | None:
         """Return the threshold as the procedure itself states it, or None while (or where) it has none."""
+        return None
 
     @property
     def flags(self) -> tuple[str, ...]:
         """Return the names of what a reader must know of the run: floor, ceiling, trial-limit."""
+        return ()
 
     @property
     def point(self) -> float:
         """Return the share correct, lapses included, at the level that its estimate stands for."""
+
+
+class FixedTrials(Procedure):
+    """The count of a run that is over after a fixed number of trials. Procedures inherit from it."""
+
+    point = TARGET_3_DOWN_1_UP
+    _trials = 0
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+
+    @property
+    def trials(self) -> int:
+        """Return the number of trials recorded so far."""
+        return self._trials
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the trials done."""
+        return self._trials / self._limit
+
+    @property
+    def is_over(self) -> bool:
+        """Tell whether every trial has been recorded."""
+        return self._trials >= self._limit
+
+    def _count(self) -> None:
+        if self.is_over:
+            raise BadInput(f"the run was over after {self._trials} trials", "no further response")
+        self._trials += 1
 
 
 @table("[procedure]")
@@ -158,67 +161,60 @@ def parse_procedure(document: Any) -> ProcedureKeys:
     return from_table(procedure_kind(kind), document)
 
 
-@dataclass
-class Practice:
+class Practice(FixedTrials):
     """Practice of at most `limit` trials at level_db_sl, without an estimate.
 
     correct: number of right answers among the last `window` trials that passes practice and ends it; None: it is passed
     by doing all of its trials.
     """
 
-    level_db_sl: float
-    limit: int
-    frequency_hz: float | None = None
-    window: int = 1
-    correct: int | None = None
-    outcomes: list[bool] = field(init=False, default_factory=list)
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return len(self.outcomes)
+    def __init__(
+        self,
+        level_db_sl: float,
+        limit: int,
+        frequency_hz: float | None = None,
+        window: int = 1,
+        correct: int | None = None,
+    ) -> None:
+        super().__init__(limit)
+        self._placement, self._correct = Placement(level_db_sl, frequency_hz), correct
+        self._last: deque[bool] = deque(maxlen=window)
 
     @property
     def passed(self) -> bool:
         """Return whether the criterion is met, or, without a criterion, whether all trials are done."""
-        if self.correct is None:
-            return self.trials >= self.limit
-        return sum(self.outcomes[-self.window :]) >= self.correct
+        return self._trials >= self._limit if self._correct is None else sum(self._last) >= self._correct
+
+    @property
+    def is_over(self) -> bool:
+        """Tell whether practice is passed or its trials are used up."""
+        return self._trials >= self._limit or self.passed
 
     @property
     def progress(self) -> float:
         """Return the share of the trials done; with a criterion, the share of the fewest trials that can meet it."""
-        if self.correct is None:
-            return self.trials / self.limit
-        return 1.0 if self.passed else min(self.trials, self.correct) / (self.correct + 1)
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Return no flags; practice raises none."""
-        return ()
-
-    @property
-    def point(self) -> float:
-        """Return NaN, as practice estimates no threshold."""
-        return float("nan")
+        if self._correct is None:
+            return super().progress
+        return 1.0 if self.passed else min(self._trials, self._correct) / (self._correct + 1)
 
     def placement(self) -> Placement | None:
-        """Return the practice level, or None once practice is passed or its trials are used up."""
-        over = self.trials >= self.limit or (self.correct is not None and self.passed)
-        return None if over else Placement(self.level_db_sl, self.frequency_hz)
+        """Return the practice level, or None once practice is over."""
+        return None if self.is_over else self._placement
 
     def record(self, correct: bool) -> None:
         """Count the outcome. Raises BadInput once practice is over."""
-        if self.placement() is None:
-            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
-        self.outcomes.append(correct)
-
-    def estimate(self) -> Estimate | None:
-        """Return None, as practice estimates no threshold."""
-        return None
+        self._count()
+        self._last.append(correct)
 
 
 _PROBABILITY_MARGIN = 1e-6
+
+
+def psi_at(level_db: FloatArray, slope: FloatArray, lapse: FloatArray, guess: float, target: float) -> FloatArray:
+    """Return psi of Weibull in amplitude at levels re threshold, kept off 0 and 1; arrays broadcast."""
+    rise = weibull_rise(level_db, slope, (target - guess) / (1.0 - guess - lapse))
+    psi = guess + (1.0 - guess - lapse) * rise
+    return np.asarray(np.clip(psi, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
 
 
 @dataclass(frozen=True)
@@ -253,9 +249,7 @@ class Answering:
 
     def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
-        at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
-        psi = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
-        return np.asarray(np.clip(psi, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
+        return psi_at(level_db, slope, lapse, self.guess, self.target)
 
     def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
         """Return the log probability of each answer if it was guessed."""

@@ -18,11 +18,11 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys, psi_at
 from tactuator.experiment.procedure.up_down import Probability, Tracks
 from tactuator.parameters import NotNegative, Number, Positive, Share, Whole, table
 from tactuator.perception.curve import Level
-from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
 _BATCH_RUNS = 64
 """Runs that are computed side by side: their posteriors stay in the processor's own memory."""
@@ -60,31 +60,6 @@ def _batch(
         outcomes[:, trial] = chance[trial] < probability(levels[:, trial], numbers, trial)
         posterior = table.learn(posterior, place, outcomes[:, trial])
     return levels, outcomes, table.threshold(posterior)[0]
-
-
-def estimates(
-    rule: QuestPlusRule, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of the threshold after these trials, (runs,) each; arguments (runs, trials).
-
-    The posterior is the same as trial by trial, computed in one product of counts with log psi.
-    """
-    table = tables(rule)
-    place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)
-    columns = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
-    log_right, log_wrong = np.log(table.psi), np.log1p(-table.psi)
-    for first in range(0, levels_db_sl.shape[0], _BATCH_RUNS):
-        part, hit = place[first : first + _BATCH_RUNS], correct[first : first + _BATCH_RUNS]
-        rows = np.arange(part.shape[0])[:, None]
-        right, wrong = np.zeros((2, part.shape[0], table.levels.size))
-        np.add.at(right, (rows, part), hit)
-        np.add.at(wrong, (rows, part), ~hit)
-        log_posterior = right @ log_right.T + wrong @ log_wrong.T + np.log(table.prior)
-        posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
-        posterior /= posterior.sum(axis=1, keepdims=True)
-        for column, values in zip(columns, table.threshold(posterior), strict=True):
-            column[first : first + _BATCH_RUNS] = values
-    return columns[0], columns[1]
 
 
 @table("[procedure]")
@@ -150,11 +125,9 @@ class Tables:
         self.thresholds = np.arange(rule.low_db_sl, rule.high_db_sl + 1e-9, fine)
         slopes, lapses = np.array(rule.slopes), np.array(rule.lapses)
         self.shape = (self.thresholds.size, slopes.size, lapses.size)
-        at_threshold = (rule.target - rule.guess) / (1.0 - rule.guess - lapses)
         level = self.levels[None, None, None, :] - self.thresholds[:, None, None, None]
-        rise = weibull_rise(level, slopes[None, :, None, None], at_threshold[None, None, :, None])
-        psi = rule.guess + (1.0 - rule.guess - lapses[:, None]) * rise
-        self.psi = np.clip(psi.reshape(-1, self.levels.size), 1e-6, 1.0 - 1e-6)
+        psi = psi_at(level, slopes[None, :, None, None], lapses[:, None], rule.guess, rule.target)
+        self.psi = psi.reshape(-1, self.levels.size)
         self.entropy = scipy.special.entr(self.psi) + scipy.special.entr(1.0 - self.psi)
         self._likelihood = np.stack([1.0 - self.psi.T, self.psi.T])  # of a wrong and of a right answer, by level
         weights = np.broadcast_to(np.array(rule.slope_weights)[None, :, None], self.shape).reshape(-1)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
+from tactuator.experiment.procedure.procedure import psi_at
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
-_MINIMUM_TRIALS = 5
+_MINIMUM_TRIALS, _INTERVAL = 5, (0.5 - 0.95 / 2.0, 0.5, 0.5 + 0.95 / 2.0)
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
@@ -85,12 +86,10 @@ class Refit:
     lapse_log_odds: FloatArray
 
 
-def refit(
-    levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
-) -> Refit:
+def refit(levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None) -> Refit:
     """Refit runs. levels_db, correct: (runs, trials), NaN where a run was over; or (trials,) for one run.
 
-    coverage: of the central interval. Raises BadInput for a run of fewer than five trials or a coverage outside (0, 1).
+    Raises BadInput for a run of fewer than five trials.
     """
     prior = RefitPrior() if prior is None else prior
     levels = np.atleast_2d(np.asarray(levels_db, dtype=np.float64))
@@ -98,18 +97,14 @@ def refit(
     fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=_MINIMUM_TRIALS))
     if fewest < _MINIMUM_TRIALS:
         raise BadInput(f"refit of a run of {fewest} trials", f"{_MINIMUM_TRIALS} or more")
-    if not 0.0 < coverage < 1.0:
-        raise BadInput(f"coverage {coverage:g}", "between 0 and 1")
     parts = [
-        _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior, coverage)
+        _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior)
         for first in range(0, levels.shape[0], _BATCH_RUNS)
     ]
     return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _refit_batch(
-    levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float
-) -> tuple[FloatArray, ...]:
+def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior) -> tuple[FloatArray, ...]:
     centre = _middle(levels)
     offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
     grid = _grid(prior)
@@ -131,9 +126,7 @@ def _refit_batch(
     marginal /= total
     mean = marginal @ grid.thresholds
     sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
-    low, middle, high = (
-        _quantile(marginal, grid.thresholds, q) for q in (0.5 - coverage / 2.0, 0.5, 0.5 + coverage / 2.0)
-    )
+    low, middle, high = (_quantile(marginal, grid.thresholds, share) for share in _INTERVAL)
     slope = of_shape.sum(axis=2) @ grid.slopes
     lapse = of_shape.sum(axis=1) @ grid.lapses
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
@@ -191,11 +184,9 @@ class _Grid:
 
     def log_likelihood(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return log psi and log(1 - psi) at each level, (bins, grid points) each."""
-        guess, target = self.prior.guess, self.prior.target
-        at_threshold = (target - guess) / (1.0 - guess - self.lapses)
         level = offsets[:, None, None, None] - self.thresholds[None, :, None, None]
-        rise = weibull_rise(level, self.slopes[None, None, :, None], at_threshold)
-        psi = np.clip(guess + (1.0 - guess - self.lapses) * rise, 1e-6, 1.0 - 1e-6).reshape(offsets.size, -1)
+        psi = psi_at(level, self.slopes[:, None], self.lapses, self.prior.guess, self.prior.target)
+        psi = psi.reshape(offsets.size, -1)
         return np.log(psi), np.log1p(-psi)
 
 

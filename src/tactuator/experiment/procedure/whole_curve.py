@@ -23,14 +23,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveReading, CurveShares
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods
-from tactuator.experiment.procedure.procedure import (
-    Answering,
-    Estimate,
-    FixedTrials,
-    Placement,
-    Playable,
-    ProcedureKeys,
-)
+from tactuator.experiment.procedure.procedure import Answering, FixedTrials, Placement, Playable, ProcedureKeys
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE, POWER_DRIFT_DB
 from tactuator.parameters import Whole, table
 from tactuator.perception.curve import Level
@@ -120,10 +113,6 @@ class WholeCurve(FixedTrials):
             self._limits.add("floor")
         if level >= self.rule.ceiling_db_sl:
             self._limits.add("ceiling")
-
-    def estimate(self) -> Estimate | None:
-        """Return None, as a curve is not one number; see `curve`."""
-        return None
 
     def curve(self, frequency_hz: ArrayLike) -> CurveReading:
         """Return the curve at the frequencies, shape (n,) each."""

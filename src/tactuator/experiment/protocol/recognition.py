@@ -176,8 +176,3 @@ def _abx(labels: Sequence[str], repetitions: int, rng: np.random.Generator) -> t
         stimuli = (first, second, first if which == "A" else second)
         trials.append(Trial(number, stimuli, ABX_RESPONSES, which))
     return tuple(trials)
-
-
-def asked_label(paradigm: str, trial: Trial) -> str:
-    """Return the label of the item that a trial asks for."""
-    return trial.stimuli[1] if paradigm == "middle-of-three" else trial.stimuli[-1]

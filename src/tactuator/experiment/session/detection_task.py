@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from datetime import datetime
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from sqlalchemy import Connection, select
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.presenter import Presenter, Watch, amplitude
 from tactuator.experiment.procedure.procedure import Practice, Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
@@ -19,15 +19,14 @@ from tactuator.experiment.protocol.detection import Protocol, plan_runs
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules, track
+from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, Question, Rules
+from tactuator.experiment.session.tones import ToneCourse, ToneTask
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial import BLANK, LOUD, NOT_FELT, SIGNAL, IntervalRecord, Timing, Trial, trial_rng
-from tactuator.experiment.words import Words, shipped_words
+from tactuator.experiment.task.task_keys import JudgedTone
+from tactuator.experiment.trial import BLANK, LOUD, NOT_FELT, SIGNAL, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps
 from tactuator.table import ResultTable
 
@@ -48,22 +47,19 @@ def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None
 
 
 @dataclass(frozen=True)
-class DetectionTask:
+class DetectionTask(ToneTask):
     """A detection protocol at an apparatus. Raises BadInput where the display has no such finger, or cannot play it."""
 
     protocol: Protocol
-    apparatus: Apparatus
-    words: Words = field(default_factory=lambda: shipped_words("en"))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         protocol, rig = self.protocol, self.apparatus.rig
         for finger in protocol.conditions.fingers:
             low, high = self.apparatus.channel(finger).threshold.band_hz
             for frequency in protocol.conditions.frequencies_hz:
                 if not low <= frequency <= high:
                     raise BadInput(f"{frequency:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
-        if protocol.marks is not None:
-            protocol.marks.end(rig.rate_hz, rig.channels)
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
             raise BadInput(f"masker: channel {protocol.masker.channel!r}", f"{', '.join(rig.channels)}")
 
@@ -97,11 +93,8 @@ class DetectionTask:
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
-        protocol = self.protocol
-        trials = protocol.session.practice_trials if planned.practice else protocol.procedure.typical_trials
-        hertz = planned.frequency_hz or self.apparatus.middle_hz
-        played_s = protocol.timing.played_s(hertz, protocol.paradigm.intervals, protocol.marks)
-        return float(trials), played_s + self.rules.feedback_s
+        trials, intervals = self.protocol.procedure.typical_trials, self.protocol.paradigm.intervals
+        return self._expected(planned, trials, intervals, self.rules.feedback_s)
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """Return the course of a run, with a fresh procedure."""
@@ -112,7 +105,18 @@ class DetectionTask:
             playable = self.apparatus.playable(protocol.timing)
             procedure = protocol.fresh_run(playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
-        return DetectionCourse(self, planned, procedure, seed)
+        return DetectionCourse(self, planned, seed, procedure)
+
+    def tones(self, planned: PlannedRun, trial: Trial) -> Sequence[Sequence[JudgedTone]]:
+        """Return the tone of every interval, of -inf dB SL where nothing is played."""
+        at = trial.placement
+        assert at is not None
+        assert at.frequency_hz is not None
+        levels = [-math.inf if label == BLANK else at.level_db_sl for label in trial.stimuli]
+        return [
+            (JudgedTone(label, planned.finger, at.frequency_hz, level),)
+            for label, level in zip(trial.stimuli, levels, strict=True)
+        ]
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return the thresholds of the runs that are done. Raises BadInput where there is none."""
@@ -139,20 +143,11 @@ def curve_picture(procedure: WholeCurve, title: str) -> Picture:
 
 
 @dataclass
-class DetectionCourse:
-    """Course of one run: its procedure, and the level and outcome of its trials."""
+class DetectionCourse(ToneCourse):
+    """Course of one run, placed by its procedure: each trial's frequency is the run's unless that chooses it too."""
 
     task: DetectionTask
-    planned: PlannedRun
     procedure: Procedure
-    seed: tuple[int, ...]
-    _outcomes: list[tuple[float, bool]] = field(init=False, default_factory=list)
-    _standing: tuple[int, Trial | None] = field(init=False, default=(-1, None))
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials answered so far, catch trials included."""
-        return len(self._outcomes)
 
     @property
     def progress(self) -> float:
@@ -163,15 +158,6 @@ class DetectionCourse:
     def passed(self) -> bool:
         """Return False for practice that has not met its criterion, True otherwise."""
         return not isinstance(self.procedure, Practice) or self.procedure.passed
-
-    def trial(self) -> Trial | None:
-        """Return the trial where the procedure puts it, or None when the run is over.
-
-        Its frequency is the run's unless the procedure chooses that too. It is drawn once for each answer.
-        """
-        if self._standing[0] != self.trials:
-            self._standing = (self.trials, self._draw())
-        return self._standing[1]
 
     def _draw(self) -> Trial | None:
         placement = self.procedure.placement()
@@ -193,55 +179,26 @@ class DetectionCourse:
         lot = float(trial_rng((*self.seed, 9), self.trials).random())
         return LOUD if lot < catch.loud_share else BLANK if lot < catch.loud_share + catch.blank_share else SIGNAL
 
-    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
-        """Play the trial's intervals on the channel of the run's finger."""
-        assert trial.placement is not None
-        assert trial.placement.frequency_hz is not None
-        frequency_hz, protocol, rig = trial.placement.frequency_hz, self.task.protocol, self.task.apparatus.rig
-        channel, timing = self.task.apparatus.channel(self.planned.finger), protocol.timing
-        presenter = Presenter(rig, channel.name, watch, halted, protocol.marks)
-        ramp_s, unit_v = timing.ramp_at_s(frequency_hz), float(channel.threshold_voltage(frequency_hz))
-        tones, references = protocol.paradigm.tones(trial, frequency_hz), []
-        for index, tone in enumerate(tones):
-            reference = presenter.on_channel(tone.wave(rig.rate_hz, timing))
-            if protocol.masker is not None:
-                rng = trial_rng((*self.seed, 2, index), trial.number)
-                column = rig.channels.index(protocol.masker.channel or channel.name)
-                reference[:, column] += protocol.masker.wave(len(reference), rig.rate_hz, ramp_s, rng)
-            references.append(reference)
-        shown = presenter.present(references, timing.lead_s, timing.gap_s)
-        records = []
-        for label, tone, at in zip(trial.stimuli, tones, shown.intervals, strict=True):
-            position_v = at.trace.position_v[:, presenter.column]
-            peak_v = amplitude(position_v, frequency_hz, at.trace.rate_hz, ramp_s)
-            measured_db_sl = float(db(max(peak_v, 1e-12) / unit_v))
-            saturated = bool(at.trace.saturated[:, presenter.column].any())
-            levels = (tone.level_db_sl, measured_db_sl, saturated)
-            records.append(IntervalRecord(label, *levels, at.onset_s, at.duration_s, at.lamp_late_s))
-        level = float(channel.threshold.curve.level_db_re_1um_at(frequency_hz))
-        return PlayedTrial(trial, tuple(records), presented, frequency_hz, level, shown.rig_tick, shown.lasted_s)
+    def _reference(self, trial: Trial, interval: int, tones: Sequence[JudgedTone]) -> FloatArray:
+        reference, masker = super()._reference(trial, interval, tones), self.task.protocol.masker
+        if masker is not None:
+            rng, rig = trial_rng((*self.seed, 2, interval), trial.number), self.task.apparatus.rig
+            ramp_s = tones[0].ramp_s(self.task.protocol.timing)
+            channel = masker.channel or self.task.apparatus.channel(self.planned.finger).name
+            reference[:, rig.channels.index(channel)] += masker.wave(len(reference), rig.rate_hz, ramp_s, rng)
+        return reference
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: a tone between its ramps, or nothing."""
-        assert trial.placement is not None
-        assert trial.placement.frequency_hz is not None
-        frequency, timing = trial.placement.frequency_hz, self.task.protocol.timing
-        count = max(1, round(timing.duration_s(frequency) / Envelope.STEP_S))
-        if trial.stimuli[interval] == BLANK:
-            return Envelope.of(np.full(count, Envelope.SILENT_DB_SL), frequency)
-        rise = ramps(count, 1.0 / Envelope.STEP_S, timing.ramp_at_s(frequency))
-        levels = trial.placement.level_db_sl + 20.0 * np.log10(np.maximum(rise, 1e-3))
-        return Envelope.of(levels, frequency)
+        (tone,), timing = self.task.tones(self.planned, trial)[interval], self.task.protocol.timing
+        count = max(1, round(tone.lasts_s(timing) / Envelope.STEP_S))
+        rise = ramps(count, 1.0 / Envelope.STEP_S, tone.ramp_s(timing))
+        levels = tone.level_db_sl + 20.0 * np.log10(np.maximum(rise, 1e-3))
+        silent = trial.stimuli[interval] == BLANK
+        return Envelope.of(np.full(count, Envelope.SILENT_DB_SL) if silent else levels, tone.frequency_hz)
 
-    def record(self, response: str) -> None:
-        """Record the outcome of the trial that stands, which moves the procedure on."""
-        trial = self.trial()
-        if trial is None or trial.placement is None:
-            raise BadInput("the run is over", "a response to a trial that stands")
-        correct = trial.judge(response)
-        is_procedures = SIGNAL in trial.stimuli
-        self._outcomes.append((trial.placement.level_db_sl, correct))
-        if is_procedures:
+    def _learn(self, trial: Trial, response: str, correct: bool) -> None:
+        if SIGNAL in trial.stimuli:
             self.procedure.record(correct)
 
     def picture(self) -> Picture:
@@ -251,5 +208,5 @@ class DetectionCourse:
             return curve_picture(self.procedure, words("run.so_far", **about))
         if isinstance(self.procedure, UpDown):
             reversals = len(self.procedure.reversal_levels)
-            return track(words("run.so_far_reversals", **about, reversals=reversals), self._outcomes)
-        return track(words("run.so_far", **about), self._outcomes)
+            return self._track(words("run.so_far_reversals", **about, reversals=reversals))
+        return super().picture()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -22,11 +22,20 @@ from tactuator.experiment.protocol.recognition import (
 )
 from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.result.confusion import abx_table, information_table, matrix_table, session_results
-from tactuator.experiment.session.task import Apparatus, Envelope, OfferedResponse, Picture, Question, Rules
+from tactuator.experiment.session.task import (
+    Apparatus,
+    Course,
+    Envelope,
+    OfferedResponse,
+    Picture,
+    Question,
+    Rules,
+    SessionTask,
+)
 from tactuator.experiment.store import chain, schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial import IntervalRecord, Trial
+from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
@@ -105,20 +114,18 @@ def _refuse_taken_keys(connection: Connection, study: int, keys: Sequence[str]) 
 
 
 @dataclass(frozen=True)
-class RecognitionTask:
+class RecognitionTask(SessionTask):
     """A recognition protocol with its items, at an apparatus."""
 
     protocol: RecognitionProtocol
     items: Mapping[str, LoadedItem]
-    apparatus: Apparatus
-    words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @classmethod
     def load(
         cls, protocol: RecognitionProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
     ) -> RecognitionTask:
         """Return the task with its items read from files in `beside`. Raises BadInput as `load_items` does."""
-        return cls(protocol, load_items(protocol, beside, apparatus.rig), apparatus, words or shipped_words("en"))
+        return cls(protocol, apparatus, words or shipped_words("en"), load_items(protocol, beside, apparatus.rig))
 
     @property
     def question(self) -> Question:
@@ -164,7 +171,7 @@ class RecognitionTask:
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockCourse:
         """Return the course of a block from its first trial."""
         which = (self.protocol, subject, planned.position, attempt, visit)
-        return BlockCourse(self, planned, block_trials(*which), block_seed(*which))
+        return BlockCourse(self, planned, block_seed(*which), block_trials(*which))
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return confusion matrix and information transfer of the test blocks; of ABX, the share of right answers.
@@ -186,36 +193,26 @@ class RecognitionTask:
 
 
 @dataclass
-class BlockCourse:
-    """Course of one block: its trials, and the responses to those that are answered."""
+class BlockCourse(Course):
+    """Course of one block, whose trials are planned."""
 
     task: RecognitionTask
-    planned: PlannedRun
     planned_trials: tuple[Trial, ...]
-    seed: tuple[int, ...]
-    _responses: list[str] = field(init=False, default_factory=list)
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials answered so far."""
-        return len(self._responses)
 
     @property
     def progress(self) -> float:
         """Return the share of the block's trials that are answered."""
         return self.trials / len(self.planned_trials)
 
-    def trial(self) -> Trial | None:
-        """Return the next trial that is planned, or None when the block is over."""
+    def _draw(self) -> Trial | None:
         return None if self.trials == len(self.planned_trials) else self.planned_trials[self.trials]
 
     @property
     def passed(self) -> bool:
         """Return False for a training block that is over and has not met its criterion, True otherwise."""
         wanted = self.task.protocol.block[self.planned.position].criterion
-        answered = zip(self.planned_trials, self._responses, strict=False)
-        right = sum(trial.judge(response) for trial, response in answered)
-        return wanted is None or not self._responses or right >= wanted * len(self._responses)
+        right = sum(correct for *_, correct in self._answered)
+        return wanted is None or not self._answered or right >= wanted * self.trials
 
     def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the items of the trial on every channel.
@@ -230,12 +227,9 @@ class BlockCourse:
         if asking.paradigm == "abx":
             references = [np.pad(reference, ((0, longest - len(reference)), (0, 0))) for reference in references]
         silent = longest * len(references) - sum(len(reference) for reference in references)
-        presenter = Presenter(rig, rig.channels[0], watch, halted)
+        presenter = Presenter(rig, watch, halted)
         shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
-        records = tuple(
-            IntervalRecord(label, None, None, bool(at.trace.saturated.any()), at.onset_s, at.duration_s, at.lamp_late_s)
-            for label, at in zip(trial.stimuli, shown.intervals, strict=True)
-        )
+        records = tuple(at.record(label) for label, at in zip(trial.stimuli, shown.intervals, strict=True))
         return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
@@ -246,19 +240,11 @@ class BlockCourse:
         levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (Envelope.SILENT_DB_SL / 20.0)))
         return Envelope.of(levels)
 
-    def record(self, response: str) -> None:
-        """Record the response to the trial that stands. Raises BadInput when the block is over."""
-        trial = self.trial()
-        if trial is None:
-            raise BadInput("the block is over", "a response to a trial that stands")
-        trial.judge(response)
-        self._responses.append(response)
-
     def picture(self) -> Picture:
         """Return the block's confusion matrix so far."""
         labels = [choice.response for choice in self.task.question.choices]
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
-        for trial, response in zip(self.planned_trials, self._responses, strict=False):
+        for trial, response, _ in self._answered:
             counts[labels.index(trial.correct), labels.index(response)] += 1
         about = {"title": self.planned.title, "trials": self.trials, "count": len(self.planned_trials)}
         title = self.task.words("run.so_far_of", **about)

@@ -352,8 +352,8 @@ def _version(
     return study, records.add_version(connection, study, text, amend, now)
 
 
-def open_session(study: Study, subject: str, visit: int | None = None, sitting: Sitting | None = None) -> Session:
-    """Return the session of the subject of that code: of that visit, or the first that is not over.
+def open_session(study: Study, subject: str, sitting: Sitting | None = None) -> Session:
+    """Return the session of the subject of that code: of the first visit that is not over, else of the last.
 
     Raises BadInput where the study has none.
     """
@@ -361,9 +361,5 @@ def open_session(study: Study, subject: str, visit: int | None = None, sitting: 
     if not rows:
         codes = ", ".join(dict.fromkeys(row.subject_code for row in study.sessions()))
         raise BadInput(f"subject {subject!r} is not in the study", f"{codes or 'one that is enrolled'}")
-    if visit is not None:
-        rows = [row for row in rows if row.visit == visit]
-        if not rows:
-            raise BadInput(f"visit {visit} of subject {subject!r} is not planned", "one that is")
     opened = [study.session(row, sitting) for row in rows]
     return next((session for session in opened if session.stage not in ("done", "ended")), opened[-1])

@@ -49,12 +49,14 @@ class SystemClock:
         return time.monotonic()
 
 
+_JUMP_S = 2.0
+
+
 class JumpWatch:
     """Detector of jumps of the wall clock, relative to the monotonic one."""
 
-    def __init__(self, clock: Clock, tolerance_s: float = 2.0) -> None:
+    def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._tolerance_s = tolerance_s
         self._utc, self._monotonic_s = clock.utc(), clock.monotonic_s()
 
     def jump_s(self) -> float | None:
@@ -62,7 +64,7 @@ class JumpWatch:
         utc, monotonic_s = self._clock.utc(), self._clock.monotonic_s()
         jump = (utc - self._utc).total_seconds() - (monotonic_s - self._monotonic_s)
         self._utc, self._monotonic_s = utc, monotonic_s
-        return jump if abs(jump) > self._tolerance_s else None
+        return jump if abs(jump) > _JUMP_S else None
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,10 @@ class Apparatus:
                 return channel
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
         raise BadInput(f"finger {finger!r} is not on the display", f"{fingers}")
+
+    def column(self, finger: str) -> int:
+        """Return the place of that finger's channel among those of the rig. Raises BadInput as `channel` does."""
+        return self.rig.channels.index(self.channel(finger).name)
 
     def record(self, finger: str) -> dict[str, object]:
         """Return the columns of a run on that finger that describe the apparatus.
@@ -130,12 +136,6 @@ class Apparatus:
 
 Picture = Mapping[str, object]
 """A run as an operator's page draws it, in JSON's types: "kind" (track or confusion), "title", what that kind needs."""
-
-
-def track(title: str, outcomes: Sequence[tuple[float, bool]]) -> Picture:
-    """Return the picture of a run from the level and outcome of every trial."""
-    levels, correct = ([outcome[column] for outcome in outcomes] for column in (0, 1))
-    return {"kind": "track", "title": title, "levels_db_sl": levels, "correct": correct}
 
 
 @dataclass(frozen=True)
@@ -217,27 +217,42 @@ class Rules:
         return cls(feedback_s, rules.break_after_trials, rules.break_between_runs, rules.break_s, rules.resume_within_s)
 
 
-class Course(Protocol):
-    """A run that goes on, in which the same responses in the same order always lead to the same trial."""
+@dataclass
+class Course:
+    """A run that goes on, in which the same responses in the same order always lead to the same trial.
 
-    @property
-    def seed(self) -> tuple[int, ...]:
-        """Return the seed of the run."""
+    A kind of it says what is drawn and played, and learns the answers. seed: of the run.
+    """
+
+    task: SessionTask
+    planned: PlannedRun
+    seed: tuple[int, ...]
+    _answered: list[tuple[Trial, str, bool]] = field(init=False, default_factory=list)
+    _standing: tuple[int, Trial | None] = field(init=False, default=(-1, None))
 
     @property
     def trials(self) -> int:
-        """Return the number of trials answered so far."""
+        """Return the number of trials answered so far, catch trials included."""
+        return len(self._answered)
 
     @property
     def progress(self) -> float:
         """Return how far the run is, from 0 to 1."""
-
-    def trial(self) -> Trial | None:
-        """Return the trial that stands, or None when the run is over. Asking twice gives the same."""
+        raise NotImplementedError
 
     @property
     def passed(self) -> bool:
         """Return False for practice that is over and has not met its criterion, True otherwise."""
+        return True
+
+    def trial(self) -> Trial | None:
+        """Return the trial that stands, or None when the run is over. It is drawn once for each answer."""
+        if self._standing[0] != self.trials:
+            self._standing = (self.trials, self._draw())
+        return self._standing[1]
+
+    def _draw(self) -> Trial | None:
+        raise NotImplementedError
 
     def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the trial.
@@ -245,51 +260,67 @@ class Course(Protocol):
         watch: told of its intervals. halted: asked whether it is to end at once. presented: the present time. Raises
         Halted where it was stopped while it played.
         """
+        raise NotImplementedError
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of what the interval plays."""
+        raise NotImplementedError
 
     def record(self, response: str) -> None:
-        """Record the response to the trial that stands. Raises BadInput if it is not allowed."""
+        """Record the response to the trial that stands. Raises BadInput when the run is over, or for no response."""
+        trial = self.trial()
+        if trial is None:
+            raise BadInput("the run is over", "a response to a trial that stands")
+        correct = trial.judge(response)
+        self._answered.append((trial, response, correct))
+        self._learn(trial, response, correct)
+
+    def _learn(self, trial: Trial, response: str, correct: bool) -> None:
+        """Learn nothing, as a run does whose trials are planned."""
 
     def picture(self) -> Picture:
-        """Return the run so far as an operator's page draws it."""
+        """Return the run so far as an operator's page draws it: the level and outcome of every trial."""
+        return self._track(self.task.words("run.so_far", title=self.planned.title, trials=self.trials))
+
+    def _track(self, title: str) -> Picture:
+        levels = [0.0 if trial.placement is None else trial.placement.level_db_sl for trial, _, _ in self._answered]
+        correct = [right for _, _, right in self._answered]
+        return {"kind": "track", "title": title, "levels_db_sl": levels, "correct": correct}
 
 
-class SessionTask(Protocol):
-    """The task of a session: a protocol at an apparatus."""
+@dataclass(frozen=True)
+class SessionTask:
+    """The task of a session: a protocol at an apparatus, in the words of the study's language."""
 
-    @property
-    def protocol(self) -> StudyProtocol:
-        """Return the protocol as it was read."""
-
-    @property
-    def apparatus(self) -> Apparatus:
-        """Return the apparatus that plays the stimuli."""
-
-    @property
-    def words(self) -> Words:
-        """Return the words of the study's language."""
+    protocol: StudyProtocol
+    apparatus: Apparatus
+    words: Words
 
     @property
     def question(self) -> Question:
         """Return the question that subjects see."""
+        raise NotImplementedError
 
     @property
     def rules(self) -> Rules:
         """Return the rules of a session."""
+        raise NotImplementedError
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Store what a new study has besides its sessions. Raises BadInput where it is there with something else."""
 
-    def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
+    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
+        raise NotImplementedError
 
-    def course(self, planned: PlannedRun, subject: int, visit: int, attempt: int) -> Course:
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> Course:
         """Return the course of a planned run from its beginning."""
+        raise NotImplementedError
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
+        raise NotImplementedError
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return the results of the session's answers so far. Raises BadInput while there are none."""
+        raise NotImplementedError

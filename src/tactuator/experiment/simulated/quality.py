@@ -147,7 +147,7 @@ class Quality:
 def simulate(procedure: ProcedureKeys, setting: Setting) -> Quality:
     """Run the procedure `setting.runs` times and judge its estimates. Raises BadInput where no run comes to its end."""
     rng = np.random.default_rng(setting.seed)
-    tracks, truth = _run(procedure, setting, rng)
+    tracks, truth = run_procedure(procedure, setting, rng)
     errors = tracks.estimates_db_sl - truth.threshold
     errors = errors[np.isfinite(errors)]
     if errors.size < 2:
@@ -189,17 +189,10 @@ def _with_loud(
     return levels - truth.threshold[:, None], order.outcomes(tracks.correct, loud), order
 
 
-def run_procedure(procedure: ProcedureKeys, setting: Setting) -> Tracks:
-    """Run the procedure setting.runs times and return the tracks; levels and estimates are relative to the truth."""
-    tracks, truth = _run(procedure, setting, np.random.default_rng(setting.seed))
-    levels = tracks.levels_db_sl - truth.threshold[:, None]
-    return Tracks(levels, tracks.correct, tracks.trials, tracks.estimates_db_sl - truth.threshold)
-
-
-def _run(procedure: ProcedureKeys, setting: Setting, rng: np.random.Generator) -> tuple[Tracks, _Truth]:
+def run_procedure(procedure: ProcedureKeys, setting: Setting, rng: np.random.Generator) -> tuple[Tracks, _Truth]:
     """Return the tracks in dB SL, and the truths.
 
-    The first trial of a run lies start_db above the truth. Truths of QUEST+, which chooses its first level by what it
+    The first trial of a run lies start_db above the truth. _Truths of QUEST+, which chooses its first level by what it
     expects, scatter about that: an experimenter who starts a track start_db above the threshold expects the threshold
     _START_ABOVE_EXPECTED_DB below that start, so that the truth lies _START_ABOVE_EXPECTED_DB - start_db above what the
     rule expects, on average.

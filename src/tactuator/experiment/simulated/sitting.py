@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,18 +13,21 @@ from tactuator.errors import BadInput
 from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import protocol_hash
+from tactuator.experiment.protocol.file import JudgingProtocol, protocol_hash
 from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, Clock
+from tactuator.experiment.simulated.strength_people import StrengthPerson
 from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial import Trial, trial_rng
+from tactuator.experiment.task.task_keys import JudgedTone, Judgement
+from tactuator.experiment.trial import IntervalRecord, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
-from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
-from tactuator.rig.rig import Rig, require_finger_ports
+from tactuator.perception.psychometric import Psychometric, Weibull
+from tactuator.rig.rig import require_finger_ports
 from tactuator.signals.decibels import db
 
 
@@ -32,65 +35,28 @@ from tactuator.signals.decibels import db
 class Observer:
     """A subject with a threshold curve of its own.
 
-    curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
-    independently with probability F (a high threshold), picks the strongest that it noticed, and guesses where it
-    noticed none; with the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy
-    impressions. interval_bias: weights of the intervals in guesses and lapses (none: even). drift_db_per_trial: rise of
-    the threshold from trial to trial. Raises BadInput for weights that cannot be.
+    curve: level (dB re 1 um peak) at which psi reaches its target. Each interval is noticed independently with
+    probability F (a high threshold), the strongest of those is picked, and guessed where none was noticed; with the
+    signal in one interval that is psi exactly. A lapse ignores what was felt, with probability lapse / (1 - guess), so
+    that the highest psi is 1 - lapse.
     """
 
     name: str
     curve: ThresholdCurve
     psychometric: Psychometric = field(default_factory=lambda: Psychometric(Weibull(2.5), lapse=0.02))
-    interval_bias: tuple[float, ...] | None = None
-    drift_db_per_trial: float = 0.0
 
-    def __post_init__(self) -> None:
-        bias = self.interval_bias
-        if bias is not None and (len(bias) < 2 or min(bias) < 0.0 or sum(bias) <= 0.0):
-            raise BadInput(f"observer {self.name!r}: interval_bias {list(bias)}", "weights >= 0, not all zero")
-
-    def respond(self, felt_db_re_1um: ArrayLike, frequency_hz: float, trial: int, rng: np.random.Generator) -> int:
-        """Return the index of the interval picked; felt_db_re_1um: (m,) level of each; trial: counted from 0."""
-        threshold = float(self.curve.level_db_re_1um_at(frequency_hz)) + self.drift_db_per_trial * trial
-        level = np.asarray(felt_db_re_1um, dtype=np.float64) - threshold
-        return respond(self.psychometric, level, self._weights(level.size), rng)
-
-    def _weights(self, intervals: int) -> FloatArray:
-        if self.interval_bias is None:
-            return np.full(intervals, 1.0 / intervals)
-        if len(self.interval_bias) != intervals:
-            raise BadInput(
-                f"observer {self.name!r}: interval_bias has {len(self.interval_bias)} weights for {intervals} intervals"
-            )
-        weights = np.asarray(self.interval_bias, dtype=np.float64)
-        return weights / float(weights.sum())
+    def respond(self, felt_db_re_1um: ArrayLike, frequency_hz: float, rng: np.random.Generator) -> int:
+        """Return the index of the interval picked; felt_db_re_1um: (m,) level of each."""
+        level = np.asarray(felt_db_re_1um) - float(self.curve.level_db_re_1um_at(frequency_hz))
+        psychometric, even = self.psychometric, np.full(level.size, 1.0 / level.size)
+        inattentive = rng.random() < psychometric.lapse / (1.0 - psychometric.guess)
+        noticed = rng.random(level.size) < psychometric.rise(level)
+        strongest = int(np.argmax(np.where(noticed, level, -np.inf)))
+        picked = strongest if noticed.any() else int(rng.choice(level.size, p=even))
+        return int(rng.choice(level.size, p=even)) if inattentive else picked
 
 
-def respond(psychometric: Psychometric, level_db: FloatArray, weights: FloatArray, rng: np.random.Generator) -> int:
-    """Return the index of the interval picked; level_db: (m,) re own threshold; weights: (m,) of guesses.
-
-    A lapse ignores what was felt, with probability lapse / (1 - guess), so that the highest psi is 1 - lapse.
-    """
-    intervals = level_db.size
-    inattentive = rng.random() < psychometric.lapse / (1.0 - psychometric.guess)
-    if isinstance(psychometric.shape, MaxOfM):
-        impression = psychometric.shape.d_prime(level_db, psychometric.at_threshold) + rng.standard_normal(intervals)
-        impression += _criterion_shift(weights)
-        picked = int(np.argmax(impression))
-    else:
-        noticed = rng.random(intervals) < psychometric.rise(level_db)
-        strongest = int(np.argmax(np.where(noticed, level_db, -np.inf)))
-        picked = strongest if noticed.any() else int(rng.choice(intervals, p=weights))
-    return int(rng.choice(intervals, p=weights)) if inattentive else picked
-
-
-def _criterion_shift(weights: FloatArray) -> FloatArray:
-    """Return what is added to each impression so that preferred intervals win more often; zero for even weights."""
-    return np.asarray(np.log(np.maximum(weights, 1e-6) * weights.size))
-
-
-_UM_PER_MM = 1000.0
+_LEAST_MM, _UM_PER_MM = 1e-12, 1000.0
 
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
@@ -154,97 +120,111 @@ def with_truths(
 
 def run_study(
     store: Store,
-    protocol: Protocol,
+    protocol: Protocol | JudgingProtocol,
     text: str,
     apparatus: Apparatus,
-    observers: Sequence[Observer],
+    people: Sequence[Observer | StrengthPerson],
     clock: Clock,
     load: str | None = None,
-    show: Callable[[str, float], None] = lambda name, share: None,
+    show: Callable[[int, float], None] = lambda place, share: None,
 ) -> int:
-    """Take every observer through its session, resumed if it was begun, and return the study's row in the store.
+    """Take everybody through their session, resumed if it was begun, and return the study's row in the store.
 
-    load: put on the display's port while an observer's finger is there. show: called with the name of the subject and
-    its progress, 0 to 1. Raises BadInput where the number of observers is not that of the subjects.
+    people: observers, or persons where tones are judged. load: put on the display's ports while fingers are there.
+    show: called with the subject's place and its progress, 0 to 1. Raises BadInput where there are not as many people
+    as subjects.
     """
-    rig = apparatus.rig
-    require_finger_ports(rig, apparatus.name)
-    if len(observers) != len(protocol.subject):
-        raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects", "as many")
-    if protocol.paradigm.yes_no:
+    require_finger_ports(apparatus.rig, apparatus.name)
+    if len(people) != len(protocol.subject):
+        raise BadInput(f"{len(people)} people for {len(protocol.subject)} subjects", "as many")
+    if isinstance(protocol, JudgingProtocol):
+        task: JudgingTask | DetectionTask = JudgingTask(protocol, apparatus)
+    elif protocol.paradigm.yes_no:
         raise BadInput("1: simulated observers tell intervals apart", "two intervals or more", key="paradigm.intervals")
-    task = DetectionTask(protocol, apparatus)
+    else:
+        task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
-    for subject, observer in zip(protocol.subject, observers, strict=True):
-        session = open_session(study, subject.code, sitting=Sitting("simulated"))
-        sitting = ObserverAtRig(observer, task, rig, load)
+    for place, (subject, who) in enumerate(zip(protocol.subject, people, strict=True)):
+        session, sitting = open_session(study, subject.code, Sitting("simulated")), AtRig(who, task, load)
         try:
-            run_session(PresentedSession(session), sitting, lambda now: show(observer.name, now.progress))  # noqa: B023
+            run_session(PresentedSession(session), sitting, lambda now: show(place, now.progress))  # noqa: B023
         finally:
             sitting.leave()
     return study.id
 
 
-class ObserverAtRig(Respondent):
-    """An observer whose finger goes to the channel of each run, with that load.
+class AtRig(Respondent):
+    """An observer or a person whose fingers are on the channels of each run, with that load.
 
-    It judges each interval by the peak displacement at the stimulus's frequency, hum, noise and friction included. A
-    matched filter takes it from the stretches that the records of the intervals name.
+    Of an interval with one tone the peak displacement at the tone's frequency is felt, hum, noise and friction
+    included: a matched filter takes it from the stretch that the interval's record names. Of the others it is what was
+    commanded.
     """
 
-    def __init__(self, observer: Observer, task: DetectionTask, rig: Rig, load: str | None) -> None:
-        self._observer, self._task, self._rig, self._load = observer, task, rig, load
-        self._felt_mm: list[FloatArray] = []
-        self._channel: str | None = None
+    def __init__(self, who: Observer | StrengthPerson, task: DetectionTask | JudgingTask, load: str | None) -> None:
+        self._who, self._task, self._load = who, task, load
+        self._felt_mm: dict[str, list[FloatArray]] = {}
+        self._attached: dict[str, Callable[[FloatArray], None]] = {}
 
     def begin(self, following: NextTrial) -> None:
-        """Put the finger on the run's channel."""
+        """Put the fingers on the display."""
         self.leave()
-        self._seed = following.seed
-        self._channel = self._task.apparatus.channel(following.planned.finger).name
-        port = self._rig.finger(self._channel)
-        port.touch(self._load)
-        port.attach(self._feel)
-
-    def _feel(self, displacement_mm: FloatArray) -> None:
-        self._felt_mm.append(displacement_mm)
+        self._seed, self._planned = following.seed, following.planned
+        task, apparatus = self._task, self._task.apparatus
+        alone = (self._planned.finger,)
+        for finger in task.protocol.task.fingers_used() if isinstance(task, JudgingTask) else alone:
+            blocks: list[FloatArray] = []
+            channel = apparatus.channel(finger).name
+            port = apparatus.rig.finger(channel)
+            port.touch(self._load)
+            self._felt_mm[channel], self._attached[channel] = blocks, blocks.append
+            port.attach(self._attached[channel])
 
     def presented(self, played: PlayedTrial) -> None:
         """Keep the trial's intervals as they were played."""
         self._played = played
 
     def respond(self, trial: Trial) -> str:
-        """Return the interval in which the most was felt, and forget what was felt so far."""
-        placement = trial.placement
-        assert placement is not None
-        assert placement.frequency_hz is not None
-        levels = self._levels_db_re_1um(placement.frequency_hz)
-        self._felt_mm.clear()
-        rng = trial_rng((*self._seed, 1), trial.number)
-        return trial.responses[self._observer.respond(levels, placement.frequency_hz, trial.number, rng)]
+        """Return the answer to what was felt, and forget that."""
+        tones, rng = self._task.tones(self._planned, trial), trial_rng((*self._seed, 1), trial.number)
+        whole = {channel: np.concatenate(blocks) for channel, blocks in self._felt_mm.items()}
+        for blocks in self._felt_mm.values():
+            blocks.clear()
+        if isinstance(self._who, Observer):
+            levels = [self._level_db_re_1um(tone, at, whole) for (tone,), at in self._each(tones)]
+            return trial.responses[self._who.respond(levels, tones[0][0].frequency_hz, rng)]
+        assert isinstance(trial, Judgement)
+        above = [
+            of[0].level_db_sl if len(of) != 1 else self._level_db_re_1um(of[0], at, whole) - self._curve_level(of[0])
+            for of, at in self._each(tones)
+        ]
+        return self._who.answer(trial, above, rng)
 
-    def _levels_db_re_1um(self, frequency_hz: float) -> FloatArray:
-        """Return the level felt in each interval of the trial that was just played, shape (m,)."""
-        felt, rate_hz = np.concatenate(self._felt_mm), self._rig.rate_hz
-        begins = felt.size - round(self._played.lasted_s * rate_hz)
-        ramp_s, peaks_mm = self._task.protocol.timing.ramp_at_s(frequency_hz), []
-        for interval in self._played.intervals:
-            assert interval.onset_s is not None
-            assert interval.duration_s is not None
-            onset = begins + round(interval.onset_s * rate_hz)
-            stretch = felt[onset : onset + round(interval.duration_s * rate_hz)]
-            peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
-        return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
+    def _each(self, tones: Sequence[Sequence[JudgedTone]]) -> Iterator[tuple[Sequence[JudgedTone], IntervalRecord]]:
+        return zip(tones, self._played.intervals, strict=True)
+
+    def _curve_level(self, tone: JudgedTone) -> float:
+        curve = self._task.apparatus.channel(tone.finger).threshold.curve
+        return float(curve.level_db_re_1um_at(tone.frequency_hz))
+
+    def _level_db_re_1um(self, tone: JudgedTone, record: IntervalRecord, whole: Mapping[str, FloatArray]) -> float:
+        assert record.onset_s is not None
+        assert record.duration_s is not None
+        felt, rate_hz = whole[self._task.apparatus.channel(tone.finger).name], self._task.apparatus.rig.rate_hz
+        onset = felt.size - round(self._played.lasted_s * rate_hz) + round(record.onset_s * rate_hz)
+        stretch = felt[onset : onset + round(record.duration_s * rate_hz)]
+        ramp_s = tone.ramp_s(self._task.protocol.timing)
+        return float(db(max(amplitude(stretch, tone.frequency_hz, rate_hz, ramp_s), _LEAST_MM) * _UM_PER_MM))
 
     def leave(self) -> None:
-        """Take the finger off the display."""
-        if self._channel is not None:
-            port = self._rig.finger(self._channel)
-            port.detach(self._feel)
+        """Take the fingers off the display."""
+        for channel, attached in self._attached.items():
+            port = self._task.apparatus.rig.finger(channel)
+            port.detach(attached)
             port.touch(None)
-            self._channel = None
-            self._felt_mm.clear()
+        self._attached.clear()
+        self._felt_mm.clear()
 
 
 @dataclass

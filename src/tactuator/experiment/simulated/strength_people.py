@@ -68,9 +68,9 @@ class StrengthPerson:
     exponent: float = 0.6
     estimate_sd: float = 0.25
 
-    def equal_to(self, level_db_sl: float, frequency_hz: FloatArray, reference_hz: float = REFERENCE_HZ) -> FloatArray:
-        """Return the levels at frequencies (n,) that are as strong as that level at the reference."""
-        return equal_level(self.strength, reference_hz, frequency_hz, np.full(frequency_hz.shape, level_db_sl))
+    def equal_to(self, level_db_sl: float, frequency_hz: FloatArray) -> FloatArray:
+        """Return the levels at frequencies (n,) that are as strong as that level at the reference frequency."""
+        return equal_level(self.strength, REFERENCE_HZ, frequency_hz, np.full(frequency_hz.shape, level_db_sl))
 
     def answer(self, trial: Judgement, felt_db_sl: Sequence[float], rng: np.random.Generator) -> str:
         """Return a response. felt_db_sl: level of the first tone of each interval as it was felt."""

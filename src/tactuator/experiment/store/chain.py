@@ -47,27 +47,36 @@ def add(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]],
     """Write new rows of a table with their links, and return them. origin: uid of the store they come from."""
     if not rows:
         return []
+    added = write(connection, table, rows)
+    link(connection, [(table, row) for row in added], origin)
+    return added
+
+
+def write(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]]) -> list[Row[Any]]:
+    """Write one or more new rows of a table and return them; `link` has to follow in the same transaction."""
     # the rows go beside the statement, not into it: it is then compiled once for all trials
     statement = insert(table).returning(table, sort_by_parameter_order=True)
-    return _linked(connection, table, connection.execute(statement, list(rows)).all(), origin)
+    return list(connection.execute(statement, list(rows)).all())
 
 
 def change(connection: Connection, table: Table, key: int, values: Mapping[str, Any], origin: str = "") -> Row[Any]:
     """Write columns of a row, with a link, and return the row."""
     statement = update(table).where(_key(table) == key).values(**values).returning(table)
-    return _linked(connection, table, [connection.execute(statement).one()], origin)[0]
+    row = connection.execute(statement).one()
+    link(connection, [(table, row)], origin)
+    return row
 
 
-def _linked(connection: Connection, table: Table, rows: Sequence[Row[Any]], origin: str) -> list[Row[Any]]:
+def link(connection: Connection, rows: Iterable[tuple[Table, Row[Any]]], origin: str = "") -> None:
+    """Write the links of rows that were written, in the order of writing."""
     number, previous = head(connection)
-    place, links = list(table.c).index(_key(table)), []
-    for row in rows:
+    links = []
+    for table, row in rows:
         number += 1
-        link = (number, table.name, row[place], row_sha256(table, row), origin)
+        link = (number, table.name, row[list(table.c).index(_key(table))], row_sha256(table, row), origin)
         previous = _sha256([previous, *link])
         links.append(dict(zip(schema.chain.c.keys(), (*link, previous), strict=True)))
     connection.execute(insert(schema.chain).returning(schema.chain.c.id), links)  # without, a message or three a link
-    return list(rows)
 
 
 def uid(connection: Connection) -> str:

@@ -387,16 +387,16 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "presentations": played.presentations,
         "rig_tick": played.rig_tick,
     }
-    key = _add(connection, schema.trial, row).id
+    (added,) = chain.write(connection, schema.trial, [row])
     lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
     rows = [
-        {"trial_id": key, "position": index, **vars(interval), "client_lit_ms": lit[index]}
+        {"trial_id": added.id, "position": index, **vars(interval), "client_lit_ms": lit[index]}
         for index, interval in enumerate(played.intervals)
     ]
-    chain.add(connection, schema.interval, rows)
+    intervals = chain.write(connection, schema.interval, rows)
     ended_s, received_s = played.ended_s, answer.received_s
     values = {
-        "trial_id": key,
+        "trial_id": added.id,
         "response": answer.response,
         "correct": trial.judge(answer.response),
         "client_shown_ms": answer.client_shown_ms,
@@ -404,4 +404,6 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "server_received_utc": stamp(answer.received),
         "server_after_end_s": None if received_s is None or ended_s is None else received_s - ended_s,
     }
-    _add(connection, schema.response, values)
+    (response,) = chain.write(connection, schema.response, [values])
+    of_intervals = [(schema.interval, interval) for interval in intervals]
+    chain.link(connection, [(schema.trial, added), *of_intervals, (schema.response, response)])

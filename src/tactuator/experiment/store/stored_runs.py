@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from typing import Any
@@ -15,6 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
+from tactuator.experiment.protocol.study import FORCED_CHOICE
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
@@ -58,23 +59,17 @@ class StoredRun:
     intervals: StoredIntervals
 
 
-def detection_runs(store: Store, state: str = "done", session: int | None = None) -> list[StoredRun]:
-    """Return the runs of that state in all the store's studies, or of one session, practice left out.
+def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
+    """Return the runs that are done in all the store's studies, or in one session, practice left out.
 
     Raises BadInput without any.
     """
-    run = schema.run.c
     with store.read() as connection:
         versions = select(schema.protocol_version)
         every = {row.id: parse_any_protocol(row.toml) for row in connection.execute(versions)}
         protocols = {row: protocol for row, protocol in every.items() if isinstance(protocol, Protocol)}
         sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
-        mine = run.session_id.in_(select(schema.session.c.id).where(schema.KEPT))
-        wanted = [run.state == state, run.practice.is_(False), run.paradigm == "forced-choice", mine]
-        if session is not None:
-            wanted.append(run.session_id == session)
-        query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
-        rows = connection.execute(query).all()
+        rows = _done(connection, FORCED_CHOICE, session, sessions)
         runs = []
         for first in range(0, len(rows), _RUNS):
             part = rows[first : first + _RUNS]
@@ -87,9 +82,22 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
                 frequency_hz, level, base, correct = trials.of(row.id)
                 runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     if not rows:
-        where = f"store {store.name}" if session is None else "the session"
-        raise BadInput(f"{where} has no {state} run", "one with at least one")
+        raise _none(store.name, session, "done run")
     return runs
+
+
+def _done(connection: Connection, paradigm: str, session: int | None, sessions: Mapping[int, Found]) -> list[Found]:
+    """Return the rows of finished runs of that paradigm, practice left out, in those sessions, or in one of them."""
+    run = schema.run.c
+    wanted = [run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
+    if session is not None:
+        wanted.append(run.session_id == session)
+    query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
+    return [row for row in connection.execute(query) if row.session_id in sessions]
+
+
+def _none(store: str, session: int | None, what: str) -> BadInput:
+    return BadInput(f"{f'store {store}' if session is None else 'the session'} has no {what}", "one with at least one")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,26 +157,20 @@ def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
 
 
 def answered_runs(
-    store: Store, kind: str, session: int | None = None, group: str | None = None, state: str = "done"
+    store: Store, kind: str, session: int | None = None, group: str | None = None
 ) -> tuple[AnsweredRun, ...]:
-    """Return the runs of that task and state in all the store's studies, or of one session or group of subjects.
+    """Return the runs of that task that are done in all the store's studies, or in one session or group of subjects.
 
     Practice and what was withdrawn are left out. Raises BadInput without any.
     """
-    run = schema.run.c
     with store.read() as connection:
         sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
-        wanted = [run.state == state, run.practice.is_(False), run.paradigm == kind]
-        if session is not None:
-            wanted.append(run.session_id == session)
-        query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
-        rows = [row for row in connection.execute(query) if row.session_id in sessions]
+        rows = _done(connection, kind, session, sessions)
         if group is not None:
             rows = [row for row in rows if sessions[row.session_id].subject_group == group]
         trials = _answered(connection, [row.id for row in rows])
     if not rows:
-        where = f"store {store.path}" if session is None else "the session"
-        raise BadInput(f"{where} has no {state} run of {kind}", "one with at least one")
+        raise _none(str(store.path), session, f"done run of {kind}")
     return tuple(_run(sessions[row.session_id], row, trials.get(row.id, ())) for row in rows)
 
 
