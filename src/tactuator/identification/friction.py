@@ -243,7 +243,7 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
 
 
 def _uphill(gain: Callable[[int], float], step: int) -> int:
-    """Return the place of the greatest gain about 0, by steps that double while they win and halve where they do not."""
+    """Return the place of the greatest gain about 0, by steps that double where they win, else halve."""
     at = 0
     while step:
         ahead = max((at, *(place for place in (at - step, at + step) if abs(place) <= _REACH)), key=gain)
@@ -306,9 +306,8 @@ class _FrictionLines:
         """
         rows = pulls[0].reshape(1, -1) if len(pulls) == 1 else np.stack(pulls)
         beside = np.column_stack([self._rows @ rows.T, self._along])
-        across = rows @ self._rest
-        last = np.block([[rows @ rows.T, across[:, None]], [across[None, :], np.array([[float(self._rest @ self._rest)]])]])
-        weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
+        last = np.vstack([rows, self._rest])
+        weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last @ last.T]]), beside.shape[0])
         moves = self._free @ weights
         powers, along = rest[:-1, :-1], rest[:-1, -1]
         level, remaining = eliminated(rest, len(pulls))

@@ -154,7 +154,7 @@ def identify(
     asked = Asked(**wishes).of(records[0].about)
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
-    with single_threaded(), solvable():
+    with single_threaded(scipys=False), solvable():
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:
@@ -253,9 +253,7 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     if plans is not None:
         return identify_periods(common, plans, holds, source, known, note)
 
-    def estimate_of(
-        signals: Signals, before: SpectralEstimate | None = None, quick: bool = False
-    ) -> SpectralEstimate:
+    def estimate_of(signals: Signals, before: SpectralEstimate | None = None, quick: bool = False) -> SpectralEstimate:
         return estimate(signals, common.rate_hz, holds, known, note, before, quick)
 
     rubbed = first = None

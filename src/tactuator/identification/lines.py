@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid
+from tactuator.signals.spectra import fast_length
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -76,7 +77,7 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     count = command.size - shift
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
-        count = int(scipy.fft.prev_fast_len(count, real=True))
+        count = fast_length(count, up=False)
     late, early = position[shift : shift + count], command[:count]
     root = np.sqrt(late.size)
     lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]

@@ -93,9 +93,7 @@ class Starter:
         return best
 
     def _descent(self, form: Form, theta: FloatArray, lag: float, hopeless: float) -> SpectralFit | None:
-        return self.problem.descend(
-            form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE, hopeless=hopeless
-        )
+        return self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE, hopeless=hopeless)
 
     def _lags(self, form: Form) -> list[float]:
         """Return the three best of many dead times by linear fits, coarse ones below a 16th of the highest frequency
