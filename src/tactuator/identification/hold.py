@@ -78,6 +78,8 @@ class Grid:
 
     def back_by(self, samples: float) -> ComplexArray:
         """Return a whole number of samples back, (m,)."""
+        if samples == 1.0:
+            return self.back
         if samples not in self._powers:
             self._powers[samples] = np.exp(-2j * np.pi * samples * self.frequency_hz / self.rate_hz)
         return self._powers[samples]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -61,12 +61,19 @@ class Spectrum:
     @cached_property
     def grid(self) -> Grid:
         """Return all lines but zero, of the record as if its position were not shifted."""
-        return Grid(self.frequency_hz[1:], self.rate_hz, self.rate_hz, "zero-order")
+        return _all_lines(self.samples, self.rate_hz)
 
     @cached_property
     def ahead(self) -> ComplexArray:
         """Return what the position's shift does to the lines but zero, (m - 1,)."""
-        return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
+        lines = self.frequency_hz[1:]
+        return np.asarray(np.exp(2j * np.pi * lines * self.shift / self.rate_hz)) if self.shift else np.ones(lines.size)
+
+
+@lru_cache(maxsize=1)
+def _all_lines(samples: int, rate_hz: float) -> Grid:
+    """Return the lines but zero of a record: they are those of its next estimate, too."""
+    return Grid(np.arange(1.0, samples // 2 + 1) * (rate_hz / samples), rate_hz, rate_hz, "zero-order")
 
 
 def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: int = 0) -> Spectrum:
