@@ -52,7 +52,7 @@ def identify_response(
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     asked = asked.of(given.about)
-    with single_threaded(), solvable():
+    with single_threaded(scipys=False), solvable():
         if given.assumed and given.phase_rad is not None:
             given = _with_own_noise(given, asked, note)
         return _identify_response(given, asked, note)

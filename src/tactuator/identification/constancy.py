@@ -18,6 +18,7 @@ import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.signals.record import Record
+from tactuator.signals.spectra import fast_length
 
 _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
 """Pieces of a record, and the most and the least samples of one."""
@@ -70,7 +71,7 @@ def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, Float
     half = length // 2
     if length < _SHORTEST:
         return half, np.zeros(0), np.zeros(0)
-    size, window = int(scipy.fft.next_fast_len(2 * length, real=True)), np.hanning(length)
+    size, window = fast_length(2 * length), np.hanning(length)
     before: list[tuple[np.ndarray, float]] = []
     later, alike = [], []
     for begin in range(0, command.size - length + 1, half):
@@ -214,7 +215,7 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
     high = min(end, position.size, command.size - max(late, 0))
     into, out = command[low + late : high + late], position[low:high]
     window = np.hanning(out.size)
-    size = int(scipy.fft.next_fast_len(2 * out.size, real=True))
+    size = fast_length(2 * out.size)
     lines = [np.fft.rfft(window * (row - row.mean()), size) for row in (into, out)]
     power = np.abs(lines[0]) ** 2
     response = np.fft.irfft(

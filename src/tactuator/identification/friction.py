@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import Known, freedom
@@ -42,6 +41,8 @@ _SAMPLED = 0.0025
 """Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
 _ESTIMATES, _ROUNDS = 4, 12
 """Most estimates of a record's form with friction off its command, and most steps of the level between them."""
+_FINE_AT_FIRST, _FINE, _REACH = 10.0 ** (1.0 / 32.0), 1.25**0.125, 15
+"""Steps of a presliding distance, as ratios: where none is known, and about one that is, at most so many of them."""
 _STILL = 0.05
 """Change of the level, in its deviations, from which on another round brings nothing."""
 
@@ -116,25 +117,32 @@ class _Level:
 
 
 def fit_friction(
-    signals: Signals, bare: SpectralEstimate, known: Known, estimate_of: Callable[[Signals], SpectralEstimate]
+    signals: Signals,
+    bare: SpectralEstimate,
+    known: Known,
+    estimate_of: Callable[[Signals, SpectralEstimate | None, bool], SpectralEstimate],
 ) -> FrictionFit | None:
     """Return the estimate with friction, or None where none is certain; its form is the simplest whose response cannot
     be told from the best one's, whichever law friction has.
 
-    bare: the estimate without friction; known: of the form; estimate_of: what makes an estimate of signals.
+    bare: the estimate without friction, or a quick one; known: of the form; estimate_of: what makes an estimate of
+    signals, from one of others that hardly differ if there is one, or a quick one.
     """
     level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
     if level is None and not friction_shows(bare.residuals):
         return None
     measured = _measured_paths(signals, bare)
     level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
+    now: SpectralEstimate | None = None
     for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
-        now, before = estimate_of(level.off(signals)), level
+        # the first level is so rough that a quick estimate tells the next as well
+        now, before, quick = estimate_of(level.off(signals), now, now is None), level, now is None
         level = _settled(signals, now, level, measured)
-        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
+        if not quick and abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
             break
+    assert now is not None
     rubbed = _with_level(signals, now, before)
     if rubbed is None:
         return None
@@ -150,7 +158,7 @@ def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> Frict
     friction is certain.
     """
     lines = _FrictionLines(now, level)
-    gain, coulomb, power, weights = lines.explained(*lines.pulls(level.states))
+    gain, coulomb, power, weights = lines.explained(lines.pull(level.states))
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
@@ -203,39 +211,44 @@ def _earlier(path: FloatArray, now: SpectralEstimate, count: int, shift: int = 0
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level that explains most of what the estimate leaves; level: what is off its commands already.
 
-    Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample.
+    Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample: the
+    better way is told at one presliding distance, and the distance looked for along that way.
     """
     lines = _FrictionLines(now, level)
     both = (_paths(signals, now), measured)
-    tried: dict[tuple[int, bool, float], tuple[float, float, float]] = {}
 
-    def explain(k: int, presliding: float, holds: Sequence[bool]) -> None:
-        states = [dahl_state(path, presliding) for path in both[k]]
-        for held, pull in zip(holds, lines.pulls(*(_acting(states, held) for held in holds)), strict=True):
-            tried[k, held, presliding] = lines.explained(pull)[:3]
+    @cache
+    def states(k: int, presliding: float) -> list[FloatArray]:
+        return [dahl_state(path, presliding) for path in both[k]]
+
+    @cache
+    def explained(way: tuple[int, bool, float]) -> tuple[float, float, float]:
+        k, held, presliding = way
+        return lines.explained(lines.pull(_acting(states(k, presliding), held)))[:3]
 
     def gain(way: tuple[int, bool, float]) -> float:
-        return tried[way][0]
+        return explained(way)[0]
 
-    if level.presliding > 0.0:
-        places, ratio, refinements = level.presliding * np.array([0.8, 1.0, 1.25]), 1.25, 3
-    else:
-        motion = max(float(np.std(path)) for path in both[0])
-        places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
-    for k, place in product((0, 1), places.tolist()):
-        explain(k, place, (False, True))
-    best = max(product((0, 1), (False, True), places.tolist()), key=gain)
-    for _ in range(refinements):
-        ratio = float(np.sqrt(ratio))
-        k, held, presliding = best
-        near = [(k, held, presliding * factor) for factor in (1.0 / ratio, 1.0, ratio)]
-        for _, _, place in near:
-            if (k, held, place) not in tried:
-                explain(k, place, (held,))
-        best = max(near, key=gain)
-    (k, held, presliding), (_, coulomb, power) = best, tried[best]
+    place, ratio, step = level.presliding, _FINE, 1
+    if place == 0.0:
+        motion, ratio, step = max(float(np.std(path)) for path in both[0]), _FINE_AT_FIRST, (_REACH + 1) // 2
+        places = (np.geomspace(1e-4, 1.0, 9) * motion).tolist()
+        place = max(places, key=lambda place: gain((0, False, place)))
+    k, held, _ = max(product((0, 1), (False, True), (place,)), key=gain)
+    at = _uphill(lambda steps: gain((k, held, place * ratio**steps)), step)
+    presliding = place * ratio**at
+    _, coulomb, power = explained((k, held, presliding))
     coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in signals) else 0.0  # it ran away
     return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+
+
+def _uphill(gain: Callable[[int], float], step: int) -> int:
+    """Return the place of the greatest gain about 0, by steps that double where they win, else halve."""
+    at = 0
+    while step:
+        ahead = max((at, *(place for place in (at - step, at + step) if abs(place) <= _REACH)), key=gain)
+        at, step = (at, step // 2) if ahead == at else (ahead, 2 * step)
+    return at
 
 
 def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
@@ -252,28 +265,31 @@ def _measured_paths(signals: Signals, bare: SpectralEstimate) -> tuple[FloatArra
 class _FrictionLines:
     """What a fit leaves of the records' lines without friction, and what its own parameters would take of it, weighted.
 
-    power: the sum of its squares.
+    power: the sum of its squares; lines: the numbers in it, of which those are kept that friction moves.
     """
 
     def __init__(self, now: SpectralEstimate, level: _Level) -> None:
         """Keep what every trial shares; level: what is off the commands of the estimate."""
-        states = level.states if level.coulomb > 0.0 else []
         fit, columns_of, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
         self._spectra, self._weighted = now.spectra, list[ComplexArray]()
         # values that are known stay as they are
         self._free = freedom(fit.theta, fit.form, fit.rungs)
+        self.power, self.lines = 0.0, 0
         for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
             weighted = residual.response * residual.weight[1:]
-            self._weighted.append(-weighted)
-            slopes = log_slopes(fit, taken.frequency_hz[1:]) @ self._free
-            columns_of.append(slopes * (weighted * taken.command[1:])[:, None])
-            # of a copy: NumPy multiplies in place what is nobody else's, its factors the other way round
-            taken_off = weighted * _lines(level.coulomb * states[k], taken).copy() if states else 0.0
-            rest.append(residual.lines[1:] * residual.weight[1:] - taken_off)
+            here = residual.lines[1:] * residual.weight[1:]
+            if level.coulomb > 0.0:
+                here -= weighted * _lines(level.coulomb * level.states[k], taken, weighted.size)
+            self.power += float(np.sum(here.view(np.float64) ** 2))
+            self.lines += 2 * here.size
+            last = _moving(weighted, taken.command[1:])
+            self._weighted.append(-weighted[:last])
+            slopes = log_slopes(fit, taken.frequency_hz[1 : last + 1]) @ self._free
+            columns_of.append(slopes * (weighted * taken.command[1:])[:last, None])
+            rest.append(here[:last])
         self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)
         self._rest = np.concatenate(rest).view(np.float64)
         self._products, self._along = self._rows @ self._rows.T, self._rows @ self._rest
-        self.power = float(self._rest @ self._rest)
 
     def explained(self, pull: FloatArray) -> tuple[float, float, float, FloatArray]:
         """Return by how much the sum of squares falls with a friction's pull, the level that brings it (0, 0 where it
@@ -290,23 +306,22 @@ class _FrictionLines:
         """
         rows = pulls[0].reshape(1, -1) if len(pulls) == 1 else np.stack(pulls)
         beside = np.column_stack([self._rows @ rows.T, self._along])
-        across = rows @ self._rest
-        last = np.block([[rows @ rows.T, across[:, None]], [across[None, :], np.array([[self.power]])]])
-        weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last]]), beside.shape[0])
+        last = np.vstack([rows, self._rest])
+        weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last @ last.T]]), beside.shape[0])
         moves = self._free @ weights
         powers, along = rest[:-1, :-1], rest[:-1, -1]
         level, remaining = eliminated(rest, len(pulls))
         gain = float(rest[-1, -1] - remaining[0, 0]) if np.any(along) else 0.0
         return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
 
-    def pulls(self, *laws: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return what one unit of friction makes of the position's lines, weighted, by each of some laws: its states
-        (n,) along every record. Two laws at once are transformed in less than twice the time of one.
+    def pull(self, states: Sequence[FloatArray]) -> FloatArray:
+        """Return what one unit of friction of these states, (n,) along every record, makes of the position's lines,
+        weighted.
         """
-        parts = zip(self._weighted, self._spectra, *laws, strict=True)
-        by_record = [weighted * _lines(np.stack(rows), taken) for weighted, taken, *rows in parts]
-        joined = by_record[0] if len(by_record) == 1 else np.concatenate(by_record, axis=1)
-        return list(joined.view(np.float64))
+        parts = zip(self._weighted, self._spectra, states, strict=True)
+        return np.concatenate([weighted * _lines(row, taken, weighted.size) for weighted, taken, row in parts]).view(
+            np.float64
+        )
 
     def other_laws(self, level: _Level) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
@@ -314,10 +329,8 @@ class _FrictionLines:
         one that falls with the speed (Stribeck), by their evidence.
         """
         free, speed = level.free, [np.abs(np.gradient(path)) for path in level.paths]
-        sizes = _acting([np.abs(state) for state in free], level.held)
-        plain, *uneven = self.pulls(level.states, sizes)
-        faster, otherwise = self.pulls(_acting(speed, level.held), _acting(free, not level.held))
-        uneven.append(faster)
+        plain, otherwise = self.pull(level.states), self.pull(_acting(free, not level.held))
+        uneven = [self.pull(_acting(row, level.held)) for row in ([np.abs(state) for state in free], speed)]
         solved = [self._together([plain]), self._together([plain, *uneven])]
         for shape in (1, 2):
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
@@ -325,10 +338,9 @@ class _FrictionLines:
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
                 for fading in FADING
             )
-            pairs = (self.pulls(*pair) for pair in zip(falling, falling, strict=True))
-            tried = (self._together([plain, *uneven, pull]) for pair in pairs for pull in pair)
+            tried = (self._together([plain, *uneven, self.pull(states)]) for states in falling)
             solved.append(max(tried, key=lambda law: law[0]))
-        scores = np.array([float(np.log(self._rest.size)) * law[1].size for law in solved])
+        scores = np.array([float(np.log(self.lines)) * law[1].size for law in solved])
         scores -= 2.0 * np.array([gain for gain, *_ in solved])
         evidence = np.exp(-0.5 * (scores - scores.min()))
         reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
@@ -338,14 +350,21 @@ class _FrictionLines:
         return reach[:, None] * moves, reach * levels
 
 
-def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:
-    """Return the lines but zero of values (..., n) at the record's command."""
-    early = values[..., : taken.samples]
-    lines = scipy.fft.rfft(early - early.mean(axis=-1, keepdims=True))[..., 1:]
-    # the quotient of complex numbers that NumPy would form, to the last bit
-    real = lines.view(np.float64)
-    real *= 1.0 / np.sqrt(taken.samples)
-    return np.asarray(lines)
+_UNMOVED = 1e-6
+"""Share of what a command and a friction of even lines move, weighted, above the highest line that is looked at."""
+
+
+def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
+    """Return the number of lines (m,) that hold all but a millionth of what friction, and the command, can move."""
+    power = np.abs(weighted) ** 2
+    sums = (np.cumsum(moved) for moved in (power, power * np.abs(command) ** 2))
+    return 1 + max(int(np.searchsorted(moved, (1.0 - _UNMOVED) * moved[-1])) for moved in sums)
+
+
+def _lines(values: FloatArray, taken: Spectrum, last: int) -> ComplexArray:
+    """Return the first `last` lines but zero of values (n,) at the record's command."""
+    early = values[: taken.samples]
+    return np.asarray(np.fft.rfft(early - early.mean())[1 : last + 1] * (1.0 / np.sqrt(taken.samples)))
 
 
 def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | None:

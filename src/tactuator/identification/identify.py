@@ -154,7 +154,7 @@ def identify(
     asked = Asked(**wishes).of(records[0].about)
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
-    with single_threaded(), solvable():
+    with single_threaded(scipys=False), solvable():
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:
@@ -253,18 +253,23 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     if plans is not None:
         return identify_periods(common, plans, holds, source, known, note)
 
-    def estimate_of(signals: Signals) -> SpectralEstimate:
-        return estimate(signals, common.rate_hz, holds, known, note)
+    def estimate_of(signals: Signals, before: SpectralEstimate | None = None, quick: bool = False) -> SpectralEstimate:
+        return estimate(signals, common.rate_hz, holds, known, note, before, quick)
 
-    estimated, rubbed = estimate_of(common.signals), None
+    rubbed = first = None
+    if asked.friction and common.references is None:
+        first = estimate_of(common.signals, quick=True)
+        note("looking for friction")
+        rubbed = fit_friction(common.signals, first, known, estimate_of)
+    if rubbed is not None:
+        return identification(common, rubbed.estimate, source, rubbed.estimate.residuals, rubbed=rubbed)
+    estimated = estimate_of(common.signals, first)
     if estimated.chosen.hold == "band-limited" and common.references is not None:
         note("fitting what follows the reference")
         estimated = following(estimated, common.references)
     if asked.friction and estimated.before is None:
-        note("looking for friction")
         rubbed = fit_friction(common.signals, estimated, known, estimate_of)
-    if rubbed is not None:
-        estimated = rubbed.estimate
+    estimated = estimated if rubbed is None else rubbed.estimate
     return identification(common, estimated, source, estimated.residuals, rubbed=rubbed)
 
 

@@ -13,10 +13,10 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import groupby, pairwise
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid
+from tactuator.signals.spectra import fast_length
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -60,12 +61,19 @@ class Spectrum:
     @cached_property
     def grid(self) -> Grid:
         """Return all lines but zero, of the record as if its position were not shifted."""
-        return Grid(self.frequency_hz[1:], self.rate_hz, self.rate_hz, "zero-order")
+        return _all_lines(self.samples, self.rate_hz)
 
     @cached_property
     def ahead(self) -> ComplexArray:
         """Return what the position's shift does to the lines but zero, (m - 1,)."""
-        return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
+        lines = self.frequency_hz[1:]
+        return np.asarray(np.exp(2j * np.pi * lines * self.shift / self.rate_hz)) if self.shift else np.ones(lines.size)
+
+
+@lru_cache(maxsize=1)
+def _all_lines(samples: int, rate_hz: float) -> Grid:
+    """Return the lines but zero of a record: they are those of its next estimate, too."""
+    return Grid(np.arange(1.0, samples // 2 + 1) * (rate_hz / samples), rate_hz, rate_hz, "zero-order")
 
 
 def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: int = 0) -> Spectrum:
@@ -76,7 +84,7 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     count = command.size - shift
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
-        count = int(scipy.fft.prev_fast_len(count, real=True))
+        count = fast_length(count, up=False)
     late, early = position[shift : shift + count], command[:count]
     root = np.sqrt(late.size)
     lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]
@@ -141,9 +149,12 @@ class Equations:
     def _gathered(self, top: ComplexArray, operator: ComplexArray, values: ComplexArray) -> ComplexArray:
         if not self.lines.size:
             return top
-        width = values.shape[1]
-        low = np.matmul(operator, values[self.raw :].reshape(-1, NODES, width))
-        return np.concatenate([top, low.reshape(-1, width)])
+        width, low = values.shape[1], values[self.raw :].reshape(-1, NODES, 1, values.shape[1])
+        # three sums of whole arrays take a third of the time of many small products of matrices
+        sums = operator[:, :, :1] * low[:, 0]
+        for k in range(1, NODES):
+            sums += operator[:, :, k : k + 1] * low[:, k]
+        return np.concatenate([top, sums.reshape(-1, width)])
 
 
 def points(frequency_hz: FloatArray, response: ComplexArray, rate_hz: float) -> Equations:
@@ -177,30 +188,27 @@ def equations(taken: Spectrum) -> Equations:
     for begin, end in band_edges(taken, 1, last, 0.01, _FEWEST, _WIDEST_TURNED_BACK):
         (bands if end - begin > _FEWEST + NODES else singles).append((begin, end))
     kept = np.concatenate([np.arange(*single) for single in singles] or [np.zeros(0, dtype=np.int64)])
-    count = len(bands)
-    by_response = np.zeros((count, 2 * NODES, NODES), dtype=np.complex128)
-    by_transient, by_goal = np.zeros_like(by_response), np.zeros((count, 2 * NODES), dtype=np.complex128)
-    rest, lines, nodes = np.zeros(count), np.zeros(count), np.zeros((count, NODES))
-    for i, ((begin, end), triangle) in enumerate(zip(bands, _triangles(taken, bands, _lagrange), strict=True)):
-        by_response[i], by_transient[i] = triangle[: 2 * NODES, :NODES], triangle[: 2 * NODES, NODES : 2 * NODES]
-        by_goal[i] = triangle[: 2 * NODES, 2 * NODES]
-        rest[i], lines[i] = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2), end - begin
-        nodes[i] = (0.5 * (begin + end - 1) + 0.5 * (end - 1 - begin) * _PLACES) * taken.spacing_hz
+    triangle, ends = _triangles(taken, bands, _lagrange), np.array(bands, dtype=np.float64).reshape(-1, 2)
+    top = triangle[:, : 2 * NODES]
+    by_response, by_transient, by_goal = top[:, :, :NODES], top[:, :, NODES:-1], top[:, :, -1]
+    rest, lines = np.abs(triangle[:, -1, -1]) ** 2, ends[:, 1] - ends[:, 0]
+    middle, half = 0.5 * (ends[:, 0] + ends[:, 1] - 1.0), 0.5 * (lines - 1.0)
+    nodes = (middle[:, None] + half[:, None] * _PLACES) * taken.spacing_hz
     frequency = np.concatenate([kept * taken.spacing_hz, nodes.ravel()])
     centre = nodes[:, NODES // 2].copy()
     return Equations(
-        frequency, kept.size, taken.command[kept], taken.position[kept], by_response, by_transient, by_goal, rest,
-        lines, centre, taken.rate_hz, taken.shift,
+        frequency, kept.size, taken.command[kept], taken.position[kept], np.ascontiguousarray(by_response),
+        np.ascontiguousarray(by_transient), by_goal, rest, lines, centre, taken.rate_hz, taken.shift,
     )  # fmt: skip
 
 
 def _lagrange(place: FloatArray) -> FloatArray:
-    """Return the polynomials that are one at one node and zero at the others, (n, NODES), over -1 .. 1."""
-    basis = np.ones((place.size, NODES))
+    """Return the polynomials that are one at one node and zero at the others, (..., NODES), over -1 .. 1."""
+    basis = np.ones((*place.shape, NODES))
     for a in range(NODES):
         for b in range(NODES):
             if a != b:
-                basis[:, a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
+                basis[..., a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
     return basis
 
 
@@ -230,51 +238,60 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
     """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
     bands = [band for band in band_edges(taken, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
-    rows = []
-    for (begin, end), triangle in zip(bands, _triangles(taken, bands, _powers), strict=True):
-        r, share_of = triangle[: 2 * NODES, : 2 * NODES], triangle[: 2 * NODES, 2 * NODES]
-        size = np.abs(np.diag(r))
-        if size[:NODES].min() <= 1e-9 * size.max() or size.min() <= 1e-13 * size.max():
-            continue
-        inverse = np.linalg.inv(r)
-        solution, power = inverse[0] @ share_of, float(np.mean(np.abs(taken.command[begin:end]) ** 2))
-        noise = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2) / (end - begin - 2 * NODES)
-        variance = noise * float(np.sum(np.abs(inverse[0]) ** 2))
-        rows.append((0.5 * (begin + end - 1) * taken.spacing_hz, solution, variance, noise, power, end - begin))
-    columns = list(zip(*rows, strict=True)) if rows else [()] * 6
-    frequency, value, variance_, noise_, excitation, lines = columns
-    late = np.exp(-2j * np.pi * np.array(frequency, dtype=np.float64) * taken.shift / taken.rate_hz)
+    triangle = _triangles(taken, bands, _powers)
+    size = np.abs(np.diagonal(triangle[:, :-1, :-1], axis1=1, axis2=2))
+    least, most = size.min(axis=1, initial=np.inf), size.max(axis=1, initial=0.0)
+    seen = (size[:, :NODES].min(axis=1, initial=np.inf) > 1e-9 * most) & (least > 1e-13 * most)
+    triangle, ends = triangle[seen], np.array(bands, dtype=np.int64).reshape(-1, 2)[seen]
+    first, lines = np.linalg.inv(triangle[:, :-1, :-1])[:, 0], (ends[:, 1] - ends[:, 0]).astype(np.float64)
+    noise = np.abs(triangle[:, -1, -1]) ** 2 / (lines - 2 * NODES)
+    power = np.add.reduceat(np.abs(taken.command) ** 2, ends.ravel())[::2] / lines
+    frequency = 0.5 * (ends[:, 0] + ends[:, 1] - 1) * taken.spacing_hz
+    late = np.exp(-2j * np.pi * frequency * taken.shift / taken.rate_hz)
     return LocalResponse(
-        np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128) * late, np.array(variance_),
-        np.array(noise_), np.array(excitation), np.array(lines, dtype=np.float64),
+        frequency, np.sum(first * triangle[:, :-1, -1], axis=1) * late, noise * np.sum(np.abs(first) ** 2, axis=1),
+        noise, power, lines,
     )  # fmt: skip
 
 
 _AT_ONCE = 1 << 14
-"""Lines of bands of one width that are worked on together."""
+"""Lines of bands that are worked on together."""
+_ALIKE = 1.1
+"""Widest of them over the narrowest, which comes first."""
 
 
 def _powers(place: FloatArray) -> FloatArray:
-    """Return the polynomials 1, x, x^2, (n, NODES), over -1 .. 1."""
-    return np.stack([np.ones_like(place), place, place * place], axis=1)
+    """Return the polynomials 1, x, x^2, (..., NODES), over -1 .. 1."""
+    return np.stack([np.ones_like(place), place, place * place], axis=-1)
 
 
 def _triangles(
     taken: Spectrum, bands: Sequence[tuple[int, int]], shape_of: Callable[[FloatArray], FloatArray]
-) -> Iterator[ComplexArray]:
-    """Yield the triangle of each band's columns: command and a transient, each with polynomials of second degree, and
-    the position. What lies beyond the columns' triangle is the position's share of them, and what they leave of it.
+) -> ComplexArray:
+    """Return the triangle of each band's columns, (b, 2 NODES + 1, 2 NODES + 1): command and a transient, each with
+    polynomials of second degree, and the position. What lies beyond the columns' triangle is the position's share of
+    them, and what they leave of it.
     """
-    for width, alike in groupby(bands, lambda band: band[1] - band[0]):
-        shape = shape_of((np.arange(width) - 0.5 * (width - 1)) / (0.5 * (width - 1)))
-        begins = np.array([begin for begin, _ in alike])
-        for some in np.array_split(begins, -(-begins.size * width // _AT_ONCE)):
-            lines = some[:, None] + np.arange(width)
-            columns = np.empty((some.size, width, 2 * NODES + 1), dtype=np.complex128)
-            np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
-            columns[:, :, NODES : 2 * NODES] = shape
-            columns[:, :, 2 * NODES] = taken.position[lines]
-            yield from np.linalg.qr(columns, mode="r")
+    triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
+    edges, done = np.array(bands, dtype=np.int64).reshape(-1, 2), 0
+    widths = np.diff(edges, axis=1)[:, 0]
+    while done < len(bands):
+        # bands of nearly one width at once, the narrower ones filled up with zeros, which change no triangle
+        some = widths[done : done + max(_AT_ONCE // int(widths[done]), 1)]
+        alike = np.flatnonzero((some > _ALIKE * some[0]) | (some < some[0]))
+        piece = slice(done, done + (int(alike[0]) if alike.size else some.size))
+        width = widths[piece, None].astype(np.float64)
+        place = np.arange(int(width.max()))
+        inside = place < width
+        shape = np.where(inside[:, :, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
+        lines = np.minimum(edges[piece, :1] + place, taken.command.size - 1)
+        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
+        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
+        columns[:, :, NODES:-1] = shape
+        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
+        triangles[piece] = np.linalg.qr(columns, mode="r")
+        done = piece.stop
+    return triangles
 
 
 @dataclass(frozen=True, eq=False)

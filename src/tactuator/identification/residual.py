@@ -9,12 +9,11 @@ chapter 10).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import freedom
@@ -26,6 +25,7 @@ from tactuator.identification.residual_tests import (
     apply_filter,
     check_residual,
     jump_of,
+    prediction_filters,
     whitening_filter,
 )
 from tactuator.identification.search import COMPARED, Choice
@@ -208,17 +208,16 @@ def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *,
     price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
     best, chosen = 0.0, None
     for early in (0, _SMEARED) if filtered else (0,):
-        for length in _LENGTHS:
-            lags = (np.arange(-early, length) + taken.shift) % taken.samples
-            try:
-                taps = scipy.linalg.solve_toeplitz(autocovariance[: lags.size], shared[lags])
-            except np.linalg.LinAlgError:  # a residual of a few lines alone: no longer filter can be told
-                break
-            share = float(taps @ shared[lags]) * taken.samples / (2.0 * lines)
+        lags = (np.arange(-early, _LENGTHS[-1]) + taken.shift) % taken.samples
+        # of a residual of a few lines alone no longer filter can be told
+        for taps in _solutions(autocovariance[: lags.size], shared[lags]):
+            if taps.size - early not in _LENGTHS:
+                continue
+            share = float(taps @ shared[lags[: taps.size]]) * taken.samples / (2.0 * lines)
             # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
-            won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * lags.size
+            won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * taps.size
             if won > best:
-                best, chosen = won, (lags, taps)
+                best, chosen = won, (lags[: taps.size], taps)
     if chosen is None:
         return 0.0
     lags, taps = chosen
@@ -226,6 +225,15 @@ def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *,
     sparse[lags] = taps
     after = _mean_power(np.where(usable, np.abs(command - np.fft.rfft(sparse)[1:] * residual) ** 2, 0.0)) / counted
     return max(best, 2.0 * float(np.sum(np.log(before[usable] / after[usable]))) - price * lags.size)
+
+
+def _solutions(autocovariance: FloatArray, shared: FloatArray) -> Iterator[FloatArray]:
+    """Yield the filters of 1, 2, .. taps that explain most of what is shared at the lags (n,) (Levinson, 1947)."""
+    taps = np.zeros(0)
+    for p, (filtered, error) in enumerate(prediction_filters(autocovariance)):
+        missing = float(shared[p] - taps @ autocovariance[p:0:-1])
+        taps = np.append(taps, 0.0) + missing / error * filtered[::-1]
+        yield taps
 
 
 def _mean_power(power: FloatArray) -> FloatArray:

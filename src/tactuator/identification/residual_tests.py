@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.runtime._core import ffi, lib
+from tactuator.signals.spectra import fast_length
 
 _LAGS = 40
 _BURST = 50
@@ -86,7 +87,7 @@ def _ljung_box(values: FloatArray) -> float:
         return 1.0
     r = covariance[1:] / covariance[0]
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return float(scipy.special.chdtrc(lags, statistic))
+    return chi_squared_tail(lags, statistic)
 
 
 def _input_test(
@@ -111,7 +112,7 @@ def _input_test(
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
     gained = max(total - known, 0.0)
-    return float(scipy.special.chdtrc(rank - own_rank, gained / variance)), gained / (n * variance)
+    return chi_squared_tail(rank - own_rank, gained / variance), gained / (n * variance)
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
@@ -144,25 +145,49 @@ def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
 def whitening_filter(residual: FloatArray, highest_order: int = 40) -> FloatArray:
     """Return the coefficients 1, h1, .. hp of the prediction-error filter of `residual` (n,), p by Akaike's criterion.
 
-    Levinson and Durbin's recursion on the autocovariance; p = 0 (white) gives [1].
+    p = 0 (white) gives [1].
     """
     order = min(highest_order, residual.size // 50)
     covariance = autocorrelation(residual - residual.mean(), order)
     if covariance[0] <= 0.0:
         return np.ones(1)
     best, best_score = np.ones(1), residual.size * np.log(covariance[0])
-    filtered, error = np.ones(1), covariance[0]
-    for p in range(1, order + 1):
+    for filtered, error in prediction_filters(covariance):
+        score = residual.size * np.log(error) + 2.0 * (filtered.size - 1)
+        if score < best_score - 4.0:
+            best, best_score = filtered, score
+    return best
+
+
+def prediction_filters(covariance: FloatArray) -> Iterator[tuple[FloatArray, float]]:
+    """Yield the prediction-error filters 1, h1, .. hp of orders p from 0 on for an autocovariance (n,), and the power
+    that each leaves, as long as there is any: Levinson and Durbin's recursion.
+    """
+    filtered, error = np.ones(1), float(covariance[0])
+    for p in range(1, covariance.size + 1):
+        yield filtered, error
+        if p == covariance.size:
+            break
         reflection = -float(filtered @ covariance[p:0:-1]) / error
         padded = np.append(filtered, 0.0)
         filtered = padded + reflection * padded[::-1]
         error *= 1.0 - reflection**2
-        if error <= 1e-14 * covariance[0]:
+        if not error > 1e-14 * covariance[0]:
             break
-        score = residual.size * np.log(error) + 2.0 * p
-        if score < best_score - 4.0:
-            best, best_score = filtered, score
-    return best
+
+
+def chi_squared_tail(degrees: int, value: float) -> float:
+    """Return the chance that a chi-squared variable of so many degrees of freedom exceeds a value (Abramowitz and
+    Stegun, 26.4.4 and 26.4.5).
+    """
+    half, order = 0.5 * min(value, 1e6), 0.5 * (degrees % 2)
+    if half <= 0.0:
+        return 1.0
+    tail = math.erfc(math.sqrt(half)) if degrees % 2 else 0.0
+    while order < 0.5 * degrees:
+        tail += math.exp(order * math.log(half) - half - math.lgamma(order + 1.0))
+        order += 1.0
+    return tail
 
 
 def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
@@ -172,21 +197,23 @@ def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
     count, overlap = values.size, coefficients.size - 1
     if overlap == 0:
         return np.asarray(values * coefficients[0])
-    size = int(scipy.fft.next_fast_len(_block_length(overlap)))
+    size = fast_length(_block_length(overlap), primes=(2, 3, 5, 7, 11))
     if size >= count or overlap + 1 == count:
-        size = int(scipy.fft.next_fast_len(count + overlap, real=True))
-        lines = scipy.fft.rfft(values, size) * scipy.fft.rfft(coefficients, size)
-        return np.asarray(scipy.fft.irfft(lines, size)[:count])
+        size = fast_length(count + overlap)
+        lines = np.fft.rfft(values, size) * np.fft.rfft(coefficients, size)
+        return np.asarray(np.fft.irfft(lines, size)[:count])
     step = size - overlap
     blocks = -(-(count + 1) // step)
     padded = np.zeros((blocks, step))
     padded.reshape(-1)[:count] = values
-    passed = scipy.fft.irfft(scipy.fft.rfft(padded, size) * scipy.fft.rfft(coefficients, size), size)
+    passed = np.fft.irfft(np.fft.rfft(padded, size) * np.fft.rfft(coefficients, size), size)
     passed[1:, :overlap] += passed[:-1, step:]
     return np.asarray(passed[:, :step].reshape(-1)[:count])
 
 
 def _block_length(overlap: int) -> int:
     """Return the length n of a block at which n (log2(n) + 1)/(n - overlap), the work for a sample, is least."""
-    least = -overlap * scipy.special.lambertw(-1.0 / (2.0 * math.e * overlap), k=-1).real
-    return math.ceil(float(least))
+    least = 8.0 * overlap
+    for _ in range(60):  # where the derivative is zero, which this comes nearer to by a third or more each time
+        least = overlap * math.log(2.0 * math.e * least)
+    return math.ceil(least)

@@ -37,6 +37,8 @@ _NEAR = 20.0
 """Half of -2 log likelihood by which a simpler form's fit is behind, from which on it is tried from the better one."""
 _FAR_OFF = 20.0
 """Cost of a form over the best one's from which on it will not do: as it is proposed, or simpler, after a few steps."""
+_ASTRAY = 15.0
+"""Mean squared departure from the local response, in its errors, of the best fit at the worst."""
 _FITS, _HOPELESS = 1.5, 300.0
 """Mean squared departure from the local response, in its errors, of a form that follows it; the criterion's difference
 from which on another hold is not tried with more poles."""
@@ -77,7 +79,8 @@ def propose(
     arrival_s: float = 0.0,
     near: Mapping[Hold, Sequence[SpectralFit]] = MappingProxyType({}),
 ) -> dict[Hold, list[SpectralFit]]:
-    """Return fits to the local response under each hold, best first: poles are added until two more bring nothing.
+    """Return fits to the local response under each hold, best first: poles are added until two more bring nothing,
+    or one where nothing is left to be brought.
 
     arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
     values that are known, in the same scale, to start from as well.
@@ -89,7 +92,7 @@ def propose(
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
-        if stale >= 2:
+        if stale >= 2 or (stale and proposals.nothing_left()):
             break
     # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
     if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:
@@ -141,7 +144,8 @@ class _Proposals:
 
     def _fitted(self, hold: Hold, form: Form, before: dict[Form, SpectralFit]) -> float:
         """Add the fit of a form, and return its score; before: those under other holds, to start from."""
-        fit = self._starters[hold].fit(form, self._delay or 0.0, before.get(form))
+        hopeless = _FAR_OFF * min(self.least_cost(), _ASTRAY * self._points)
+        fit = self._starters[hold].fit(form, self._delay or 0.0, before.get(form), hopeless)
         if fit is None:
             return np.inf
         before.setdefault(form, fit)

@@ -60,7 +60,8 @@ class SpectralEstimate:
     other, or None. advantage: how much better the better one's criterion is; enough: from which on it is told. local:
     the records' own response; spectra: of each record as it is. residuals, other_residuals: what the two leave of every
     record (of single lines: none). before: the fit to the command as it is, where what follows a loop's reference was
-    fitted in its stead. free: the estimate without the values that are known, where there are any.
+    fitted in its stead. free: the estimate without the values that are known, where there are any. starts: of a quick
+    one, what it began from.
     """
 
     chosen: Choice
@@ -75,6 +76,7 @@ class SpectralEstimate:
     before: SpectralFit | None = None
     flanks: bool = False
     free: SpectralEstimate | None = None
+    starts: dict[Hold, list[SpectralFit]] | None = None
 
 
 @np.errstate(all="ignore")
@@ -84,29 +86,23 @@ def estimate(
     holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
+    before: SpectralEstimate | None = None,
+    quick: bool = False,
 ) -> SpectralEstimate:
     """Return the estimate from (command, position), each (n,) and of about unit size, of every record.
 
-    Raises BadInput where no form gives a start.
+    before: an estimate of signals that hardly differ, under the same holds, to start from. quick: the better of the two
+    most likely forms alone, whatever values are known. Raises BadInput where no form gives a start.
     """
-    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    arrival = _arrival(whole[0])
-    early = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
-    local = _local(early, rate_hz)
-    # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
-    first = holds[-1:] if arrival > _LATE else holds
-    proposals = _proposals(local, rate_hz, first, known.without_values, note, arrival / rate_hz)
-    # what was commanded before the record began is unknown for as long as the dead time: the position starts later
-    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
-    shift = min(shift, *(command.size // 4 for command, _ in signals))
-    taken = tuple(spectrum(*pair, rate_hz, shift) for pair in signals) if shift else whole
-    if abs(shift - early[0].shift) > _LATE:
-        note("the dead time is long: starting once more without it")
-        local = _local(taken, rate_hz)
-        proposals = _proposals(local, rate_hz, holds, known.without_values, note, shift / rate_hz)
-    elif len(first) < len(holds):
-        proposals |= _proposals(local, rate_hz, holds[:-1], known.without_values, note, shift / rate_hz)
+    if before is None:
+        taken, local, proposals = _begun(signals, rate_hz, holds, known.without_values, note)
+    else:
+        taken = tuple(spectrum(*pair, rate_hz, before.spectra[0].shift) for pair in signals)
+        local, proposals = _local(taken, rate_hz), before.starts or _fits_of(before.free or before)
     given = equations_of(taken)
+    if quick:
+        glances = [choose(given, proposals[hold], hold, known.without_values, quick=True) for hold in holds]
+        return replace(_decided([_judged(each, taken) for each in glances], holds, local, taken), starts=proposals)
 
     def best_of(starts: dict[Hold, list[SpectralFit]], wanted: Known) -> SpectralEstimate:
         judged: list[_Judged] = []
@@ -119,8 +115,47 @@ def estimate(
     if known == known.without_values:
         return free
     note("fitting with the values that are known")
-    starts = _proposals(local, rate_hz, holds, known, note, shift / rate_hz, free)
+    if before is None or before.starts is not None:
+        starts = _proposals(local, rate_hz, holds, known, note, taken[0].shift / rate_hz, free)
+    else:
+        starts = _fits_of(before)
     return replace(best_of(starts, known), free=free)
+
+
+def _begun(
+    signals: Sequence[tuple[FloatArray, FloatArray]],
+    rate_hz: float,
+    holds: tuple[Hold, ...],
+    known: Known,
+    note: Callable[[str], None],
+) -> tuple[tuple[Spectrum, ...], LocalResponse, dict[Hold, list[SpectralFit]]]:
+    """Return every record's lines, their position read later by the dead time; their own response; starts by it."""
+    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
+    arrival = _arrival(whole[0])
+    early = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
+    local = _local(early, rate_hz)
+    # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
+    first = holds[-1:] if arrival > _LATE else holds
+    proposals = _proposals(local, rate_hz, first, known, note, arrival / rate_hz)
+    # what was commanded before the record began is unknown for as long as the dead time: the position starts later
+    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
+    shift = min(shift, *(command.size // 4 for command, _ in signals))
+    taken = tuple(spectrum(*pair, rate_hz, shift) for pair in signals) if shift else whole
+    if abs(shift - early[0].shift) > _LATE:
+        note("the dead time is long: starting once more without it")
+        local = _local(taken, rate_hz)
+        proposals = _proposals(local, rate_hz, holds, known, note, shift / rate_hz)
+    elif len(first) < len(holds):
+        proposals |= _proposals(local, rate_hz, holds[:-1], known, note, shift / rate_hz)
+    return taken, local, proposals
+
+
+def _fits_of(before: SpectralEstimate) -> dict[Hold, list[SpectralFit]]:
+    """Return the fits of an estimate, the chosen ones first, by hold."""
+    choices = [choice for choice in (before.chosen, before.other) if choice is not None]
+    return {
+        choice.hold: [choice.fit, *(fit for fit in choice.fits.values() if fit is not choice.fit)] for choice in choices
+    }
 
 
 def _searched(

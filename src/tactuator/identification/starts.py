@@ -56,16 +56,18 @@ class Starter:
         self._last_delay: float | None = None
         self._arrival = [arrival_s * scale_rad_s] if arrival_s * rate_hz > _SOON else []
 
-    def fit(self, form: Form, delay: float = 0.0, near: SpectralFit | None = None) -> SpectralFit | None:
+    def fit(
+        self, form: Form, delay: float = 0.0, near: SpectralFit | None = None, hopeless: float = np.inf
+    ) -> SpectralFit | None:
         """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate.
 
         near: the fit of that form under another hold, to start from; where this comes out as good, no other start is
-        tried.
+        tried. hopeless: the cost beyond which nothing more is tried after a few steps.
         """
         if near is not None:
             ahead = 0.5 if self.hold == "band-limited" else -0.5
             lag = max(near.delay + ahead * self.problem.grid.period, 0.0) if form.dead_time else delay
-            begun = self.problem.descend(form, near.theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE)
+            begun = self._descent(form, near.theta, lag, hopeless)
             if begun is not None and begun.cost < near.cost + _ALIKE:
                 return begun
         candidates = []
@@ -81,7 +83,7 @@ class Starter:
             # the search for dead times comes upon one and the same again
             if all(abs(lag - other) > _SAME * self.problem.grid.period for other in begun_from):
                 begun_from.append(lag)
-                fits.append(self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE))
+                fits.append(self._descent(form, theta, lag, hopeless))
         finished = [candidate for candidate in fits if candidate is not None]
         if not finished:
             return None
@@ -89,6 +91,9 @@ class Starter:
         if form.dead_time:
             self._last_delay = best.delay
         return best
+
+    def _descent(self, form: Form, theta: FloatArray, lag: float, hopeless: float) -> SpectralFit | None:
+        return self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE, hopeless=hopeless)
 
     def _lags(self, form: Form) -> list[float]:
         """Return the three best of many dead times by linear fits, coarse ones below a 16th of the highest frequency

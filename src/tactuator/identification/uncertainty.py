@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -28,6 +29,7 @@ FLOOR = 5e-4
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _POOLED = 0.15
+_EDGES: tuple[tuple[float, Literal["left", "right"]], ...] = ((-1.0, "left"), (1.0, "right"))
 
 
 def log_slopes(fit: SpectralFit, frequency_hz: FloatArray) -> ComplexArray:
@@ -103,16 +105,13 @@ def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, freque
     fed_back = (local.noise / np.maximum(local.excitation * np.abs(seen), 1e-300)) ** 2
     allowed = local.variance + np.minimum(fed_back, np.abs(seen) ** 2)
     place = local.frequency_hz
-    relative_error = np.zeros(place.size)
-    for k, hertz in enumerate(place):
-        near = np.abs(place - hertz) <= 0.5 * _POOLED * hertz
-        if near.sum() < 5:
-            near = np.abs(np.arange(place.size) - k) <= 3
-        count = float(near.sum())
-        beyond = float(np.mean(off[near] / allowed[near]))
-        if beyond > 1.0 + 4.0 / np.sqrt(count):
-            relative = np.mean((off[near] - allowed[near]) / np.abs(seen[near]) ** 2)
-            relative_error[k] = np.sqrt(max(float(relative), 0.0))
+    low, high = (np.searchsorted(place, (1.0 + k * 0.5 * _POOLED) * place, side) for k, side in _EDGES)
+    few, near = high - low < 5, np.arange(place.size)
+    low, high = np.where(few, np.maximum(near - 3, 0), low), np.where(few, np.minimum(near + 4, place.size), high)
+    count = (high - low).astype(np.float64)
+    values = np.pad(np.stack([off / allowed, (off - allowed) / np.abs(seen) ** 2]), ((0, 0), (0, 1)))
+    beyond, relative = np.add.reduceat(values, np.stack([low, high], axis=1).ravel(), axis=1)[:, ::2] / count
+    relative_error = np.where(beyond > 1.0 + 4.0 / np.sqrt(count), np.sqrt(np.maximum(relative, 0.0)), 0.0)
     return np.interp(np.log(frequency_hz), np.log(place), relative_error)
 
 

@@ -39,7 +39,7 @@ _SHORT = 1e-3
 
 def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
-    with single_threaded(), solvable():
+    with single_threaded(scipys=False), solvable():
         validations = tuple(validate(result, record, name) for name, record in records)
     rows = (row for validation in validations for row in validation.weighed)
     remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))
