@@ -11,7 +11,6 @@ from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate_kind
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
-from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.perception.curve import curve
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
@@ -67,16 +66,14 @@ def protocol_text(keys: str) -> str:
     return PROTOCOL[:start] + f'[procedure]\nkind = "weighted"\n{keys}\n' + PROTOCOL[end:]
 
 
-def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(foreign, tmp_path) -> None:
+def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(foreign, store) -> None:
     text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
     protocol = parse_protocol(text)
     assert protocol.fresh_run(Playable()).placement().level_db_sl == 20.0
     assert protocol.procedure.typical_trials == 24
     observers = simulated_observers(curve("bolanowski-1988"), len(protocol.subject), seed=5)
-    store = Store(tmp_path / "lab.db")
     run_study(store, protocol, text, apparatus(), observers, SystemClock(), "finger")
     found = thresholds(detection_runs(store))
-    store.close()
     assert [(each.procedure, each.trials) for each in found] == [("weighted", 24)] * len(observers)
     assert all(each.own_db_sl is not None for each in found)
 
@@ -95,7 +92,7 @@ def test_foreign_procedure__keys_that_it_refuses__are_named(foreign, keys, messa
 
 
 def test_simulate__foreign_procedure__is_judged_like_any(foreign) -> None:
-    quality = simulate_kind("weighted", Setting(200, lapse=0.0, seed=3), trials=200)
+    quality = simulate_kind("weighted", Setting(60, lapse=0.0, seed=3), trials=200)
     assert quality.trials_mean == 200.0
     # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point
     assert -1.5 < quality.bias_db < 0.0

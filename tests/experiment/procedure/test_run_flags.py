@@ -76,9 +76,9 @@ def test_flags__loud_share_of_the_figures__is_that_of_the_shipped_protocols(kind
 
 
 @pytest.mark.slow
-def test_flags__two_thousand_runs__figures_of_the_documents() -> None:
-    normal = flagged(0.02, 2000, seed=9)
-    assert flagged(0.15, 2000, seed=9)["lapses"] >= 0.68
+def test_flags__eight_hundred_runs__figures_of_the_documents() -> None:
+    normal = flagged(0.02, 800, seed=9)
+    assert flagged(0.15, 800, seed=9)["lapses"] >= 0.68
     assert normal["lapses"] <= 0.02
     assert normal["drift"] <= 0.02
 

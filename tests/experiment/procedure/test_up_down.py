@@ -78,23 +78,18 @@ def test_target__levitts_table_one__is_met(down: int, up: int, target: float) ->
     assert UpDownRule(down=down, up=up).target == pytest.approx(target, abs=1e-4)
 
 
-def test_floor__track_wants_below__is_held_and_flagged() -> None:
-    run = track(UpDownRule(floor_db_sl=18.0), 20.0, "++++++")
-    assert run.levels[3] == 18.0
-    assert run.flags == ("floor",)
-
-
-def test_ceiling__track_wants_above__is_held_and_flagged() -> None:
-    run = track(UpDownRule(ceiling_db_sl=22.0), 20.0, "--")
-    assert run.level_db_sl == 22.0
-    assert run.flags == ("ceiling",)
-
-
-def test_trial_limit__run_without_reversals__has_no_estimate_and_says_so() -> None:
-    run = track(UpDownRule(trial_limit=5), 20.0, "+++++")
-    assert run.placement() is None
-    assert run.estimate() is None
-    assert run.flags == ("trial-limit",)
+@pytest.mark.parametrize(
+    ("limits", "responses", "level_db_sl", "flag"),
+    [
+        ({"floor_db_sl": 18.0}, "+++", 18.0, "floor"),
+        ({"ceiling_db_sl": 22.0}, "-", 22.0, "ceiling"),
+        ({"trial_limit": 5}, "+++++", 16.0, "trial-limit"),
+    ],
+)
+def test_limit__track_wants_beyond__is_held_and_flagged(limits, responses, level_db_sl, flag) -> None:
+    run = track(UpDownRule(**limits), 20.0, responses)
+    assert (run.level_db_sl, run.flags, run.estimate()) == (level_db_sl, (flag,), None)
+    assert (run.placement() is None) == (flag == "trial-limit")
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=120), st.booleans())

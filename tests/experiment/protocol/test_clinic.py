@@ -12,7 +12,6 @@ from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import records, schema
-from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, controller, opened_study, rows_of
 
 GATES = (
@@ -22,11 +21,9 @@ TEXT = PROTOCOL + GATES
 SITTING = records.Sitting("person", "")
 
 
-def of_study(tmp_path, text):
-    store = Store(tmp_path / "lab.db")
+def of_study(store, text):
     study = opened_study(store, ObedientClock(), text)
-    row = next(row for row in study.sessions() if row.subject_code == "S1")
-    return store, study, row
+    return study, next(row for row in study.sessions() if row.subject_code == "S1")
 
 
 @pytest.mark.parametrize(
@@ -49,8 +46,8 @@ def test_gates__low_above_high__is_refused() -> None:
         Gates(skin_temperature_low_c=36.0, skin_temperature_high_c=27.0)
 
 
-def test_run__outside_the_gates__does_not_begin_until_the_day_is_within(tmp_path) -> None:
-    store, study, row = of_study(tmp_path, TEXT)
+def test_run__outside_the_gates__does_not_begin_until_the_day_is_within(store) -> None:
+    study, row = of_study(store, TEXT)
     session = study.session(row, SITTING)
     session.give_consent()
     at, clock = PresentedSession(session), study.clock
@@ -61,18 +58,16 @@ def test_run__outside_the_gates__does_not_begin_until_the_day_is_within(tmp_path
     assert answer_one(at, clock) == (0, 0)
     study.set_day(row.id, 12.0, 0.2, posture="seated")
     assert answer_one(at, clock) == (0, 1)  # a run that goes on is not cut in two
-    store.close()
 
 
-def test_run__outside_gates_that_only_tell__begins_with_an_event(tmp_path) -> None:
-    store, study, row = of_study(tmp_path, TEXT.replace("[gates]", '[gates]\noutside = "tell"'))
+def test_run__outside_gates_that_only_tell__begins_with_an_event(store) -> None:
+    study, row = of_study(store, TEXT.replace("[gates]", '[gates]\noutside = "tell"'))
     session = study.session(row, SITTING)
     session.give_consent()
     study.set_day(row.id, 12.0, 0.2, posture="seated")
     answer_one(PresentedSession(session), study.clock)
     told = [detail for (detail,) in rows_of(store, select(schema.event.c.detail).where(schema.event.c.kind == "gate"))]
     assert told == ["skin_temperature_c: 12 °C (allowed: 27 to 36 °C)"]
-    store.close()
 
 
 def test_standard__every_condition_unmet_or_not_compared__is_told() -> None:
@@ -86,9 +81,9 @@ def test_standard__every_condition_unmet_or_not_compared__is_told() -> None:
     assert parse_protocol(PROTOCOL).unmet() == []
 
 
-def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_session(tmp_path) -> None:
+def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_session(store) -> None:
     limits = "contact_high_mm2 = 20\nsurround = 'rigid'\nramp_low_s = 0.012\nfrequencies_hz = [30, 400]\n"
-    store, study, row = of_study(tmp_path, PROTOCOL + "\n[standard]\n" + limits)
+    study, row = of_study(store, PROTOCOL + "\n[standard]\n" + limits)
     session = study.session(row, SITTING)
     session.give_consent()
     for _ in range(2):
@@ -101,7 +96,6 @@ def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_
             "the ramp at 90 Hz: 0.01 s (allowed: at least 0.012 s)",
             "the ramp at 210 Hz: 0.01 s (allowed: at least 0.012 s)",
         ]
-    store.close()
 
 
 def test_standard__display_that_meets_it__is_told_nothing() -> None:
@@ -125,9 +119,9 @@ def test_group__that_is_no_name__is_refused(group) -> None:
         parse_protocol(PROTOCOL.replace('group = "hearing"', f'group = "{group}"'))
 
 
-def test_consent__by_name_with_a_witness__needs_both_and_is_in_no_export(tmp_path) -> None:
+def test_consent__by_name_with_a_witness__needs_both_and_is_in_no_export(store, tmp_path) -> None:
     text = PROTOCOL.replace("[study]", '[study]\nconsent_by = "name"\nconsent_witness = true')
-    store, study, _ = of_study(tmp_path, text)
+    study, _ = of_study(store, text)
     session = open_session(study, "S1")
     for names in ((), ("Ada Example",), ("  ", "Bob Example")):
         with pytest.raises(BadInput, match="consent without a"):
@@ -143,4 +137,3 @@ def test_consent__by_name_with_a_witness__needs_both_and_is_in_no_export(tmp_pat
     export(store, tmp_path / "out", "tidy")
     written = "".join(file.read_text() for file in (tmp_path / "out").rglob("*") if file.suffix in (".csv", ".tsv"))
     assert "Example" not in written
-    store.close()

@@ -51,20 +51,19 @@ def test_thresholds__through_the_display__are_the_observers_own(study) -> None:
 
 
 @pytest.mark.slow
-def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(tmp_path) -> None:
+def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(store) -> None:
     """The sensor's hum exceeds the stimulus there; the loud trials show the gain."""
     people = "".join(f'[[subject]]\ncode = "D{number}"\n' for number in range(6))
     text = (
         '[study]\nname = "delivered"\nseed = 4\n[procedure]\nkind = "quest-plus"\ntrials = 48\n'
         f'[conditions]\nfingers = ["index"]\nfrequencies_hz = [298]\n[catch]\nloud_share = 0.2\n{people}'
     )
-    store, codes = Store(tmp_path / "lab.db"), [f"D{number}" for number in range(6)]
+    codes = [f"D{number}" for number in range(6)]
     zero = curve("bolanowski-1988")
     low = RelativeCurve(np.array([100.0]), np.array([-4.0]), "4 dB below")
     observers = with_truths(simulated_observers(zero, 6, seed=1), codes, zero, dict.fromkeys(codes, low), {})
     run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
     found = thresholds(detection_runs(store))
-    store.close()
     delivered = np.array([one.delivered_db for one in found])
     assert len(found) == 6
     assert max(one.delivered_sd_db for one in found) <= 0.2
@@ -75,16 +74,14 @@ def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(
         assert one.level_low_db_re_1um <= float(zero.level_db_re_1um_at(298.0)) - 4.0 <= one.level_high_db_re_1um
 
 
-def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:
+def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     head = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\ntrials = 60\n'
     rest = PROTOCOL[PROTOCOL.index("[timing]") : PROTOCOL.rindex("[[subject]]")]
     text = head + '[conditions]\nfingers = ["index"]\n' + rest
-    store = Store(tmp_path / "lab.db")
     observers = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
     run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
     runs = detection_runs(store)
     found = thresholds(runs)
-    store.close()
     (drawn,) = psychometric_trials(runs, found)["S1"]
     assert drawn.whole_curve
     assert drawn.count.sum() == 60
@@ -154,15 +151,13 @@ def _described(folder, form) -> set[str]:
     return set(sidecar) - {"TaskName", "TaskDescription"}
 
 
-def test_export__format_unknown_or_store_empty__is_refused(study, tmp_path) -> None:
+def test_export__format_unknown_or_store_empty__is_refused(study, store, tmp_path) -> None:
     with pytest.raises(BadInput, match="tidy, psych-ds, bids"):
         export(study[0], tmp_path / "out", "spss")
-    empty = Store(tmp_path / "empty.db")
     with pytest.raises(BadInput, match="no response"):
-        export(empty, tmp_path / "out", "tidy")
+        export(store, tmp_path / "out", "tidy")
     with pytest.raises(BadInput, match="no done run"):
-        detection_runs(empty)
-    empty.close()
+        detection_runs(store)
     assert not (tmp_path / "out").exists()
 
 

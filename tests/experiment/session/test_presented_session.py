@@ -7,17 +7,14 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
-from tactuator.experiment.store.store import Store
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.sound.stream import SoundGap
-from tests.experiment.session.apparatuses import ObedientClock, begin, nobody
+from tests.experiment.session.apparatuses import begin, nobody
 
 
 @pytest.fixture
-def presented(tmp_path):
-    store = Store(tmp_path / "lab.db")
-    yield begin(store, ObedientClock())
-    store.close()
+def presented(store, clock):
+    return begin(store, clock)
 
 
 DRY = StreamDry("the stream ran dry 240 samples after its beginning", "a faster host", 12)

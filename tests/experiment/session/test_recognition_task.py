@@ -8,8 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.store import records
-from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
+from tests.experiment.session.apparatuses import PROTOCOL, answer_one, begin
 from tests.experiment.session.recognising import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
 
 
@@ -86,8 +85,7 @@ def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> N
     assert table.rows == (("12", "100.0"),)
 
 
-def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
-    clock, store = ObedientClock(), Store(tmp_path / "lab.db")
+def test_results__of_a_detection_session__are_its_thresholds(store, clock) -> None:
     presented = begin(
         store, clock, PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
     )
@@ -101,7 +99,6 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
         answer_one(presented, clock)
     (table,) = session.task.results(store, session.id)
     assert sorted(row[2] for row in table.rows) == ["210", "30", "90"]
-    store.close()
 
 
 @pytest.mark.parametrize(

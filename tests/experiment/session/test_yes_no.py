@@ -9,10 +9,9 @@ from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session
-from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial import BLANK
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, opened_study
 
 YES_NO = (
     PROTOCOL.replace("steps_db = [4, 2]", "steps_db = [4, 2]\ndown = 1\nup = 1")
@@ -36,27 +35,24 @@ class Person(Respondent):
         return "1" if self.rng.random() < max(felt, self.alarms) else "0"
 
 
-def result(tmp_path, alarms):
-    store, clock = Store(tmp_path / "lab.db"), ObedientClock()
+def result(store, clock, alarms):
     session = open_session(opened_study(store, clock, YES_NO), "S1")
     session.give_consent()
     run_session(PresentedSession(session), Person(alarms), rest=clock.wait)
     runs = detection_runs(store)
-    found = thresholds(runs)[0], attention(runs[0])
-    store.close()
-    return found
+    return thresholds(runs)[0], attention(runs[0])
 
 
-def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_half_of_the_time(tmp_path) -> None:
-    one, flags = result(tmp_path, 0.0)
+def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_half_of_the_time(store, clock) -> None:
+    one, flags = result(store, clock, 0.0)
     assert one.point == pytest.approx(0.5, abs=1e-3)
     assert one.own_db_sl == pytest.approx(THRESHOLD_DB_SL, abs=1.0)
     assert one.refit_low_db_sl < THRESHOLD_DB_SL < one.refit_high_db_sl
     assert flags == ()
 
 
-def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(tmp_path) -> None:
-    assert result(tmp_path, 0.5)[1] == ("attention",)
+def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(store, clock) -> None:
+    assert result(store, clock, 0.5)[1] == ("attention",)
 
 
 def test_yes_no__question__has_two_answers_and_tells_no_interval() -> None:

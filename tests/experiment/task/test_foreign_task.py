@@ -4,7 +4,6 @@ from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.store.store import Store
 from tactuator.experiment.task.task_keys import GROUP
 from tests.experiment.session.apparatuses import apparatus
 
@@ -82,13 +81,11 @@ class Rough(Respondent):
         return "yes" if trial.tones[0][0].frequency_hz < 50.0 else "no"
 
 
-def test_foreign_task__one_file_of_another_package__runs_a_session_and_has_results(install, tmp_path) -> None:
+def test_foreign_task__one_file_of_another_package__runs_a_session_and_has_results(install, store, tmp_path) -> None:
     install(GROUP, "roughness", SOURCE, "Keys")
-    protocol, store = parse_any_protocol(PROTOCOL), Store(tmp_path / "lab.db")
-    task = task_of(protocol, tmp_path, apparatus())
+    task = task_of(parse_any_protocol(PROTOCOL), tmp_path, apparatus())
     study = open_study(store, task, PROTOCOL, SystemClock(), lambda code, visit: f"{code}-{visit}")
     session = open_session(study, "S1")
     assert run_session(PresentedSession(session), Rough()) == 2 + 6
     assert task.results(store, session.id)[0].rows == (("3",),)
     assert open_session(study, "S1").stage == "done"  # replayed from the store
-    store.close()

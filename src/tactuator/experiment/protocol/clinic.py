@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -46,7 +46,7 @@ def outside(
     return [] if inside else [Unmet(condition, got, f"{which}{allowed} {unit}")]
 
 
-def _in_order(**limits: float | None) -> None:
+def _in_order(limits: Mapping[str, Any]) -> None:
     for name, low in limits.items():
         high = limits.get(name.replace("_low_", "_high_"))
         if "_low_" in name and low is not None and high is not None and low > high:
@@ -67,10 +67,7 @@ class Gates:
     posture: Annotated[str, Field(max_length=200, description="posture that the experimenter confirms")] = ""
 
     def __post_init__(self) -> None:
-        _in_order(
-            skin_temperature_low_c=self.skin_temperature_low_c, skin_temperature_high_c=self.skin_temperature_high_c
-        )
-        _in_order(preload_low_n=self.preload_low_n, preload_high_n=self.preload_high_n)
+        _in_order(vars(self))
 
     def unmet(self, skin_temperature_c: float | None, preload_n: float | None, posture: str) -> list[Unmet]:
         """Return what the day's data do not meet."""
@@ -103,9 +100,7 @@ class StandardConditions:
     stimulus_high_s: Annotated[Seconds | None, Field(description="longest stimulus")] = None
 
     def __post_init__(self) -> None:
-        _in_order(contact_low_mm2=self.contact_low_mm2, contact_high_mm2=self.contact_high_mm2)
-        _in_order(ramp_low_s=self.ramp_low_s, ramp_high_s=self.ramp_high_s)
-        _in_order(stimulus_low_s=self.stimulus_low_s, stimulus_high_s=self.stimulus_high_s)
+        _in_order(vars(self))
 
     def unmet(
         self,

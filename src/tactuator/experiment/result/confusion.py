@@ -22,7 +22,7 @@ from tactuator.experiment.words import Words
 from tactuator.table import ResultTable
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
-_POWER_MIN = 0.5
+_POWER_MIN, _SESSION_DRAWS = 0.5, 300
 
 
 def threshold_table(thresholds: Sequence[MeasuredThreshold], words: Words) -> ResultTable:
@@ -165,18 +165,15 @@ def recognition_results(
 
     Raises BadInput where there is none with answers.
     """
-    results: list[SubjectResult] = []
-    abx: list[AbxResult] = []
+    results, abx = list[SubjectResult](), list[AbxResult]()
     with store.read() as connection:
         for row in connection.execute(select(schema.study).order_by(schema.study.c.id)):
             if study is not None and row.name != study:
                 continue
             if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
                 protocol = parse_recognition(records.versions(connection, row.id)[-1].toml)
-                if protocol.recognition.paradigm == "abx":
-                    abx += _abx_results(connection, row.id, row.name)
-                else:
-                    results += _matrix_results(connection, row.id, protocol, rng, draws)
+                matrices, shares = _results(connection, row.id, protocol, rng, draws)
+                results, abx = results + matrices, abx + shares
     if not results and not abx:
         wanted = "recognition study" if study is None else f"recognition study {study!r}"
         raise BadInput(f"store {store.name}: no answers of any {wanted}", "a store with test blocks answered")
@@ -184,7 +181,7 @@ def recognition_results(
 
 
 def session_results(
-    store: Store, protocol: RecognitionProtocol, session: int, rng: np.random.Generator, draws: int = 300
+    store: Store, protocol: RecognitionProtocol, session: int, rng: np.random.Generator
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Return the results of one session, test blocks only.
 
@@ -192,10 +189,7 @@ def session_results(
     """
     with store.read() as connection:
         row = records.session(connection, session)
-        if protocol.recognition.paradigm == "abx":
-            every = _abx_results(connection, row.study_id, protocol.study.name)
-            return [], [result for result in every if result.subject == row.subject_code]
-        return _matrix_results(connection, row.study_id, protocol, rng, draws, only=row.subject_code), []
+        return _results(connection, row.study_id, protocol, rng, _SESSION_DRAWS, only=row.subject_code)
 
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
@@ -216,45 +210,36 @@ def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, boo
     return [(*row[:3], was_simulated(row.subject_group, row)) for row in connection.execute(query)]
 
 
-def _matrix_results(
+def _results(
     connection: Connection,
     study: int,
     protocol: RecognitionProtocol,
     rng: np.random.Generator,
     draws: int,
     only: str | None = None,
-) -> list[SubjectResult]:
-    trials = _trials(connection, study)
+) -> tuple[list[SubjectResult], list[AbxResult]]:
+    """Return the results of everybody in a study, and of all together; or of one subject alone."""
+    trials, asking, name = _trials(connection, study), protocol.recognition, protocol.study.name
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
     durations = {row.label: row.duration_s for row in connection.execute(query)}
     labels = (*protocol.labels, *(label for label in durations if label not in protocol.labels))
-    asking = protocol.recognition
     gap_s = asking.gap_s if asking.paradigm == "middle-of-three" else 0.0
-    subjects: list[str | None] = list(dict.fromkeys(subject for subject, *_ in trials))
-    if only is not None:
-        subjects = [subject for subject in subjects if subject == only]
-    elif len(subjects) > 1:
-        subjects.append(None)
-    results = []
-    for subject in subjects:
+    people = [who for who in dict.fromkeys(who for who, *_ in trials) if only in (None, who)]
+    results, abx = list[SubjectResult](), list[AbxResult]()
+    for subject in (*people, *([None] if len(people) > 1 and asking.paradigm != "abx" else [])):
         mine = [about for who, *about in trials if subject in (None, who)]
+        nobody_felt = any(nobody for *_, nobody in mine)
+        if asking.paradigm == "abx":
+            share = float(np.mean([correct == response for correct, response, _ in mine]))
+            abx.append(AbxResult(name, str(subject), len(mine), share, nobody_felt))
+            continue
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
         for correct, response, _ in mine:
             counts[labels.index(correct), labels.index(response)] += 1
-        if np.count_nonzero(counts.sum(axis=1)) < 2:
-            continue
-        seconds = float(np.mean([durations[correct] for correct, *_ in mine])) + gap_s
-        transfer = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
-        about = (protocol.study.name, asking.paradigm, subject, labels, counts, seconds, transfer)
-        results.append(SubjectResult(*about, any(nobody for *_, nobody in mine)))
-    return results
-
-
-def _abx_results(connection: Connection, study: int, name: str) -> list[AbxResult]:
-    trials = _trials(connection, study)
-    results = []
-    for subject in dict.fromkeys(who for who, *_ in trials):
-        mine = [about for who, *about in trials if who == subject]
-        share = float(np.mean([correct == response for correct, response, _ in mine]))
-        results.append(AbxResult(name, subject, len(mine), share, any(nobody for *_, nobody in mine)))
-    return results
+        if np.count_nonzero(counts.sum(axis=1)) >= 2:
+            seconds = float(np.mean([durations[correct] for correct, *_ in mine])) + gap_s
+            transfer = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
+            results.append(
+                SubjectResult(name, asking.paradigm, subject, labels, counts, seconds, transfer, nobody_felt)
+            )
+    return results, abx

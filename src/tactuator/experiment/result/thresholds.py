@@ -69,19 +69,11 @@ _SAME_FREQUENCY = 1e-6
 
 @dataclass(frozen=True)
 class MeasuredThreshold:
-    """One threshold of one subject.
+    """One threshold of one subject: what a field means stands in THRESHOLD_COLUMNS of the exports' dictionary.
 
-    own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none). refit_*:
-    posterior median, standard deviation and 95 % interval, commanded level. bound: ">=" or "<=" where the median lies
-    beyond what was played: the threshold is censored then; refit_db_sl is the last level played, without a standard
-    deviation (NaN), and the interval is open (infinite) to that side, as it is where its end lies far beyond what was
-    played. point: share correct that both stand for. delivered_db, with its standard deviation: level at the sensor
-    above the commanded level. level_db_re_1um: the refit as displacement, delivered, with an interval and a standard
-    deviation that carry both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
-    attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power: probability
-    that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: True where nobody felt the stimuli.
-    study_number: that of the study in the store; a code is a person's in one study. notch_trials: how many more trials
-    about this frequency of a whole curve would exclude a notch of 15 dB; 0 where it is excluded, None of other runs.
+    None, NaN or an infinite end stands where the export's cell is empty. flags: floor, ceiling, trial-limit, chance,
+    attention, cue, lapses, drift, mains, out-of-range, saturated, delivered-unknown. simulated: True where nobody felt
+    the stimuli. study_number: that of the study in the store; a code is a person's in one study.
     """
 
     subject: str

@@ -19,8 +19,8 @@ from tactuator.experiment.protocol.detection import Protocol, plan_runs
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.judging_task import ToneCourse, ToneTask
 from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, Question, Rules
-from tactuator.experiment.session.tones import ToneCourse, ToneTask
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs

@@ -6,7 +6,7 @@ Subjects are enrolled and corrected without any apparatus; what stood where some
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -68,8 +68,7 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
     known = records.subjects(connection, books.study)
     if any(part.code == subject.code for subject in known):
         raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
-    if part.participant_id is not None and any(part.participant_id == subject.participant_id for subject in known):
-        raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
+    _refuse_taken(known, part.participant_id)
     facts = books.protocol.facts(part.demographics)
     row = records.add_subject(connection, books.study, part, facts, books.now)
     if books.who != records.PROGRAM:  # the protocol names the others
@@ -77,6 +76,11 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
     for visit in range(1, books.protocol.study.visits + 1):
         token = books.tokens(part.code, visit)
         records.add_session(connection, books.protocol, row, token, books.now, part.skin_temperature_c)
+
+
+def _refuse_taken(others: Sequence[Found], outside: str | None) -> None:
+    if outside is not None and any(outside == subject.participant_id for subject in others):
+        raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
 
 
 def add_visit(connection: Connection, books: Books, subject: str) -> None:
@@ -144,12 +148,9 @@ def change_day(
 def _of_subject(
     connection: Connection, books: Books, row: Found, correction: Correction
 ) -> list[tuple[int | None, Change]]:
-    group, others = correction.group, records.subjects(connection, books.study)
-    outside = correction.participant_id
-    if outside is not None and any(
-        subject.participant_id == outside and subject.id != row.subject_id for subject in others
-    ):
-        raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
+    group, outside = correction.group, correction.participant_id
+    others = [subject for subject in records.subjects(connection, books.study) if subject.id != row.subject_id]
+    _refuse_taken(others, outside)
     changes = []
     if group is not None and group != row.subject_group:
         changes.append(Change("subject_group", row.subject_group, group))

@@ -110,9 +110,10 @@ class Setting:
         """Return how far above their mean thresholds are at a trial of a run of so many."""
         return self.drift_db * (np.asarray(trial) / max(trials - 1.0, 1.0) - 0.5)
 
-    def chance(self, guess: float, felt: FloatArray) -> FloatArray:
-        """Return the probability of a right answer where it is `felt` in trials that are not guessed outright."""
-        return np.asarray(self.guessed * guess + (1.0 - self.guessed) * felt)
+    def chance(self, model: Psychometric, above_db: FloatArray, slope: FloatArray) -> FloatArray:
+        """Return the probability of a right answer above the threshold, by a Weibull, or guessed outright."""
+        felt = model.guess + (1.0 - model.guess - model.lapse) * weibull_rise(above_db, slope, model.at_threshold)
+        return np.asarray(self.guessed * model.guess + (1.0 - self.guessed) * felt)
 
 
 @dataclass(frozen=True)
@@ -246,10 +247,8 @@ class _Truth:
         self.threshold = threshold
 
     def __call__(self, level_db: FloatArray, numbers: NDArray[np.intp], trial: NDArray[np.intp] | int) -> FloatArray:
-        model, setting = self._model, self._setting
-        above = level_db - self.threshold[numbers] - setting.drifted_db(trial, self._trials)
-        rise = weibull_rise(above, self._slopes[numbers], model.at_threshold)
-        return setting.chance(model.guess, model.guess + (1.0 - model.guess - model.lapse) * rise)
+        above = level_db - self.threshold[numbers] - self._setting.drifted_db(trial, self._trials)
+        return self._setting.chance(self._model, above, self._slopes[numbers])
 
 
 @dataclass(frozen=True)
@@ -367,11 +366,9 @@ class _Batch:
 
     def _answers(self, point: NDArray[np.intp], level_db: FloatArray, trial: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return whether trials are answered rightly; arguments (runs, trials)."""
-        model, setting = self._model, self._setting
         threshold = np.take_along_axis(self._truth, point, axis=1)
-        above = level_db - threshold - setting.drifted_db(trial, self._rule.trials)
-        rise = weibull_rise(above, self._slope[:, None], model.at_threshold)
-        chance = setting.chance(model.guess, model.guess + (1.0 - model.guess - model.lapse) * rise)
+        above = level_db - threshold - self._setting.drifted_db(trial, self._rule.trials)
+        chance = self._setting.chance(self._model, above, self._slope[:, None])
         return np.asarray(self._rng.random(level_db.shape) < chance)
 
     def judged(self) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
