@@ -81,6 +81,7 @@ _SHARED = {
     "tests/packaging/test_wheel.py::test_wheel": "the installed wheel and its study",
     "tests/packaging/test_libraries.py": "the installed wheel and its study",
     "tests/rig/guard/test_guard_worst_case.py": "the worst references",
+    "tests/repository/test_house.py": "the parsed package",
 }
 
 

@@ -29,7 +29,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 VENV, SETUP, STAMP, BUILD = (ROOT / name for name in (".venv", ".setup", ".venv/packages.stamp", ".venv/build.stamp"))
 PYTHON = VENV / "bin" / "python"
-PIP = [PYTHON, "-m", "pip", "install", "-q", "--no-input", "--disable-pip-version-check"]
+PIP = [PYTHON, "-m", "pip", "install", "-q", "--no-input", "--no-compile", "--disable-pip-version-check"]
+COMPILE = [PYTHON, "-m", "compileall", "-q", "-j", "0"]  # on all processors
 HERE = [sys.version, os.path.realpath(sys.base_prefix), str(ROOT)]
 SETS = ("run", "test", "site")  # each holds the one before it, at the same versions
 LOCKS = {name: ROOT / "requirements" / (name + ".txt") for name in SETS}
@@ -76,9 +77,8 @@ def check_system(which):
         "gcc": shutil.which(compiler[0]) is None,
     }
     if any(lacks.values()):
-        missing = " ".join(package for package, lacking in lacks.items() if lacking)
         needs = "%s needs venv with pip, Python.h and a C compiler (%r; CC names another); missing on Debian: %s"
-        sys.exit(needs % (sys.executable, compiler[0], missing))
+        sys.exit(needs % (sys.executable, compiler[0], " ".join(name for name in lacks if lacks[name])))
     (SETUP / "try.c").write_text("#include <Python.h>\n#include <math.h>\nint main(void) { return 0; }\n")
     command = [*compiler, "-I", sysconfig.get_path("include"), SETUP / "try.c", "-o", SETUP / "try"]
     run(command, "the C compiler %r cannot build a program (apt-get install gcc libc6-dev)" % " ".join(compiler))
@@ -136,9 +136,8 @@ def packages(which, empty):
     else:
         write_stamp(**read_stamp()["locks"], **{which: "begun"})
     say("installing the %s set, some minutes on a slow line" % which)
-    pip = [*PIP, "--no-compile", "--only-binary=:all:", "--require-hashes"]
-    run([*pip, "-r", LOCKS[which]], what)
-    run([PYTHON, "-m", "compileall", "-q", "-j", "0", *VENV.glob("lib/python3*/site-packages")], what)
+    run([*PIP, "--only-binary=:all:", "--require-hashes", "-r", LOCKS[which]], what)
+    run([*COMPILE, "-x", "/tests?/", *VENV.glob("lib/python3*/site-packages")], what)
     for name in re.findall(r"^([\w.-]+)", (ROOT / "requirements/run.in").read_text(), flags=re.MULTILINE):
         broken = "%s is installed and cannot be imported; remedy: `make clean`, then the same again" % name
         run([PYTHON, "-c", "import " + re.sub("[-.]", "_", name.lower())], broken)
@@ -151,7 +150,7 @@ def build():
     core = next((ROOT / "src").rglob("_core_build.py")).relative_to(ROOT / "src").parent
     run([*PIP, "--no-build-isolation", "--no-deps", "--no-index", "-e", ROOT], "the build failed")
     run([PYTHON, "-c", "import %s._core" % ".".join(core.parts)], "the build failed")
-    run([PYTHON, "-m", "compileall", "-q", ROOT / "src"], "the build failed")
+    run([*COMPILE, ROOT / "src"], "the build failed")
     BUILD.write_text(file_hash(*sources()))
 
 

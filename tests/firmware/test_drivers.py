@@ -119,22 +119,16 @@ def test_bus__stands_still__is_told(library):
 
 
 @pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda output: setattr(output, "is_there", False),
-        lambda output: output.ranges.__setitem__(0, 0),
-        lambda output: setattr(output, "power", 0),
-        lambda output: setattr(output, "alerts", 1 << 5),
-        lambda output: setattr(output, "alerts", 1 << 8),
-    ],
+    "spoilt",
+    [{"is_there": False}, {"ranges": [0, 4, 4, 4]}, {"power": 0}, {"alerts": 1 << 5}, {"alerts": 1 << 8}],
     ids=["gone", "range lost", "power lost", "too hot", "too much current"],
 )
-def test_ad5754__no_longer_as_it_was_set__is_found_out(library, spoil):
+def test_ad5754__no_longer_as_it_was_set__is_found_out(library, spoilt):
     on = drivers(library)
     assert on.call("tact_ad5754_begin") == 1
-    assert on.chip.output.settings == STOPS_WHERE_HOT | LIMITS_CURRENT
+    assert (on.chip.output.settings, on.chip.output.ranges) == (STOPS_WHERE_HOT | LIMITS_CURRENT, [4] * 4)
     assert on.call("tact_ad5754_is_sound") == 1
-    spoil(on.chip.output)
+    vars(on.chip.output).update(spoilt)
     assert on.call("tact_ad5754_is_sound") == 0
 
 
@@ -151,29 +145,18 @@ def converters(library, chip):
     return on, on.call("tact_chip_converters", *places)
 
 
-def test_converters__there__are_sound(library):
-    on, begun = converters(library, Chip())
-    assert begun == on.call("tact_chip_is_sound") == 1
-
-
-def test_converters__without_a_d_a__do_not_begin(library):
+@pytest.mark.parametrize("is_there", [True, False])
+def test_converters__with_a_d_a_or_none__begin_where_it_is(library, is_there):
     chip = Chip()
-    chip.output.is_there = False
-    assert converters(library, chip)[1] == 0
+    chip.output.is_there = is_there
+    on, begun = converters(library, chip)
+    assert (begun, on.call("tact_chip_is_sound")) == (is_there, is_there)
 
 
-def resets_itself(output):
-    output.ranges, output.power = [0] * 4, 0
-
-
-def is_hot(output):
-    output.alerts = 1 << 5
-
-
-@pytest.mark.parametrize("spoil", [resets_itself, is_hot])
-def test_converters__d_a_that_resets_itself_or_is_hot__is_found_out_within_64_ticks(library, spoil):
+@pytest.mark.parametrize("spoilt", [{"ranges": [0] * 4, "power": 0}, {"alerts": 1 << 5}], ids=["reset", "too hot"])
+def test_converters__d_a_that_resets_itself_or_is_hot__is_found_out_within_64_ticks(library, spoilt):
     on, _ = converters(library, Chip())
-    spoil(on.chip.output)
+    vars(on.chip.output).update(spoilt)
     for _ in range(64):
         on.call("tact_chip_put_out", three([0, 0, 0]))
     assert on.call("tact_chip_is_sound") == 0

@@ -4,10 +4,14 @@ Both are made once, and every test that needs them is run by one worker (tests/c
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator
+from importlib.metadata import distribution
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import pytest
@@ -58,15 +62,11 @@ class Installation:
     def maps(self, *words: str, script: str = RUN) -> str:
         """Run `tactuator` in the folder, and return what its process had mapped at its end."""
         self._ended_well(self.command(*words, script=script), None)
-        return self.maps_file.read_text()
-
-    @property
-    def maps_file(self) -> Path:
-        return self.folder / "maps"
+        return (self.folder / "maps").read_text()
 
     def command(self, *words: str, script: str = RUN) -> list[str]:
         """The command that also writes the maps."""
-        return [str(self.prefix / "bin" / "python"), "-c", script, str(self.maps_file), *words]
+        return [str(self.prefix / "bin" / "python"), "-c", script, str(self.folder / "maps"), *words]
 
     def _ended_well(self, command: list[str], path: Path | None) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
@@ -74,6 +74,25 @@ class Installation:
         )
         assert done.returncode == 0, done.stderr
         return done
+
+
+def _link_runtime_set(target: Path) -> None:
+    """Link the packages of the runtime lock from this environment, where pip installed them at the same versions.
+
+    A link needs no room, and a module keeps what was compiled of it.
+    """
+    packages = Path(sysconfig.get_paths()["purelib"])
+    lock = (ROOT / "requirements" / "run.txt").read_text(encoding="ascii")
+    for name, version in re.findall(r"^(\S+)==(\S+) ", lock, re.MULTILINE):
+        assert distribution(name).version == version
+        files = [str(file) for file in distribution(name).files or () if ".." not in file.parts]
+        for file in [*files, *(cache_from_source(file) for file in files if file.endswith(".py"))]:
+            if (packages / file).exists():
+                (target / file).parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    (target / file).hardlink_to(packages / file)
+                except OSError:  # another file system
+                    shutil.copy2(packages / file, target / file)
 
 
 @pytest.fixture(scope="session")
@@ -84,10 +103,8 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
     (wheel,) = maker.DIST.glob("*-cp311-abi3-*.whl")
     environment = place / "environment"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True)
-    # this environment's pip works in the other one: what it installs, and from where, is the same
+    _link_runtime_set(next(environment.glob("lib/python3*/site-packages")))
     pip = [sys.executable, "-m", "pip", "--python", environment, "install", "--quiet", "--no-compile"]
-    lock = ROOT / "requirements" / "run.txt"
-    subprocess.run([*pip, "--require-hashes", "--only-binary=:all:", "-r", lock], check=True)
     subprocess.run([*pip, "--no-deps", "--no-index", wheel], check=True)
     (place / "folder").mkdir()
     yield Installation(environment, place / "folder")
@@ -96,11 +113,8 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
 
 @pytest.fixture(scope="session")
 def lab(installation: Installation) -> Installation:
-    """The same with the examples in its folder, the model of the example's record, and a controller for it."""
+    """The same with the examples in its folder, the model of a response, and the controller of a display."""
     installation.run("init", "--examples", ".")
-    installation.run("identify", "bench.csv", "--input", "drive", "--output", "encoder", "--time", "t",
-                     "--out", "model.json")  # fmt: skip
-    installation.design_maps = installation.maps(
-        "design", "bench.toml", "--out", "controller.json", "--figures", "figures"
-    )
+    installation.run("identify", "sheet.csv", "--out", "model.json")
+    installation.design_maps = installation.maps("design", "displays/tactuator.toml", "--out", "controller.json")
     return installation

@@ -20,6 +20,9 @@ from tests.packaging.wheels import lock_line, wheel
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = '[build-system]\nrequires = []\nbuild-backend = "wheels"\nbackend-path = ["."]\n'
 
+#: Stands in for Python's module: `.venv` is a copy of one that it made, which saves installing pip each time.
+VENV = "import shutil, sys\nshutil.copytree(%r, sys.argv[1], symlinks=True)\n"
+
 pytestmark = pytest.mark.slow
 
 
@@ -27,7 +30,8 @@ class Tree:
     """The set-up's own files, one runtime package `alpha`, one more, `beta`, in the test set."""
 
     def __init__(self, folder: Path) -> None:
-        self.root, self.index = folder / "tree", folder / "index"
+        self.root, self.index, self.modules = folder / "tree", folder / "index", folder / "modules"
+        self.modules.mkdir()
         self.index.mkdir()
         (self.root / "tools").mkdir(parents=True)
         shutil.copy(ROOT / "tools/install.py", self.root / "tools")
@@ -40,6 +44,10 @@ class Tree:
         (self.root / "requirements/run.in").write_text("alpha\n")
         self.beta = wheel(self.index, "beta", "1", {"beta.py": ""})
         self.lock(wheel(self.index, "alpha", "1", {"alpha.py": ""}))
+
+    def copy_empty(self, empty: Path) -> None:
+        """From now on, `.venv` begins as a copy of this one."""
+        (self.modules / "venv.py").write_text(VENV % str(empty))
 
     def lock(self, alpha: Path) -> None:
         self.write_locks(lock_line(alpha))
@@ -56,7 +64,7 @@ class Tree:
         """No index but the folder, and nothing of what this machine tells pip."""
         here = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "PYTHON"))}
         here |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(self.index)}
-        return here | {"PIP_RETRIES": "1", "PYTHONDONTWRITEBYTECODE": "1"} | more
+        return here | {"PIP_RETRIES": "1", "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(self.modules)} | more
 
     def command(self, which: str = "run") -> list[str]:
         return [os.path.realpath(sys._base_executable), str(self.root / "tools/install.py"), which]
@@ -72,9 +80,19 @@ class Tree:
         )
 
 
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A `.venv` with pip alone."""
+    folder = tmp_path_factory.mktemp("empty") / ".venv"
+    subprocess.run([os.path.realpath(sys._base_executable), "-m", "venv", folder], check=True)
+    return folder
+
+
 @pytest.fixture
-def tree(tmp_path: Path) -> Tree:
-    return Tree(tmp_path)
+def tree(tmp_path: Path, empty: Path) -> Tree:
+    tree = Tree(tmp_path)
+    tree.copy_empty(empty)
+    return tree
 
 
 def refusal(done: subprocess.CompletedProcess[str]) -> str:
@@ -90,7 +108,8 @@ def closed_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tree):
+def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tmp_path, empty):
+    tree = Tree(tmp_path)  # with Python's own venv
     both = [
         subprocess.Popen(tree.command(), env=tree.environment(), stderr=subprocess.PIPE, text=True) for _ in range(2)
     ]
@@ -113,6 +132,7 @@ def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_a
         assert tree.install().stderr == "install: building the C core\n"
     assert tree.install().stderr == ""
 
+    tree.copy_empty(empty)
     tree.lock(wheel(tree.index, "alpha", "2", {"alpha2.py": ""}))
     (tree.root / "requirements/run.in").write_text("alpha2\n")
     assert tree.install().returncode == 0  # all of it anew, the larger set

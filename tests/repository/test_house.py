@@ -20,9 +20,15 @@ VAGUE = {"one", "found", "made", "own", "told", "left"}
 
 
 @cache
-def trees() -> dict[Path, ast.Module]:
-    """Every module of the package, parsed."""
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+def nodes() -> list[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Name]]:
+    """Every function, class and name of the package, each with its module; parsed once, in one worker."""
+    wanted = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Name)
+    return [
+        (path.relative_to(PACKAGE).as_posix(), node)
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, wanted)
+    ]
 
 
 def lines_of(place: Path) -> int:
@@ -47,7 +53,7 @@ def test_room__whatever_it_holds__keeps_its_budget_of_lines(room: str) -> None:
 def test_house__as_a_whole__keeps_its_budget() -> None:
     assert lines_of(PACKAGE) <= BUDGETS["src"]
     assert lines_of(ROOT / "tests") <= BUDGETS["tests"]
-    assert len(trees()) <= BUDGETS["modules"]
+    assert len(list(PACKAGE.rglob("*.py"))) <= BUDGETS["modules"]
 
 
 def test_pages__all_but_decisions__keep_their_budget_of_words() -> None:
@@ -59,9 +65,8 @@ def test_pages__all_but_decisions__keep_their_budget_of_words() -> None:
 
 def test_functions__every_one__fits_a_screen() -> None:
     long = [
-        f"{path.relative_to(PACKAGE)}:{node.name}"
-        for path, tree in trees().items()
-        for node in ast.walk(tree)
+        f"{path}:{node.name}"
+        for path, node in nodes()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and body_lines(node) > LONGEST_FUNCTION
     ]
     assert long == []
@@ -69,9 +74,8 @@ def test_functions__every_one__fits_a_screen() -> None:
 
 def test_names__that_are_stored__say_what_they_hold() -> None:
     vague = [
-        f"{path.relative_to(PACKAGE)}:{node.lineno} {node.id}"
-        for path, tree in trees().items()
-        for node in ast.walk(tree)
+        f"{path}:{node.lineno} {node.id}"
+        for path, node in nodes()
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in VAGUE
     ]
     assert vague == []
@@ -79,10 +83,9 @@ def test_names__that_are_stored__say_what_they_hold() -> None:
 
 def test_class_names__every_public_one__has_one_owner() -> None:
     owners = defaultdict(list)
-    for path, tree in trees().items():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                owners[node.name].append(path.relative_to(PACKAGE).as_posix())
+    for path, node in nodes():
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            owners[node.name].append(path)
     assert {name: paths for name, paths in owners.items() if len(paths) > 1} == {}
 
 

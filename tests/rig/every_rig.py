@@ -95,7 +95,7 @@ def begin(rig: BoardRig) -> None:
     rig.load(designed())
 
 
-def tones(count: int = 1200) -> np.ndarray:
+def tones(count: int = 600) -> np.ndarray:
     """100 threshold units at 7, 53 and 201 Hz, one to a channel."""
     time_s = np.arange(count) / 4000.0
     return np.stack([100.0 * np.sin(2.0 * np.pi * f * time_s) for f in (7.0, 53.0, 201.0)], axis=1)

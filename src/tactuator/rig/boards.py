@@ -137,17 +137,16 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def _compile(board: Board, files: list[Path], flags: tuple[str, ...], program: Path) -> None:
-    """Write the program, whole or not at all. Raises BadInput with the first complaint of compiler or linker."""
-    handle, beside = tempfile.mkstemp(suffix=".elf", dir=program.parent)
-    os.close(handle)
-    command = [*_command(board, files, beside), *flags]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        Path(beside).unlink(missing_ok=True)
-        said = done.stderr.splitlines()
-        first = next((line for line in said if "overflowed" in line or "error:" in line), "the compiler failed")
-        raise BadInput(f"firmware for {board.name} does not compile: {first.strip()}", "sources that do, and that fit")
-    Path(beside).replace(program)
+    """Write the program, whole or not at all, its warnings beside it. Raises BadInput with the first complaint."""
+    with atomic_path(program) as beside:
+        command = [*_command(board, files, str(beside)), *flags]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            said = done.stderr.splitlines()
+            first = next((line for line in said if "overflowed" in line or "error:" in line), "the compiler failed")
+            words = f"firmware for {board.name} does not compile: {first.strip()}"
+            raise BadInput(words, "sources that do, and that fit")
+        program.with_suffix(".txt").write_text(done.stderr, encoding="utf-8")
 
 
 def form_of(out: Path) -> str:
@@ -198,7 +197,7 @@ def _command(board: Board, files: list[Path], program: str) -> list[str]:
 
 
 def _digest(board: Board, files: list[Path], flags: tuple[str, ...]) -> str:
-    digest = hashlib.sha256(repr((board, FLAGS, flags)).encode())
+    digest = hashlib.sha256(repr((FLAGS, board, flags)).encode())
     for path in files:
         digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]

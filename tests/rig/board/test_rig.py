@@ -30,12 +30,12 @@ def rig(request):
 def expected():
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
-        return [rig.play(tones()), rig.play(tones(500))]
+        return [rig.play(tones()), rig.play(tones(300))]
 
 
 def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
     begin(rig)
-    blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
+    blocks = np.array_split(np.concatenate([tones(), tones(300)]), 9)
     found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
     wanted = join_traces(expected, rig.rate_hz, rig.channels)
     assert found.equals(wanted)
@@ -43,8 +43,8 @@ def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
 
 def test_rig__stream_left_early__goes_on_in_the_next(rig):
     begin(rig)
-    next(rig.stream(tones(400) for _ in range(20)))
-    assert len(rig.play(tones(300))) == 300
+    next(rig.stream(tones(200) for _ in range(20)))
+    assert len(rig.play(tones(100))) == 100
     assert rig.status().mode is Mode.RUNNING
 
 
@@ -53,7 +53,7 @@ def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
     rig.play(tones(200))
     rig.break_sensor("thumb", "open")
     with pytest.raises(RigFault, match="sensor open"):
-        rig.play(tones(800))
+        rig.play(tones(300))
     assert rig.status().mode is Mode.FAULT
     rig.break_sensor("thumb", "sound")
     rig.load(designed())
@@ -61,7 +61,7 @@ def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
 
 
 def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
-    rig.drive(np.tile(0.4 * np.sin(2.0 * np.pi * np.arange(1000) / 4000.0)[:, None], (1, 3)))
+    rig.drive(np.tile(0.4 * np.sin(2.0 * np.pi * np.arange(500) / 4000.0)[:, None], (1, 3)))
     begin(rig)
     assert len(rig.play(np.zeros((300, 3)))) == 300
 
