@@ -11,7 +11,7 @@ from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, response_of
-from tests.web.labs import TOKEN, agreed, answer, at_page, begun, make, make_lab, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, agreed, answer, at_page, at_pages, begun, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
@@ -257,8 +257,7 @@ def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(m
 def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:
     age = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
     lab = make(PROTOCOL.replace("[[subject]]", age + "[[subject]]", 1))
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/operator") as socket:
-        socket.send_text(TOKEN)
+    with at_pages(lab, "operator") as (socket,):
         assert until(socket, "snapshot")["sessions"][0]["demographics"] == {}
         message = {"type": "correct", "subject": "S1", "reason": "asked again", "demographics": {"age": "34"}}
         socket.send_json({**message, "group": "unknown", "participant_id": "q7"})
