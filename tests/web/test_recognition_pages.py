@@ -174,11 +174,15 @@ def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, 
     rest = rig.rest
     monkeypatch.setattr(rig, "rest", lambda: rested.append(rest()))
     lab.start(lab.sessions[0].id)
+
+    def fails(*given):
+        raise error
+
     with at_pages(lab, "S1", "operator") as (socket, operator):
         go_on(socket, "introduction")
         until(socket, "stage")
         with monkeypatch.context() as patched:
-            patched.setattr(rig, "play", failing(error))
+            patched.setattr(rig, "play", fails)
             socket.send_json({"type": "ready", "stage": "trial"})
             told = until(socket, "fault")
         assert str(error) in told["detail"]
@@ -193,13 +197,6 @@ def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, 
         operator.send_json({"type": "resume"})
         assert until(socket, "answer-now")["number"] == 0
         assert response_count(lab) == 0
-
-
-def failing(error):
-    def play(*arguments):
-        raise error
-
-    return play
 
 
 def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make) -> None:

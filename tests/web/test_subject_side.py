@@ -179,6 +179,13 @@ def test_break__server_begun_anew__lasts_from_the_last_answer(make) -> None:
     assert (again.stage, again.break_left_s) == ("break", 18.0)
 
 
+def answered(lab, at) -> None:
+    """Present the trial that comes next, and answer it two seconds later."""
+    following = at.present(lambda interval, begins: None)
+    lab.clock.wait(2.0)
+    at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+
+
 def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:
     lab = make()
     presented = lab.study.session(lab.sessions[0])
@@ -189,9 +196,7 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
         if presented.stage == "break":
             presented.end_break()
         position = presented.upcoming.position
-        following = at.present(lambda interval, begins: None)
-        lab.clock.wait(2.0)
-        at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+        answered(lab, at)
         if presented.upcoming is None or presented.upcoming.position != position:
             left.append(presented.time_left_s)
     assert left[-1] == 0.0
@@ -214,9 +219,7 @@ def test_time_left__with_rests_between_trials__is_that_of_the_trials_alone(make)
         presented.give_consent() if presented.stage == "consent" else None
         at = PresentedSession(presented)
         for _ in range(2):
-            following = at.present(lambda interval, begins: None)
-            lab.clock.wait(2.0)
-            at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+            answered(lab, at)
             lab.clock.wait(rest_s)
         left.append(presented.time_left_s)
         lab.close()
