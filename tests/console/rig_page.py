@@ -89,9 +89,13 @@ def operator(socket):
     return until(socket, "snapshot")
 
 
-def link(console, code="S1"):
+@contextmanager
+def at_subject(console, code="S1"):
+    """The connection of a subject's page, by the link that the operator has."""
     with console.websocket_connect("/ws/operator") as socket:
-        return next(one["link"] for one in operator(socket)["sessions"] if one["subject"] == code)
+        link = next(one["link"] for one in operator(socket)["sessions"] if one["subject"] == code)
+    with console.websocket_connect(f"/ws/subject/{link.removeprefix('/s/')}") as socket:
+        yield socket
 
 
 def answered(socket, trials):

@@ -18,6 +18,7 @@ from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, dropped, go
+from tests.web.access.mutating import defects
 from tests.web.server import served
 
 U, Y = np.random.default_rng(0).standard_normal((2, 4000)) * 0.1
@@ -144,7 +145,7 @@ def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing
         time.sleep(0.05)
         assert client.get("/").status == 200
         assert len(list(state.uploads.folder().iterdir())) == before
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []
 
 
 def test_drop__on_a_full_disk__is_refused_in_one_line(monkeypatch):

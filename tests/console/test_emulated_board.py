@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from tests.console.pages import dropped
-from tests.console.rig_page import Studies, answered, link, loaded
+from tests.console.rig_page import Studies, answered, at_subject, loaded
 from tests.experiment.session.apparatuses import PROTOCOL
 
 RIG = "emulated:mps2-an386"
@@ -20,7 +20,7 @@ def test_study__at_an_emulated_board__is_played_by_it_with_the_onsets_of_the_pro
     with loaded(console), console.websocket_connect("/ws/study") as socket:
         studies = Studies(socket)
         assert "error" not in studies.ask("begin", protocol=protocol, store="board.db", auto_start=True)
-        with console.websocket_connect(f"/ws/subject/{link(console).removeprefix('/s/')}") as subject:
+        with at_subject(console) as subject:
             answered(subject, 3)
         studies.ask("end")
     connection = sqlite3.connect(console.folder / "board.db")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import logging
 from contextlib import ExitStack, closing, suppress
 from http.client import HTTPConnection
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -17,7 +14,7 @@ from websockets.sync.client import connect
 from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, dropped
 from tests.web.access import requesting
-from tests.web.access.mutating import hear_all, mutated
+from tests.web.access.mutating import defects, fails_once, hear_all, mutated
 
 FEW, MANY = 200, 100_000
 KEPT = 0.02
@@ -146,7 +143,7 @@ def fuzz(client, caplog, monkeypatch, path: str, messages: list[dict], count: in
         with suppress(ConnectionClosed):
             one.close()
     assert heard > count // 2
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []
 
 
 @pytest.fixture(scope="module")
@@ -155,13 +152,6 @@ def files(console):
     names = {"record": "bench.csv", "curve": "curve.csv", "display": "display.toml"}
     made = {kind: dropped(console.state, EXAMPLES / name) for kind, name in names.items()}
     return made | {"controller": dropped(console.state, console.file)}
-
-
-def fails_once(monkeypatch, name: str, at: int) -> None:
-    """Put a defect into a function: its call of that number divides by zero."""
-    room, _, function = name.rpartition(".")
-    whole, calls = getattr(import_module(room), function), itertools.count()
-    monkeypatch.setattr(name, lambda *given: 1 / 0 if next(calls) == at else whole(*given))
 
 
 @pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
@@ -216,7 +206,7 @@ def test_console__number_or_text_that_no_answer_can_bear__is_refused(console, ca
     asking.socket.send(message)
     assert not [one for one in asking.settle() if "a defect of" in one]
     asking.close()
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []
 
 
 @pytest.mark.parametrize(
@@ -230,4 +220,4 @@ def test_console__name_that_no_file_has__is_not_found(console, files, caplog, mo
     with closing(asked):
         asked.request("GET", path, headers={"X-Token": TOKEN})
         assert asked.getresponse().status == 404
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []

@@ -107,39 +107,26 @@ def test_model__of_a_file_that_went__says_to_drop_it_again():
 
 
 @pytest.mark.slow
-def test_identify__by_keyboard_alone__chooses_a_candidate_and_saves_what_the_command_writes(
-    browser, record, tmp_path, monkeypatch
+@pytest.mark.parametrize("kind", ["record", "response"])
+def test_identify__by_keyboard_alone__takes_what_is_chosen_and_saves_what_the_command_writes(
+    browser, record, tmp_path, monkeypatch, kind
 ):
+    path = tmp_path / "bench.csv"
+    response_file(path) if kind == "response" else shutil.copy(record, path)
     with console_page(browser) as page:
         go(page, "identify")
         tab_to(page, "input[type=file]")
-        page.locator("input[type=file]").set_input_files(record)
-        page.wait_for_selector("#tried")
-        pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
-        path = saved_by(page, "a.save", tmp_path / "saved.json")
-        command = page.locator(".command code").inner_text()
-    shutil.copy(record, tmp_path / "bench.csv")
-    monkeypatch.chdir(tmp_path)
-    assert "--zeros" in command
-    main(shlex.split(command)[1:])
-    assert path.read_bytes() == (tmp_path / "model.json").read_bytes()
-
-
-@pytest.mark.slow
-def test_response__by_keyboard_alone__has_its_poles_chosen_and_saves_what_the_command_writes(
-    browser, tmp_path, monkeypatch
-):
-    response_file(tmp_path / "response.csv")
-    with console_page(browser) as page:
-        go(page, "identify")
-        tab_to(page, "input[type=file]")
-        page.locator("input[type=file]").set_input_files(tmp_path / "response.csv")
+        page.locator("input[type=file]").set_input_files(path)
         page.wait_for_selector("a.save")
-        tab_to(page, "#order")
-        page.keyboard.press("3")
-        page.wait_for_selector(".command code:has-text('--order 3')")
-        path = saved_by(page, "a.save", tmp_path / "saved.json")
+        if kind == "record":
+            pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
+        else:
+            tab_to(page, "#order")
+            page.keyboard.press("3")
+            page.wait_for_selector(".command code:has-text('--order 3')")
+        saved = saved_by(page, "a.save", tmp_path / "saved.json")
         command = page.locator(".command code").inner_text()
     monkeypatch.chdir(tmp_path)
+    assert ("--zeros" if kind == "record" else "--order 3") in command
     main(shlex.split(command)[1:])
-    assert path.read_bytes() == (tmp_path / "model.json").read_bytes()
+    assert saved.read_bytes() == (tmp_path / "model.json").read_bytes()

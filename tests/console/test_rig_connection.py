@@ -156,22 +156,23 @@ def test_wave__that_the_rig_refuses__is_told_to_whoever_has_the_controls(live):
     live.until(lambda: any("-60 to 55 dB SL" in one.get("refused", "") for one in live.others))
 
 
-def closed_with(client, *messages, **more):
-    with connect(f"ws://127.0.0.1:{client.port}/ws/rig", **more) as socket, pytest.raises(ConnectionClosed) as closed:
-        for message in messages:
-            socket.send(message)
+def closed_with(client, path, token, **more):
+    with connect(f"ws://127.0.0.1:{client.port}{path}", **more) as socket, pytest.raises(ConnectionClosed) as closed:
+        socket.send(token)
         socket.recv(timeout=10.0)
     return closed.value.rcvd.code
 
 
-def test_connection__without_the_token_or_of_another_site__is_closed(console):
-    assert closed_with(console, "another") == CLOSE_FORBIDDEN
-    assert closed_with(console, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
+@pytest.mark.parametrize("path", ["/ws", "/ws/rig", "/ws/study"])
+def test_connection__without_the_token_or_of_another_site__is_closed(console, path):
+    assert closed_with(console, path, "another") == CLOSE_FORBIDDEN
+    assert closed_with(console, path, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
 
 
 def test_connection__to_a_console_without_a_rig__is_told_so():
     with served(build_console(ConsoleState(), TOKEN)) as client:
-        assert closed_with(client, TOKEN) == CLOSE_ABSENT
+        assert [closed_with(client, path, TOKEN) for path in ("/ws/rig", "/ws/study")] == [CLOSE_ABSENT] * 2
+        assert client.get("/s/token-S1").status == 404
 
 
 @pytest.mark.slow

@@ -1,5 +1,8 @@
 """Levels of the scope: against the truth at the finger port, of which they know nothing, and plain arithmetic."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -64,3 +67,8 @@ def test_levels__of_less_than_a_second_or_with_a_gap__are_none(controller):
     samples.add(RATE, np.zeros((10, 9), np.float32))
     assert samples.lost == 1
     assert levels.of(samples) is None
+
+
+def test_process_that_holds_a_rig__imports_no_web_server():
+    program = "import sys, tactuator.console.rig_worker; sys.exit('fastapi' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program]).returncode == 0

@@ -6,12 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from websockets.exceptions import ConnectionClosed
 
 from tactuator.console.app import build_console, static_file
 from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
-from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.console.pages import TOKEN
 from tests.web.server import served
 
@@ -64,37 +62,17 @@ def test_path__that_is_none__is_a_line_of_text(client, path):
     assert static_file("../app.py") is None
 
 
-def test_connection__with_another_token__is_closed(client):
-    with client.websocket_connect("/ws") as socket:
-        socket.send_text("another")
-        with pytest.raises(ConnectionClosed) as closed:
-            socket.receive_json()
-        assert closed.value.rcvd.code == CLOSE_FORBIDDEN
-
-
-def test_connection__of_another_sites_page__is_closed(client):
-    with client.websocket_connect("/ws", origin="http://elsewhere.example") as socket, pytest.raises(ConnectionClosed):
-        socket.receive_json()
-
-
-def test_draw__is_answered_and_its_figures_follow(client):
+def test_draw__is_answered_and_its_figures_follow_but_those_of_an_unstable_loop(client):
     with client.websocket_connect("/ws") as socket:
         socket.send_text(TOKEN)
-        socket.send_json({"id": 7, **DRAW, "shape": SHAPE})
-        drawn, figures = socket.receive_json(), socket.receive_json()
-    assert drawn["id"] == 7
-    assert drawn["frame"]["unstable"] == []
-    assert figures["of"] == 7
-    assert figures["figures"]["tiles"][0]["name"] == "phase margin"
-
-
-def test_draw__of_an_unstable_loop__shows_it_and_gives_no_figures(client):
-    with client.websocket_connect("/ws") as socket:
-        socket.send_text(TOKEN)
-        socket.send_json({"id": 1, **DRAW, "shape": {**SHAPE, "gain_db": 60.0}})
-        drawn, figures = socket.receive_json(), socket.receive_json()
-    assert drawn["frame"]["unstable"] == ["none", "finger"]
-    assert "unstable" in figures["figures"]["refused"]
+        for number, gain_db, unstable in ((7, 16.0, []), (8, 60.0, ["none", "finger"])):
+            socket.send_json({"id": number, **DRAW, "shape": {**SHAPE, "gain_db": gain_db}})
+            drawn, figures = socket.receive_json(), socket.receive_json()
+            assert (drawn["id"], drawn["frame"]["unstable"], figures["of"]) == (number, unstable, number)
+            if unstable:
+                assert "unstable" in figures["figures"]["refused"]
+            else:
+                assert figures["figures"]["tiles"][0]["name"] == "phase margin"
 
 
 @pytest.mark.parametrize(

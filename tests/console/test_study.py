@@ -6,16 +6,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tactuator.cli.main import main
-from tactuator.console.app import build_console
-from tactuator.console.state import ConsoleState
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store, sessions_of
-from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
-from tests.console.pages import TOKEN, dropped
-from tests.console.rig_page import Studies, answered, link, loaded, operator, rows
+from tests.console.pages import dropped
+from tests.console.rig_page import Studies, answered, at_subject, loaded, operator, rows
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, nobody
 from tests.web.labs import until
-from tests.web.server import served
 
 STORE = "lab.db"
 
@@ -46,7 +42,7 @@ def test_study__at_the_consoles_rig__stores_what_one_at_its_own_rig_does_and_goe
             assert "an experiment has" in page.ask(**request)["error"]
         assert "is open" in studies.ask("begin", protocol=protocol, store="other.db")["error"]
         before = console.host.samples.end
-        with console.websocket_connect(f"/ws/subject/{link(console).removeprefix('/s/')}") as socket:
+        with at_subject(console) as socket:
             answered(socket, 1)
             assert console.host.samples.end > before  # the scope sees what is played
             studies.ask("end")
@@ -56,7 +52,7 @@ def test_study__at_the_consoles_rig__stores_what_one_at_its_own_rig_does_and_goe
         page.until(lambda: page.standing["controls"] == "nobody")
         assert console.get("/operator").status == 404
         assert "error" not in studies.ask("begin", protocol=protocol, store=STORE, auto_start=True)
-        with console.websocket_connect(f"/ws/subject/{link(console).removeprefix('/s/')}") as socket:
+        with at_subject(console) as socket:
             until(socket, "stage")
             socket.send_json({"type": "ready", "stage": "introduction"})
             socket.send_json({"type": "ready", "stage": "trial"})
@@ -88,7 +84,7 @@ def test_export__of_a_store__is_what_the_command_writes(console, studies, protoc
     with loaded(console):
         studies.ask("begin", protocol=protocol, store="exported.db", auto_start=True)
         assert "allowed" in studies.ask("export", store="exported.db", form="tidy")["error"]  # nothing is answered yet
-        with console.websocket_connect(f"/ws/subject/{link(console).removeprefix('/s/')}") as socket:
+        with at_subject(console) as socket:
             answered(socket, 1)
         made = studies.ask("export", store="exported.db", form="tidy")
     assert made["trials"] == 1
@@ -113,6 +109,7 @@ def test_export__of_a_store__is_what_the_command_writes(console, studies, protoc
         ({"text": PROTOCOL.replace('seed = 7', 'seed = 7\nlanguage = "xx"\nlanguage_file = "own.toml"')}, "own.toml"),
         ({"amend": "x" * 500}, "amend"),
         ({"files": ["gone"]}, "drop it again"),
+        ({"store": None}, "allowed: a request of the console's page"),
     ],
 )  # fmt: skip
 def test_study__that_cannot_begin__is_refused_in_words_and_leaves_rig_and_folder_as_they_were(
@@ -141,23 +138,3 @@ def test_study__whose_store_or_rig_another_has__is_refused(console, studies, pro
         page.ask("take")
         assert "another page has the controls" in studies.ask("begin", protocol=protocol, store=STORE)["error"]
         page.ask("give")
-
-
-def test_study__without_a_controller_or_a_rig__is_refused(controller, tmp_path):
-    with served(build_console(ConsoleState(), TOKEN)) as client:
-        for token, code in (("another", CLOSE_FORBIDDEN), (TOKEN, CLOSE_ABSENT)):
-            with client.websocket_connect("/ws/study") as socket:
-                socket.send_text(token)
-                with pytest.raises(ConnectionClosed) as closed:
-                    socket.receive_json()
-                assert closed.value.rcvd.code == code
-        assert client.get("/s/token-S1").status == 404
-
-
-@pytest.mark.parametrize("message", ["no json", "[]", '{"id": 3, "do": "format"}', '{"id": 3, "do": "begin"}'])
-def test_request__that_is_none__is_refused_and_the_next_is_answered(console, studies, message):
-    studies.socket.send_text(message)
-    while "error" not in (told := studies.socket.receive_json()):
-        pass
-    assert "allowed: a request of the console's page" in told["error"]
-    assert "error" not in studies.ask("end")

@@ -1,7 +1,7 @@
 """Labs that are closed at the end of a test, and what their sockets and stores hold."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
 from sqlalchemy import func, select
@@ -50,9 +50,26 @@ def until(socket: Socket, kind: str, heard: list[dict] | None = None) -> dict:
 
 
 @contextmanager
+def joined(client: Client, name: str) -> Iterator[Socket]:
+    """The connection of a subject's page, or of the operator's who has said the token."""
+    path = "operator" if name == "operator" else f"subject/token-{name}"
+    with client.websocket_connect(f"/ws/{path}") as socket:
+        if name == "operator":
+            socket.send_text(TOKEN)
+        yield socket
+
+
+@contextmanager
+def at_pages(lab: Lab, *names: str) -> Iterator[list[Socket]]:
+    """The connections of pages to the lab's server."""
+    with served(build_app(lab, TOKEN)) as made, ExitStack() as closes:
+        yield [closes.enter_context(joined(made, name)) for name in names]
+
+
+@contextmanager
 def at_page(lab: Lab) -> Iterator[Socket]:
     """The connection of the first subject's page to the lab's server."""
-    with served(build_app(lab, TOKEN)) as made, made.websocket_connect("/ws/subject/token-S1") as socket:
+    with at_pages(lab, "S1") as (socket,):
         yield socket
 
 

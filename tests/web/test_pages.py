@@ -8,7 +8,8 @@ from tactuator.errors import StoreFault
 from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
-from tests.web.labs import TOKEN, agreed, begun, client, make_lab, response_count, until  # noqa: F401
+from tests.web.access.mutating import defects, hear_all
+from tests.web.labs import TOKEN, agreed, begun, client, joined, make_lab, response_count, until  # noqa: F401
 
 
 @pytest.fixture
@@ -26,14 +27,19 @@ def lab(make_lab):
         ("/static/subject.js", 200),
         ("/static/app.py", 404),
         ("/static/..%2Fapp.py", 404),
+        ("/static/%2e%2e%2fapp.css", 404),
+        ("/static/%00.css", 404),
+        (f"/static/{'9' * 5000}.css", 404),
         ("/docs", 404),
         ("/openapi.json", 404),
     ],
 )
-def test_page__asked_for__is_given_or_not(client, path, status) -> None:
+def test_page__asked_for__is_given_or_not(client, caplog, monkeypatch, path, status) -> None:
+    hear_all(monkeypatch)
     answer = client.get(path)
     assert answer.status == status
-    if not path.startswith(("/docs", "/open")) and "%2F" not in path:
+    assert defects(caplog) == []
+    if not path.startswith(("/docs", "/open")) and "%" not in path:
         assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
 
 
@@ -128,8 +134,7 @@ def test_connection__from_another_sites_page__is_closed(client, path, code) -> N
 
 def test_operator__start_pause_stop__are_obeyed_and_shown(client, lab) -> None:
     lab.auto_start = False
-    with client.websocket_connect("/ws/operator") as socket:
-        socket.send_text(TOKEN)
+    with joined(client, "operator") as socket:
         first = until(socket, "snapshot")
         assert (first["control"], first["active"]) == (True, None)
         assert [one["subject"] for one in first["sessions"]] == ["S1", "S2"]
@@ -172,15 +177,13 @@ def test_operator__second__looks_on_until_control_is_taken(client) -> None:
     ],
 )
 def test_operator__nonsense__is_refused(client, command, message) -> None:
-    with client.websocket_connect("/ws/operator") as socket:
-        socket.send_text(TOKEN)
+    with joined(client, "operator") as socket:
         socket.send_json(command)
         assert message in until(socket, "refused")["message"]
 
 
 def test_operator__clock_jumps__is_noted(client, lab) -> None:
-    with client.websocket_connect("/ws/operator") as socket:
-        socket.send_text(TOKEN)
+    with joined(client, "operator") as socket:
         until(socket, "snapshot")
         lab.clock.jump(3600.0)
         until(socket, "snapshot")

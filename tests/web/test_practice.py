@@ -7,7 +7,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.labs import TOKEN, answer, at_page, make, make_lab, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, answer, at_page, joined, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
@@ -76,8 +76,7 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
         stage(socket, "introduction")
         failed(lab, socket)
         assert "ractice" in stage(socket, "introduction")["introduction"]
-        with client.websocket_connect("/ws/operator") as operator:
-            operator.send_text(TOKEN)
+        with joined(client, "operator") as operator:
             operator.send_json({"type": "give-up-run"})
             now = until(socket, "stage")
     assert (now["stage"], now["introduction"]) == ("trial", "")

@@ -12,7 +12,7 @@ from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
-from tests.web.labs import TOKEN, at_page, make_lab, response_count, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, at_page, at_pages, joined, make_lab, response_count, stage, until  # noqa: F401
 from tests.web.server import served
 
 
@@ -174,16 +174,15 @@ def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, 
     rest = rig.rest
     monkeypatch.setattr(rig, "rest", lambda: rested.append(rest()))
     lab.start(lab.sessions[0].id)
-    with (
-        served(build_app(lab, TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-        client.websocket_connect("/ws/operator") as operator,
-    ):
-        operator.send_text(TOKEN)
+
+    def fails(*given):
+        raise error
+
+    with at_pages(lab, "S1", "operator") as (socket, operator):
         go_on(socket, "introduction")
         until(socket, "stage")
         with monkeypatch.context() as patched:
-            patched.setattr(rig, "play", failing(error))
+            patched.setattr(rig, "play", fails)
             socket.send_json({"type": "ready", "stage": "trial"})
             told = until(socket, "fault")
         assert str(error) in told["detail"]
@@ -200,21 +199,9 @@ def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, 
         assert response_count(lab) == 0
 
 
-def failing(error):
-    def play(*arguments):
-        raise error
-
-    return play
-
-
 def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make) -> None:
     text = protocol_text(test=1, subjects=("S1", "S2"))
-    with (
-        served(build_app(make(text), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-        client.websocket_connect("/ws/operator") as operator,
-    ):
-        operator.send_text(TOKEN)
+    with at_pages(make(text), "S1", "operator") as (socket, operator):
         asked = begun(socket)
         block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
         go_on(socket, "break")
@@ -244,20 +231,18 @@ def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
     text = protocol_text(training=0, test=1)
     with (
         served(build_app(lab := make(text), TOKEN)) as client,
-        client.websocket_connect("/ws/subject/token-S1") as socket,
-        client.websocket_connect("/ws/operator") as first,
-        client.websocket_connect("/ws/operator") as second,
+        joined(client, "S1") as socket,
+        joined(client, "operator") as first,
     ):
-        first.send_text(TOKEN)
         until(first, "snapshot")
-        second.send_text(TOKEN)
-        session = until(second, "snapshot")["sessions"][0]["id"]
-        second.send_json({"type": "results", "session": session})
-        assert "no results yet" in until(second, "refused")["message"]
-        asked = begun(socket)
-        block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
-        second.send_json({"type": "results", "session": session})
-        told = until(second, "results")
+        with joined(client, "operator") as second:
+            session = until(second, "snapshot")["sessions"][0]["id"]
+            second.send_json({"type": "results", "session": session})
+            assert "no results yet" in until(second, "refused")["message"]
+            asked = begun(socket)
+            block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
+            second.send_json({"type": "results", "session": session})
+            told = until(second, "results")
         assert told["subject"] == "S1"
         assert [table["rows"][0][0] for table in told["tables"]] == ["M-index", "plug in"]
         assert response_count(lab) == 3
@@ -265,11 +250,7 @@ def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
 
 @pytest.mark.parametrize(("session", "message"), [(99, "not of this study"), (None, "results without a session")])
 def test_operator__results_of_nobody__are_refused(make, session, message) -> None:
-    with (
-        served(build_app(make(protocol_text()), TOKEN)) as client,
-        client.websocket_connect("/ws/operator") as operator,
-    ):
-        operator.send_text(TOKEN)
+    with at_pages(make(protocol_text()), "operator") as (operator,):
         operator.send_json({"type": "results", "session": session})
         assert message in until(operator, "refused")["message"]
 

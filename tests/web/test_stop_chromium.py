@@ -9,12 +9,13 @@ from witnesses.stop.escape import STATES, WATCHED_MS, escaped, subject_page
 SOON_MS = 0.2 * WATCHED_MS  # far less than an interval and its gap
 
 
-QUICK = ("going on", "interval 2", "feedback", "after a pause")
+MARKS = {
+    **dict.fromkeys(("going on", "interval 2", "feedback", "after a pause"), ()),
+    **dict.fromkeys(("interval 1", "interval 3"), pytest.mark.soak),  # as interval 2, but for the lamp
+}
 
 
-@pytest.mark.parametrize(
-    "state", [state if state in QUICK else pytest.param(state, marks=pytest.mark.slow) for state in STATES]
-)
+@pytest.mark.parametrize("state", [pytest.param(state, marks=MARKS.get(state, pytest.mark.slow)) for state in STATES])
 def test_escape__in_each_state__is_silence_until_the_subject_goes_on(browser, tmp_path, state) -> None:
     with subject_page(browser, tmp_path) as (page, felt):
         lasts_ms, stage, masked = escaped(page, felt, state)

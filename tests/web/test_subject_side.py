@@ -11,7 +11,7 @@ from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, response_of
-from tests.web.labs import TOKEN, agreed, answer, at_page, begun, make, make_lab, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, agreed, answer, at_page, at_pages, begun, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
@@ -179,6 +179,13 @@ def test_break__server_begun_anew__lasts_from_the_last_answer(make) -> None:
     assert (again.stage, again.break_left_s) == ("break", 18.0)
 
 
+def answered(lab, at) -> None:
+    """Present the trial that comes next, and answer it two seconds later."""
+    following = at.present(lambda interval, begins: None)
+    lab.clock.wait(2.0)
+    at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+
+
 def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:
     lab = make()
     presented = lab.study.session(lab.sessions[0])
@@ -189,9 +196,7 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
         if presented.stage == "break":
             presented.end_break()
         position = presented.upcoming.position
-        following = at.present(lambda interval, begins: None)
-        lab.clock.wait(2.0)
-        at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+        answered(lab, at)
         if presented.upcoming is None or presented.upcoming.position != position:
             left.append(presented.time_left_s)
     assert left[-1] == 0.0
@@ -214,9 +219,7 @@ def test_time_left__with_rests_between_trials__is_that_of_the_trials_alone(make)
         presented.give_consent() if presented.stage == "consent" else None
         at = PresentedSession(presented)
         for _ in range(2):
-            following = at.present(lambda interval, begins: None)
-            lab.clock.wait(2.0)
-            at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+            answered(lab, at)
             lab.clock.wait(rest_s)
         left.append(presented.time_left_s)
         lab.close()
@@ -257,8 +260,7 @@ def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(m
 def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:
     age = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
     lab = make(PROTOCOL.replace("[[subject]]", age + "[[subject]]", 1))
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/operator") as socket:
-        socket.send_text(TOKEN)
+    with at_pages(lab, "operator") as (socket,):
         assert until(socket, "snapshot")["sessions"][0]["demographics"] == {}
         message = {"type": "correct", "subject": "S1", "reason": "asked again", "demographics": {"age": "34"}}
         socket.send_json({**message, "group": "unknown", "participant_id": "q7"})

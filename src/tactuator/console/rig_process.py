@@ -155,14 +155,10 @@ class RigProcess:
             first = self._pipe.recv()
             if first.mode == "gone":
                 raise BadInput(first.fault) if first.refused else DeviceFault(first.fault)
-        except (BadInput, DeviceFault):
+        except BaseException as error:  # or interrupted or told to end while the rig was being opened
             self._end()
-            raise
-        except (EOFError, OSError):
-            self._end()
-            raise DeviceFault(*_ENDED) from None
-        except BaseException:  # interrupted or told to end while the rig was being opened
-            self._end()
+            if isinstance(error, EOFError | OSError):
+                raise DeviceFault(*_ENDED) from None
             raise
         self.status = first
         self._thread = threading.Thread(target=self._read, args=(self._pipe,), daemon=True)

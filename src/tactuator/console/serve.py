@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,11 +69,8 @@ def _held(spec: str | None, state: "ConsoleState", seed: int) -> "Iterator[RigPr
     if spec is None:
         yield None
         return
-    host = RigProcess(spec, state.display(FILE), seed)
-    try:
+    with closing(RigProcess(spec, state.display(FILE), seed)) as host:
         yield host
-    finally:
-        host.close()
 
 
 @contextmanager

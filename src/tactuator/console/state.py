@@ -212,7 +212,7 @@ class ConsoleState:
         channels = []
         for channel in display.channels:
             if channel.feedback.structure == "none":
-                channels.append(design.design_channel(display, channel))
+                channels.append(self.file_design(key, channel.name))
             elif channel.name in shapes:
                 channels.append(self.channel_of(key, channel.name, shapes[channel.name]))
             else:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import logging
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,18 @@ def hear_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serving, "_LOGGED_PER_MINUTE", 10**9)
     for name in LOGGERS:
         monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+
+
+def defects(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """What was logged as a defect."""
+    return [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+
+
+def fails_once(monkeypatch: pytest.MonkeyPatch, name: str, at: int) -> None:
+    """Put a defect into a function: its call of that number divides by zero."""
+    room, _, function = name.rpartition(".")
+    whole, calls = getattr(import_module(room), function), itertools.count()
+    monkeypatch.setattr(name, lambda *given: 1 / 0 if next(calls) == at else whole(*given))
 
 
 def mutated(rng: np.random.Generator, message: dict) -> str | bytes:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import socket
 from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 
-from tests.web.access.mutating import hear_all
+from tests.web.access.mutating import defects, hear_all
 
 UPGRADE = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
 NASTY = (
@@ -78,6 +77,5 @@ def fuzz(
                 answered += made.recv(1 << 16).startswith(b"HTTP/1.1 ")
         if index % 200 == 199:
             goes_on()
-    told = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
-    assert not told, told[0]
+    assert not (told := defects(caplog)), told[0]
     return answered

@@ -5,12 +5,9 @@ The messages come from a mutator that knows the message kinds but not the server
 
 from __future__ import annotations
 
-import itertools
 import json
-import logging
 import threading
 from contextlib import ExitStack, suppress
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -19,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access import requesting
-from tests.web.access.mutating import hear_all, mutated
+from tests.web.access.mutating import defects, fails_once, hear_all, mutated
 from tests.web.labs import TOKEN, client, make_lab, response_count, until  # noqa: F401
 
 FEW, MANY = 1500, 100_000
@@ -110,19 +107,16 @@ def fuzz(client, lab, caplog, monkeypatch, path: str, first: str | None, message
             one.close()
             heard, acknowledged = heard + one.heard, acknowledged | one.acknowledged
     assert heard > count // 4
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []
     assert lab.fault is None
     assert response_count(lab) >= len(acknowledged)
 
 
 @pytest.mark.parametrize("parser", ["tactuator.web.subject.message_of", "tactuator.web.operator.message_of"])
 def test_fuzz__defect_in_one_message_of_many__is_noticed(client, lab, caplog, monkeypatch, parser) -> None:
-    room, name = parser.rsplit(".", 1)
-    whole, count = getattr(import_module(room), name), itertools.count()
-    monkeypatch.setattr(parser, lambda *given: 1 / 0 if next(count) == 700 else whole(*given))
-    path, first = ("/ws/subject/token-S1", None) if "subject" in parser else ("/ws/operator", TOKEN)
+    fails_once(monkeypatch, parser, 700)
     with pytest.raises(AssertionError, match="Exception in ASGI application"):
-        fuzz(client, lab, caplog, monkeypatch, path, first, SUBJECT if first is None else OPERATOR, FEW)
+        fuzz(client, lab, caplog, monkeypatch, *PAGES["operator" in parser], FEW)
 
 
 @pytest.fixture
@@ -130,18 +124,15 @@ def lab(make_lab):
     return make_lab(lambda store: opened_study(store, ObedientClock()))
 
 
-@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
-def test_subject__messages_nobody_means__keep_server_rig_and_other_sessions_going(
-    client, lab, caplog, monkeypatch, count
-) -> None:
-    fuzz(client, lab, caplog, monkeypatch, "/ws/subject/token-S1", None, SUBJECT, count)
+PAGES = [("/ws/subject/token-S1", None, SUBJECT), ("/ws/operator", TOKEN, OPERATOR)]
 
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
-def test_operator__messages_nobody_means__keep_server_rig_and_other_sessions_going(
-    client, lab, caplog, monkeypatch, count
+@pytest.mark.parametrize(("path", "first", "messages"), PAGES)
+def test_page__messages_nobody_means__keep_server_rig_and_other_sessions_going(
+    client, lab, caplog, monkeypatch, path, first, messages, count
 ) -> None:
-    fuzz(client, lab, caplog, monkeypatch, "/ws/operator", TOKEN, OPERATOR, count)
+    fuzz(client, lab, caplog, monkeypatch, path, first, messages, count)
 
 
 @pytest.mark.parametrize("count", [FEW // 5, pytest.param(MANY, marks=pytest.mark.soak)])

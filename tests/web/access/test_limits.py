@@ -18,7 +18,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.web import serve
 from tactuator.web import server as serving
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
-from tests.web.access.mutating import hear_all
+from tests.web.access.mutating import defects, hear_all
 from tests.web.labs import begun, client, make_lab, until  # noqa: F401
 from tests.web.server import served
 
@@ -128,7 +128,7 @@ def test_request__that_is_no_http_in_its_body__ends_the_answer_without_a_word_in
             answer += part
         assert answer.startswith(b"HTTP/1.1 200" if streams else b"HTTP/1.1 400")
         time.sleep(0.1)
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert defects(caplog) == []
 
 
 def test_log__a_flood_of_lines__is_limited_and_told_and_silences_no_defect(caplog) -> None:
@@ -170,10 +170,3 @@ def test_operator_token__of_file_environment_or_fresh__is_taken(tmp_path: Path, 
 def test_store__made__is_read_by_its_owner_alone(tmp_path: Path) -> None:
     Store(tmp_path / "lab.db").close()
     assert stat.S_IMODE((tmp_path / "lab.db").stat().st_mode) == 0o600
-
-
-@pytest.mark.parametrize("name", [f"{'9' * 5000}.css", "%00.css", "%2e%2e%2fapp.css"])
-def test_static_file__name_that_no_file_has__is_not_found(client, caplog, monkeypatch, name) -> None:
-    hear_all(monkeypatch)
-    assert client.get(f"/static/{name}").status == 404
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
