@@ -3,8 +3,6 @@
 import json
 import resource
 import signal
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
@@ -18,8 +16,6 @@ from tactuator.io.reference import open_reference
 from tactuator.speech.reading import sample_path
 from tactuator.synthesis.design import design_controller
 from tests.one_finger import DISPLAY
-
-PROGRAM = [sys.executable, "-c", "import sys; from tactuator.cli import main; sys.exit(main())"]
 
 
 @pytest.fixture(scope="module")
@@ -101,26 +97,19 @@ def test_render__neither_display_nor_controller__told(run, tmp_path):
     assert "neither --display nor --controller" in err
 
 
-def limited(*arguments, file_bytes):
-    """The program in a process that may write files of no more than so many bytes: what a full disk does."""
-
-    def limit():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
-
-    command = [*PROGRAM, *(str(argument) for argument in arguments)]
-    return subprocess.run(command, capture_output=True, text=True, preexec_fn=limit, check=False, timeout=120)
-
-
 @pytest.mark.parametrize(("name", "file_bytes"), [("r.wav", 30_000), ("r.h5", 42_000), ("r.wav", 60_000)])
-def test_render__disk_full__one_line_and_nothing_left(made, tmp_path, name, file_bytes):
-    done = limited(
-        "render", sample_path(), "--out", tmp_path / name, "--controller", made / "controller.json",
-        file_bytes=file_bytes,
-    )  # fmt: skip
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.count("\n") == 1
-    assert "room" in done.stderr
+def test_render__disk_full__one_line_and_nothing_left(run, tmp_path, name, file_bytes):
+    """A limit on the length of a file is what a full disk does."""
+    usual, before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, before[1]))
+    try:
+        status, _, err = run("render", sample_path(), "--out", tmp_path / name)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, usual)
+    assert status == 2, err
+    assert err.count("\n") == 1
+    assert "room" in err
     assert list(tmp_path.iterdir()) == []
 
 
