@@ -31,7 +31,8 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.spectra import SlidingWindow, raised_ends
+from tactuator.signals.excitation import raised_ends
+from tactuator.signals.spectra import SlidingWindow
 
 SAFETY_DB = 0.25
 """Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
