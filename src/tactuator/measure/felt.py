@@ -83,18 +83,15 @@ class BandAnalysis:
         return round((CHUNK_S + 2.0 * MARGIN_S) * self.rate_hz)
 
     @property
-    def hop(self) -> int:
-        """Return the number of samples from one chunk to the next: what a chunk's frames cover."""
-        return round(CHUNK_S * self.rate_hz)
-
-    @property
     def margin(self) -> int:
         """Return the number of samples of a chunk before and after its frames."""
         return round(MARGIN_S * self.rate_hz)
 
-    def frequency_hz(self) -> NDArray[np.float64]:
-        """Return the frequencies of the bins of a chunk's spectrum."""
-        return np.asarray(scipy.fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
+    def window(self, signals: int) -> SlidingWindow:
+        """Return the window that cuts a stream of so many signals into chunks, float32: 24 bits reach 140 dB below the
+        greatest displacement.
+        """
+        return SlidingWindow(signals, self.chunk, round(CHUNK_S * self.rate_hz), self.margin, np.float32)
 
     def frames(self, spectra: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
         """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectra`: its rfft,
@@ -213,7 +210,7 @@ def _weights(controller: Controller) -> NDArray[np.complex64]:
 
     They are kept for the next file under the same controller.
     """
-    frequency = _analysis(controller.rate_hz).frequency_hz()
+    frequency = scipy.fft.rfftfreq(_analysis(controller.rate_hz).chunk, 1.0 / controller.rate_hz)
     weights = []
     for channel in controller.display.channels:
         prediction = ChannelPrediction.of(controller, channel.name)
@@ -236,10 +233,9 @@ class FeltComparison:
         self._sink = sink
         self._names = tuple(channel.name for channel in controller.display.channels)
         self._weights = _weights(controller)
-        cut = self.analysis  # chunks are float32: 24 bits reach 140 dB below the greatest displacement
-        self._window = SlidingWindow(2 * len(self._names), cut.chunk, cut.hop, cut.margin, np.float32)
+        self._window = self.analysis.window(2 * len(self._names))
         self._frames: list[list[BandFrames]] = [[] for _ in range(2 * len(self._names))]
-        self._taper = raised_ends(cut.chunk, cut.margin // 2)
+        self._taper = raised_ends(self.analysis.chunk, self.analysis.margin // 2)
         self._peak = 0.0
 
     def push(self, asked: ArrayLike, displacement_mm: ArrayLike) -> None:

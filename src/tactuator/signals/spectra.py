@@ -170,8 +170,6 @@ class SlidingWindow:
         while self.filled > self._before:
             self.rows[:, self.filled :] = 0.0
             yield self.filled - self._before
-            if self.filled - self._hop <= self._before:
-                return
             self._move_on()
 
     def _move_on(self) -> None:
