@@ -19,9 +19,9 @@ SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4
 @pytest.mark.parametrize(
     ("arguments", "keys"),
     [
-        (["--procedure", "imece2004", "--runs", "200", "--lapse", "0.01", "--start-db", "16"], {"sd_db", "trials_p05"}),
-        (["--procedure", "quest-plus", "--runs", "50", "--trials", "20", "--slope", "1.5:3.5"], {"sd_db", "refit"}),
-        (["--procedure", "curve", "--runs", "4", "--trials", "20"], {"rms_error_db", "coverage95"}),
+        (["--procedure", "imece2004", "--runs", "50", "--lapse", "0.01", "--start-db", "16"], {"sd_db", "trials_p05"}),
+        (["--procedure", "quest-plus", "--runs", "20", "--trials", "20", "--slope", "1.5:3.5"], {"sd_db", "refit"}),
+        (["--procedure", "curve", "--runs", "2", "--trials", "20"], {"rms_error_db", "coverage95"}),
     ],
 )
 def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, keys) -> None:

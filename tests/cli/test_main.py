@@ -55,15 +55,21 @@ def test_main__no_arguments__shows_the_verbs(capsys):
     assert "\n  design " in capsys.readouterr().out
 
 
-def test_main__verb_that_ends_well__exits_0(trial, capsys):
-    trial(lambda: None)
-    assert main(["trial"]) == 0
-    assert capsys.readouterr() == ("", "")
-
-
-def test_main__verdict_no__exits_1(trial):
-    trial(failing(typer.Exit(1)))
-    assert main(["trial"]) == 1
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (None, 0, ""),
+        (typer.Exit(1), 1, ""),
+        (BadInput("got this,\n  allowed is that"), 2, "tactuator: got this, allowed is that\n"),
+        (OSError(), 2, "tactuator: OSError\n"),
+        (KeyboardInterrupt(), 130, "tactuator: interrupted\n"),
+    ],
+    ids=["well", "verdict no", "bad input, two lines", "nameless", "Ctrl-C"],
+)
+def test_main__however_a_verb_ends__has_its_status_and_one_line(error, status, said, trial, capsys):
+    trial((lambda: None) if error is None else failing(error))
+    assert main(["trial"]) == status
+    assert capsys.readouterr() == ("", said)
 
 
 @pytest.mark.parametrize(
@@ -86,23 +92,11 @@ def test_main__misused__exits_2_with_one_line(arguments, words, trial, capsys):
     assert all(word in err for word in words)
 
 
-def test_main__bad_input__exits_2_with_one_line_even_of_a_long_message(trial, capsys):
-    trial(failing(BadInput("got this,\n  allowed is that")))
-    assert main(["trial"]) == 2
-    assert capsys.readouterr() == ("", "tactuator: got this, allowed is that\n")
-
-
 def test_main__unwritable_output__exits_2_and_names_the_file(trial, capsys, tmp_path):
     target = tmp_path / "missing" / "out.txt"
     trial(lambda: target.write_text("x"))
     assert main(["trial"]) == 2
     assert capsys.readouterr().err == f"tactuator: {target}: No such file or directory\n"
-
-
-def test_main__os_error_without_a_file__still_says_something(trial, capsys):
-    trial(failing(OSError()))
-    assert main(["trial"]) == 2
-    assert capsys.readouterr().err == "tactuator: OSError\n"
 
 
 def test_main__verb_with_parts_and_none_named__is_told_them_in_one_line(capsys):
@@ -111,35 +105,18 @@ def test_main__verb_with_parts_and_none_named__is_told_them_in_one_line(capsys):
     assert line.startswith("tactuator: firmware: no part of it is named; allowed: program, verify, stream")
 
 
-def test_main__ctrl_c__exits_130_with_one_line(trial, capsys):
-    trial(failing(KeyboardInterrupt()))
-    assert main(["trial"]) == 130
-    assert capsys.readouterr().err == "tactuator: interrupted\n"
-
-
 def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, capsys):
     trial(failing(ZeroDivisionError("a fault")))
     assert main(["trial"]) == 70
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("number", "status", "said"), [(signal.SIGINT, 130, "tactuator: interrupted\n"), (signal.SIGTERM, 143, "")]
-)
-def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, tmp_path):
-    left = tmp_path / "half-written"
-    script = f"""
-import sys, time, types
+VERB = """
+import os, signal, sys, time, types, weakref
 from importlib import import_module
 program = import_module("tactuator.cli.main")
 def trial():
-    try:
-        open({str(left)!r}, "w").close()
-        print("ready", flush=True)
-        time.sleep(60)
-    finally:
-        import os
-        os.unlink({str(left)!r})
+    {body}
 module = types.ModuleType("tactuator.trial")
 module.trial = trial
 sys.modules["tactuator.trial"] = module
@@ -147,6 +124,22 @@ import_module("tactuator.verbs.table").FUNCTIONS["trial"] = "trial:trial"
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
 """
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"), [(signal.SIGINT, 130, "tactuator: interrupted\n"), (signal.SIGTERM, 143, "")]
+)
+def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, tmp_path):
+    left = tmp_path / "half-written"
+    body = f"""
+    try:
+        open({str(left)!r}, "w").close()
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        os.unlink({str(left)!r})
+"""
+    script = VERB.replace("{body}", body.strip())
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"ready\n"
         process.send_signal(number)
@@ -183,28 +176,18 @@ sys.exit(status)
 
 
 SWALLOWED = """
-import os, signal, sys, time, types, weakref
-from importlib import import_module
-program = import_module("tactuator.cli.main")
-class Held:
-    pass
-def trial():
+    class Held:
+        pass
     held = Held()
     kept = weakref.ref(held, lambda gone: (os.kill(os.getpid(), signal.SIGINT), time.sleep(0.001)))
     del held
     time.sleep(30)
-module = types.ModuleType("tactuator.trial")
-module.trial = trial
-sys.modules["tactuator.trial"] = module
-import_module("tactuator.verbs.table").FUNCTIONS["trial"] = "trial:trial"
-sys.argv = ["tactuator", "trial"]
-sys.exit(program.main())
 """
 
 
 @pytest.mark.parametrize(
     ("script", "status", "said"),
-    [(SWALLOWED, 130, "tactuator: interrupted\n"), (ENDED, 0, "")],
+    [(VERB.replace("{body}", SWALLOWED.strip()), 130, "tactuator: interrupted\n"), (ENDED, 0, "")],
     ids=["in a callback", "ended"],
 )
 def test_program__ctrl_c_where_no_verb_can_take_it__leaves_no_traceback(script, status, said):

@@ -70,9 +70,10 @@ def test_plain__what_json_cannot_say__is_refused():
         plain({"members": {1, 2}})
 
 
+texts = st.text('a"\\/\n\0\x7fµ\u2028\ud800😀')  # all that JSON treats in a way of its own
 values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.text() | st.floats(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    st.none() | st.booleans() | st.integers() | texts | st.floats() | st.sampled_from([np.inf, -np.inf, np.nan]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
 )
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
-from tactuator.measure.felt import BandAnalysis, Chunker, FeltComparison, compare_felt, frame_differences_db
+from tactuator.measure.felt import BandAnalysis, FeltComparison, compare_felt, frame_differences_db
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.reading import sample_path
 from tests.speech.rendered import render_array
@@ -15,9 +15,9 @@ RATE = 4000.0
 
 def whole_levels(signal):
     analysis = BandAnalysis(RATE)
-    chunker = Chunker(analysis, 1)
-    parts = [analysis.frames(np.fft.rfft(chunk[0])) for chunk in chunker.push(signal[:, None])]
-    parts += [analysis.frames(np.fft.rfft(chunk[0]), seconds) for chunk, seconds in chunker.finish()]
+    window = analysis.window(1)
+    parts = [analysis.frames(np.fft.rfft(window.rows[0])) for _ in window.push(signal[:, None])]
+    parts += [analysis.frames(np.fft.rfft(window.rows[0]), min(12.0, count / RATE)) for count in window.finish()]
     return analysis, np.concatenate([p.long_db for p in parts]), np.concatenate([p.short_db for p in parts])
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from tactuator.io.atomic import sweep_half_written, write_text
 from tactuator.io.text import parse_finite_json
 from tactuator.speech.coding import coding_document
 from tactuator.speech.render import RenderJob
+from tactuator.verbs.result import plain
 
 NAME = "journal.jsonl"
 
@@ -196,19 +196,8 @@ def _entry(outcome: CorpusOutcome) -> dict[str, Any]:
     return {
         "source_sha256": outcome.source_sha256,
         "written_sha256": outcome.written_sha256,
-        "figures": _plain(outcome.figures),
+        "figures": plain(outcome.figures),
     }
-
-
-def _plain(value: Any) -> Any:
-    """Return the value with null for numbers that are not finite, which JSON does not have."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
 
 
 def _is_done(item: Item, folder: Path, out: Path, entry: Mapping[str, Any] | None) -> bool:

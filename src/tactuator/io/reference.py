@@ -42,7 +42,6 @@ FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
 SUFFIXES = (".wav", ".h5", ".hdf5")
 LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
-SHORT_BYTES = 1 << 22
 FORMAT = "tactuator-reference/1"
 MOST_CHUNK_VALUES = 1 << 24
 """Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
@@ -251,12 +250,8 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
 
 
 def _require_room(beside: Path, frames: int, channels: int) -> None:
-    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out, and
-    of a short WAV writing it tells as soon.
-    """
+    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
     wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
-    if beside.suffix == ".wav" and wanted <= SHORT_BYTES:
-        return
     if wanted and hasattr(os, "posix_fallocate"):
         with beside.open("r+b") as file:
             try:

@@ -20,13 +20,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.spectra import Band, SlidingWindow, raised_ends, third_octave_bands
+from tactuator.signals.excitation import raised_ends
+from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
 from tactuator.table import brief
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
@@ -83,18 +83,15 @@ class BandAnalysis:
         return round((CHUNK_S + 2.0 * MARGIN_S) * self.rate_hz)
 
     @property
-    def hop(self) -> int:
-        """Return the number of samples from one chunk to the next: what a chunk's frames cover."""
-        return round(CHUNK_S * self.rate_hz)
-
-    @property
     def margin(self) -> int:
         """Return the number of samples of a chunk before and after its frames."""
         return round(MARGIN_S * self.rate_hz)
 
-    def frequency_hz(self) -> NDArray[np.float64]:
-        """Return the frequencies of the bins of a chunk's spectrum."""
-        return np.asarray(scipy.fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
+    def window(self, signals: int) -> SlidingWindow:
+        """Return the window that cuts a stream of so many signals into chunks, float32: 24 bits reach 140 dB below the
+        greatest displacement.
+        """
+        return SlidingWindow(signals, self.chunk, round(CHUNK_S * self.rate_hz), self.margin, np.float32)
 
     def frames(self, spectra: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
         """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectra`: its rfft,
@@ -146,33 +143,6 @@ class BandAnalysis:
         up = np.clip((frequency - band.low_hz) / (2.0 * half_edge) + 0.5, 0.0, 1.0)
         down = np.clip((band.high_hz - frequency) / (2.0 * half_edge) + 0.5, 0.0, 1.0)
         return start, (np.sin(0.5 * np.pi * up) * np.sin(0.5 * np.pi * down)).astype(np.float32)
-
-
-@dataclass
-class Chunker:
-    """Cuts a stream (n, channels) into overlapping chunks; zeros stand before its begin and after its end.
-
-    Chunks are float32: 24 bits reach 140 dB below the greatest displacement, and thresholds span 45 dB.
-    """
-
-    analysis: BandAnalysis
-    channels: int
-    _window: SlidingWindow = field(init=False)
-
-    def __post_init__(self) -> None:
-        cut = self.analysis
-        self._window = SlidingWindow(self.channels, cut.chunk, cut.hop, cut.margin, np.float32)
-
-    def push(self, *columns: FloatArray) -> Iterator[Levels]:
-        """Count in arrays (n, ...) that hold the stream's channels between them; the chunks (channels, chunk) that are
-        whole now, each until the next.
-        """
-        return (self._window.rows for _ in self._window.push(*columns))
-
-    def finish(self) -> Iterator[tuple[Levels, float]]:
-        """Yield the chunks that are left, each with the seconds of signal that its frames may cover."""
-        for count in self._window.finish():
-            yield self._window.rows, min(CHUNK_S, count / self.analysis.rate_hz)
 
 
 Sink = Callable[[NDArray[np.float64]], None]
@@ -240,7 +210,7 @@ def _weights(controller: Controller) -> NDArray[np.complex64]:
 
     They are kept for the next file under the same controller.
     """
-    frequency = _analysis(controller.rate_hz).frequency_hz()
+    frequency = scipy.fft.rfftfreq(_analysis(controller.rate_hz).chunk, 1.0 / controller.rate_hz)
     weights = []
     for channel in controller.display.channels:
         prediction = ChannelPrediction.of(controller, channel.name)
@@ -263,7 +233,7 @@ class FeltComparison:
         self._sink = sink
         self._names = tuple(channel.name for channel in controller.display.channels)
         self._weights = _weights(controller)
-        self._chunker = Chunker(self.analysis, 2 * len(self._names))
+        self._window = self.analysis.window(2 * len(self._names))
         self._frames: list[list[BandFrames]] = [[] for _ in range(2 * len(self._names))]
         self._taper = raised_ends(self.analysis.chunk, self.analysis.margin // 2)
         self._peak = 0.0
@@ -277,8 +247,8 @@ class FeltComparison:
             )
         if reference.size:
             self._peak = max(self._peak, float(np.max(np.abs(reference))))
-        for chunk in self._chunker.push(reference, displacement):
-            self._count(chunk, CHUNK_S)
+        for _ in self._window.push(reference, displacement):
+            self._count(self._window.rows, CHUNK_S)
 
     def _count(self, chunk: Levels, seconds: float) -> None:
         fingers = len(self._names)
@@ -297,8 +267,8 @@ class FeltComparison:
 
     def finish(self) -> FeltReport:
         """Return the comparison of all that was pushed."""
-        for chunk, seconds in self._chunker.finish():
-            self._count(chunk, seconds)
+        for count in self._window.finish():
+            self._count(self._window.rows, min(CHUNK_S, count / self.analysis.rate_hz))
         centres = np.array([band.centre_hz for band in self.analysis.bands])
         fingers = []
         for index, name in enumerate(self._names):

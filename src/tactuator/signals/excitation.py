@@ -4,9 +4,11 @@ without a click.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -23,6 +25,14 @@ def ramps(count: int, rate_hz: float, ramp_s: float) -> FloatArray:
         rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(length) + 0.5) / length)
         gain[:length] = rise
         gain[count - length :] = rise[::-1]
+    return gain
+
+
+@lru_cache(maxsize=8)
+def raised_ends(count: int, length: int) -> NDArray[np.float32]:
+    """Return `ramps` of `length` samples, float32; kept for the next time, and not to be written to."""
+    gain = ramps(count, 1.0, length).astype(np.float32)
+    gain.flags.writeable = False
     return gain
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -144,24 +143,13 @@ def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0
     return PowerSpectrum(frequency, density, 1.0 + 1.2 * (data.size / length - 1.0))
 
 
-@lru_cache(maxsize=8)
-def raised_ends(length: int, edge: int) -> NDArray[np.float32]:
-    """Return ones that rise from zero over `edge` samples and fall so at the end; kept, and not to be written to."""
-    ends = np.ones(length, dtype=np.float32)
-    ends[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
-    ends[-edge:] = ends[:edge][::-1]
-    ends.flags.writeable = False
-    return ends
-
-
 class SlidingWindow:
     """Holds `rows` (channels, size) of a stream and moves on by `hop` samples, half a window or more; `before` zeros
     stand before the stream, and zeros after its end. It is filled in place: no block is put together anew.
     """
 
     def __init__(self, channels: int, size: int, hop: int, before: int, dtype: DTypeLike = np.float64) -> None:
-        self.rows: NDArray[Any] = np.empty((channels, size), dtype=dtype)
-        self.rows[:, :before] = 0.0
+        self.rows: NDArray[Any] = np.zeros((channels, size), dtype=dtype)
         self._hop, self._before, self.filled = hop, before, before
 
     def push(self, *columns: FloatArray) -> Iterator[None]:
@@ -182,8 +170,6 @@ class SlidingWindow:
         while self.filled > self._before:
             self.rows[:, self.filled :] = 0.0
             yield self.filled - self._before
-            if self.filled - self._hop <= self._before:
-                return
             self._move_on()
 
     def _move_on(self) -> None:

@@ -21,8 +21,8 @@ from tactuator.errors import BadInput
 ALIASES_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
 _TAPS_BY_HAND, _OUTPUTS_BY_HAND = 4000, 500_000
-"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its import:
-outputs are those of all the files of this process, so that a corpus of short files comes to it as well."""
+"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its import;
+outputs are those of all the files of a process."""
 _given_by_hand = [0]
 
 
@@ -197,8 +197,7 @@ def _overlapped(
 
 def _last_frame(wanted: int, size: int) -> int:
     """Return the length of a stream's last frame: as many eighths of a frame as hold what is wanted of it."""
-    eighth = -(-size // 8)
-    return min(size, int(scipy.fft.next_fast_len(-(-wanted // eighth) * eighth, real=True)))
+    return min(size, int(scipy.fft.next_fast_len(-(-8 * wanted // size) * -(-size // 8), real=True)))
 
 
 @lru_cache(maxsize=32)

@@ -31,7 +31,8 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.spectra import SlidingWindow, raised_ends
+from tactuator.signals.excitation import raised_ends
+from tactuator.signals.spectra import SlidingWindow
 
 SAFETY_DB = 0.25
 """Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
@@ -59,10 +60,9 @@ class Constraint:
     """A limit at every sample: |response applied to the reference| <= limit.
 
     kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
-    magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
-    below which norm * |r| cannot reach the limit. As shares of the limit: impulse, the response to one; tail, the sum
-    of its magnitudes beyond a piece's margin; coarse, the response up to 320 Hz at the bins of a piece; beyond, its
-    greatest magnitude above.
+    magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell. As shares of the
+    limit: impulse, the response to one; tail, the sum of its magnitudes beyond a piece's margin; coarse, the response
+    up to 320 Hz at the bins of a piece; beyond, its greatest magnitude above.
     """
 
     kind: str
@@ -73,11 +73,6 @@ class Constraint:
     tail: float
     coarse: NDArray[np.complex64]
     beyond: float
-
-    @property
-    def ceiling(self) -> float:
-        """Return the reference amplitude that cannot reach the limit, whatever its waveform."""
-        return self.limit / self.norm
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +86,7 @@ class ChannelLimits:
     @property
     def harmless(self) -> float:
         """Return the amplitude below which the samples of a reference cannot reach any limit."""
-        return min([self.peak, *(constraint.ceiling for constraint in self.constraints)])
+        return min([self.peak, *(constraint.limit / constraint.norm for constraint in self.constraints)])
 
 
 def between_samples(rate_hz: float) -> float:
@@ -344,7 +339,8 @@ class Limiter:
             if not last:
                 excess[-self._edge :] = 0.0
             if excess.max() <= 1.0:
-                self._count(finger, reasons)
+                for kind, seconds in reasons.items():
+                    finger.report.reasons[kind] += seconds
                 return reduction, limited
             missing = np.where(excess > 1.0, 20.0 * np.log10(np.maximum(excess, 1.0)) + OVERSHOOT_DB, 0.0)
             wanted = np.where(missing > 0.0, reduction + missing, 0.0)
@@ -370,10 +366,6 @@ class Limiter:
             np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
             np.maximum(excess, share, out=excess)
         return excess, {kind: float(flags[: self._stretch].sum()) / self._rate for kind, flags in near.items()}
-
-    def _count(self, finger: _Finger, reasons: dict[str, float]) -> None:
-        for kind, seconds in reasons.items():
-            finger.report.reasons[kind] += seconds
 
     def _commit(self, finger: _Finger, reduction: FloatArray, commit: int) -> None:
         report = finger.report

@@ -75,7 +75,8 @@ def scan_speech(path: str | Path) -> SpeechFile:
             _check_header(path, rate, frames, channels)
             read, mean, low, high, kept = _scan_samples(path, file)
     except soundfile.LibsndfileError as error:
-        raise BadInput(f"{path}: not readable as sound ({_reason(error)})", "WAV, FLAC, Ogg, AIFF, ...") from None
+        reason = str(error.error_string).strip().rstrip(".")
+        raise BadInput(f"{path}: not readable as sound ({reason})", "WAV, FLAC, Ogg, AIFF, ...") from None
     if read != frames:
         raise BadInput(f"{path}: truncated, {read} of {frames} frames are there", "a whole file")
     peak = max(high - mean, mean - low)
@@ -100,10 +101,6 @@ def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Itera
     with file:
         for block in _mono(file, block_frames):
             yield block - speech.mean
-
-
-def _reason(error: soundfile.LibsndfileError) -> str:
-    return str(error.error_string).strip().rstrip(".")
 
 
 def _check_bytes(path: Path) -> None:

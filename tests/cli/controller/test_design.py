@@ -7,6 +7,7 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.io.controller import read_controller
+from tests.cli.refusals import refused
 
 STATED = """
 [environment]
@@ -175,22 +176,23 @@ def test_check__display_that_the_loop_cannot_hold__says_unstable(
 def test_design__curve_that_cannot_be_used__one_line_and_nothing_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], curve: str, words: str
 ) -> None:
-    path, out = tmp_path / "bad.csv", tmp_path / "controller.json"
+    path = tmp_path / "bad.csv"
     path.write_text(curve)
-    assert main(["design", display(tmp_path), "--out", str(out), "--curve", str(path)]) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
-    assert not out.exists()
+    given = ["design", display(tmp_path), "--out", "FOLDER/controller.json", "--curve", str(path)]
+    refused(given, words, capsys, tmp_path)
 
 
-def test_design__rate_too_low_for_the_band__refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("rate_hz = 4000", "rate_hz = 700"), "rate_hz is 700 for a band up to 300 Hz"),
+        (("num = [2875.0]", "num = [90000.0]"), "unstable"),
+    ],
+    ids=["rate too low for the band", "unstable given controller"],
+)
+def test_design__display_that_cannot_be_designed_for__refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], words: str
+) -> None:
     path = Path(display(tmp_path))
-    path.write_text(path.read_text().replace("rate_hz = 4000", "rate_hz = 700"))
-    assert main(["design", str(path), "--out", str(tmp_path / "controller.json")]) == 2
-    assert "rate_hz is 700 for a band up to 300 Hz" in capsys.readouterr().err
-
-
-def test_design__unstable_given_controller__refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", display(tmp_path, num=90_000.0), "--out", str(tmp_path / "controller.json")]) == 2
-    assert "unstable" in capsys.readouterr().err
+    path.write_text(path.read_text().replace(*change))
+    refused(["design", str(path), "--out", "FOLDER/controller.json"], words, capsys, tmp_path)

@@ -271,10 +271,13 @@ def test_sound_devices__no_card__tells_what_to_do(monkeypatch, capfd):
     assert "`aplay -l` lists" in capfd.readouterr().out
 
 
-def test_sound_latency__no_wire__is_refused(monkeypatch, capsys, tmp_path: Path):
+@pytest.mark.parametrize(
+    "given", [["latency"], ["calibrate", "--reading-v", "0.1", "--input", "1", "--duration-s", "2"]], ids=lambda x: x[0]
+)
+def test_sound_verbs__no_wire__are_refused(given: list[str], monkeypatch, capsys, tmp_path: Path):
     put_in(monkeypatch, answer=_noise(1e-3))
-    given = ["sound", "latency", "--device", "Card", "--rate-hz", "8000"]
-    refused(given, "what was put out does not come back at the input", capsys, tmp_path)
+    told = ["sound", given[0], "--device", "Card", "--rate-hz", "8000", *given[1:]]
+    refused(told, "what was put out does not come back at the input", capsys, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -293,12 +296,6 @@ def test_sound_verbs__numbers_that_are_none__are_refused_before_a_card_is_opened
     cards = put_in(monkeypatch)
     refused(["sound", given[0], "--device", "Card", *given[1:]], words, capsys, tmp_path)
     assert cards == []
-
-
-def test_sound_calibrate__input_without_a_wire__is_refused(monkeypatch, capsys, tmp_path: Path):
-    put_in(monkeypatch, answer=_noise(1e-3))
-    given = ["sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1"]
-    refused([*given, "--duration-s", "2"], "what was put out does not come back at the input", capsys, tmp_path)
 
 
 def test_sound_calibrate__wire_and_reading__volts_of_both(monkeypatch, capsys):
