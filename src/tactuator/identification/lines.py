@@ -66,8 +66,7 @@ class Spectrum:
     @cached_property
     def ahead(self) -> ComplexArray:
         """Return what the position's shift does to the lines but zero, (m - 1,)."""
-        lines = self.frequency_hz[1:]
-        return np.asarray(np.exp(2j * np.pi * lines * self.shift / self.rate_hz)) if self.shift else np.ones(lines.size)
+        return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
 
 
 @lru_cache(maxsize=1)
