@@ -12,7 +12,7 @@ from scipy import linalg, signal
 OVER = 50
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plant:
     """gain * prod(1 - s/zero) / prod(1 - s/pole) * exp(-s delay_s), rad/s."""
 

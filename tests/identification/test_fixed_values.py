@@ -1,6 +1,7 @@
 """Fixed values: recovered, exact, no wider than free, as an outside optimiser has them, told where they are wrong."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,10 +28,16 @@ HERTZ = np.geomspace(5.0, 180.0, 60)
 HOLDS = {"held": "zero-order", "band-limited": "band-limited"}
 
 
-def found(plant: Plant, kind: str, *texts: str, order: int | None = None) -> Identification:
+@cache
+def recorded(plant: Plant, kind: str, seed: int = 1) -> Record:
     make = {"held": held, "band-limited": band_limited}[kind]
-    record = Record(RATE_HZ, *make(plant, np.random.default_rng(1), RATE_HZ, SECONDS, 40.0))
-    return identify(record, hold=HOLDS[kind], order=order, fixed=tuple(map(Fixed.parse, texts)))
+    return Record(RATE_HZ, *make(plant, np.random.default_rng(seed), RATE_HZ, SECONDS, 40.0))
+
+
+@cache
+def found(plant: Plant, kind: str, *texts: str, order: int | None = None) -> Identification:
+    fixed = tuple(map(Fixed.parse, texts))
+    return identify(recorded(plant, kind), hold=HOLDS[kind], order=order, fixed=fixed)
 
 
 def response(plant: Plant) -> FrequencyResponse:
@@ -124,8 +131,6 @@ def test_identify_response__value_a_fifth_wrong__is_not_trusted() -> None:
 
 def test_identify__two_poles_asked_for_with_a_short_dead_time__finds_it() -> None:
     for kind in ("held", "band-limited"):
-        make = {"held": held, "band-limited": band_limited}[kind]
-        record = Record(RATE_HZ, *make(MOTION, np.random.default_rng(2), RATE_HZ, SECONDS, 40.0))
-        model = identify(record, order=2, zeros=0, hold=HOLDS[kind]).model
+        model = identify(recorded(MOTION, kind, 2), order=2, zeros=0, hold=HOLDS[kind]).model
         assert model.delay_s == pytest.approx(DELAY_S, abs=2e-5)
         assert 1.0 / model.num[0] == pytest.approx(MASS, rel=5e-3)

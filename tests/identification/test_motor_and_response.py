@@ -30,6 +30,7 @@ def test_identify__motor_with_coulomb_friction_in_a_loop__gain_friction_and_offs
     assert found.model.den[1] == pytest.approx(truth["damping"], rel=0.05)
     assert found.friction.coulomb == pytest.approx(truth["coulomb"], rel=0.05)
     assert found.friction.offset == pytest.approx(truth["offset"], rel=0.1)
+    assert any("ruled by friction" in remark for remark in found.remarks)
     assert found.tests.feedback is not False
     assert found.model.valid_hz is not None
 

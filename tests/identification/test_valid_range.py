@@ -38,19 +38,20 @@ def record() -> Record:
     return Record(RATE_HZ, command, position + noise)
 
 
-@pytest.mark.parametrize("method", ["refined", "rls"])
-def test_identify__command_without_power_above_a_frequency__claims_nothing_above(record: Record, method: str) -> None:
-    found = identify(record, method=method, order=2)
+@pytest.fixture(scope="module", params=["refined", "rls"])
+def found(record: Record, request: pytest.FixtureRequest) -> Identification:
+    return identify(record, method=request.param, order=2)
+
+
+def test_identify__command_without_power_above_a_frequency__claims_nothing_above(found: Identification) -> None:
     assert found.model.valid_hz is not None
     low, high = found.model.valid_hz
     assert low < 2.0
     assert 0.7 * TOP_HZ < high < 2.0 * TOP_HZ
 
 
-@pytest.mark.parametrize("method", ["refined", "rls"])
-def test_identify__record_s_own_response__is_in_the_model_s_units(record: Record, method: str) -> None:
+def test_identify__record_s_own_response__is_in_the_model_s_units(found: Identification) -> None:
     """The figure draws both: in samples of unit size the dots stood decibels away from the curve."""
-    found = identify(record, method=method, order=2)
     shown = found.empirical.trusted(0.9)
     beside = shown.frequency_hz < 0.7 * TOP_HZ
     ratio = np.abs(shown.value / found.model.response(shown.frequency_hz))[beside]
@@ -75,7 +76,7 @@ def test_identify__record_too_long__says_which_part_was_used(record: Record, mon
 
 
 def test_judged__band_wide_everywhere__is_a_reason(record: Record) -> None:
-    found: Identification = identify(record, method="rls", order=2)
+    found = identify(record, method="rls", order=2)
     wide = replace(found.model, valid_hz=(1.0, 1.05))
     common = replace(prepared([record], Asked()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
     reasons = judged(replace(found, model=wide), common).distrust

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.
 RATE_HZ = 610.35
 
 
+@cache
 def made(seed: int, plant: Plant = PLANT, closed: bool = False) -> Record:
     return Record(RATE_HZ, *band_limited(plant, np.random.default_rng(seed), RATE_HZ, 8.0, 40.0, closed))
 

@@ -31,10 +31,12 @@ def as_asked(played: np.ndarray, frequency: np.ndarray, band: tuple[float, float
 
 
 @pytest.mark.parametrize("method", ["stepped", "multisine"])
-def test_frequencies__1000_random_lists_and_bands__as_asked_or_refused(method: str) -> None:
+@pytest.mark.parametrize("lists", [200, pytest.param(5000, marks=pytest.mark.soak)])
+def test_frequencies__random_lists_and_bands__as_asked_or_refused(method: str, lists: int) -> None:
+    """A fault that one list in 67 shows is seen in 95 of 100 runs."""
     rng = np.random.default_rng(8)
     played = refused = 0
-    for _ in range(1000):
+    for _ in range(lists):
         frequency, band, mains = asked(rng)
         try:
             if method == "stepped":
@@ -48,8 +50,8 @@ def test_frequencies__1000_random_lists_and_bands__as_asked_or_refused(method: s
             continue
         assert as_asked(found, frequency, band, mains), (frequency, band, mains, found)
         played += 1
-    assert played > 300
-    assert refused > 100
+    assert played > 0.3 * lists
+    assert refused > 0.1 * lists
 
 
 def test_multisine__20_25_30_hz__played_as_asked() -> None:

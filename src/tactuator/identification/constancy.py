@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
+from tactuator.identification.lines import fast_length
 from tactuator.signals.record import Record
-from tactuator.signals.spectra import fast_length
 
 _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
 """Pieces of a record, and the most and the least samples of one."""

@@ -146,17 +146,6 @@ def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     return np.concatenate([_roots(all_sections(theta, form)), np.zeros(form.integrators)])
 
 
-def pole_slopes(theta: FloatArray, form: Form, poles: ComplexArray) -> ComplexArray:
-    """Return the derivatives of all poles (n,) by theta, (n, free): a pole moves with its own section alone."""
-    slopes = np.zeros((poles.size, theta.size), dtype=np.complex128)
-    for j in range(0, form.free - 1, 2):
-        for k in (j, j + 1):
-            slopes[k, j : j + 2] = -np.array([poles[k], 1.0]) / (2.0 * poles[k] + theta[j])
-    if form.free % 2:
-        slopes[form.free - 1, -1] = -1.0
-    return slopes
-
-
 def sections_of(poles: NDArray[Any]) -> FloatArray:
     """Return theta of the conjugate-closed `poles`, (n,): pairs first, real poles paired by size, an odd one last."""
     values = np.asarray(poles, dtype=np.complex128)

@@ -20,9 +20,7 @@ from tactuator.identification.form import (
     Ladder,
     all_poles,
     denominator_values,
-    numerator_polynomial,
     numerator_values,
-    pole_slopes,
     separated,
 )
 
@@ -89,21 +87,19 @@ class Grid:
         return np.asarray(np.exp(-self.s * (delay - self.shift * self.period)))
 
     @cached_property
-    def _lags(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
+    def _lags(self) -> dict[bytes, ComplexArray]:
         return {}
 
-    def decays(self, poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return the lines of a decay, 1/(1 - exp(p T)/z), of each pole (n,), shape (m, n), to full precision, and the
-        same a sample later.
+    def decays(self, poles: ComplexArray) -> ComplexArray:
+        """Return the lines of a decay, 1/(1 - exp(p T)/z), of each pole (n,), shape (m, n), to full precision.
 
         Those of the last poles are kept: response, transient and slopes at one point ask for the same.
         """
         key = poles.tobytes()
         if key not in self._lags:
             fall = -np.expm1(_bounded(poles * self.period))
-            lines = 1.0 / (self.step[:, None] * (1.0 - fall) + fall)
             self._lags.clear()
-            self._lags[key] = lines, lines * self.back[:, None]
+            self._lags[key] = 1.0 / (self.step[:, None] * (1.0 - fall) + fall)
         return self._lags[key]
 
 
@@ -113,7 +109,8 @@ def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, ru
         under = denominator_values(theta, form, grid.s)
         return np.asarray(numerator_values(rungs, grid.s, form) * (grid.late(delay) / under)[:, None])
     poles = separated(all_poles(theta, form))
-    columns = _held(grid, poles, delay, numerator_values(rungs, poles, form) / _slopes_at(poles)[:, None])
+    slope = _slopes_at(poles)
+    columns = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
     if form.zeros == form.poles:
         whole, part = divmod(delay / grid.period - grid.shift, 1.0)
         columns[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
@@ -127,58 +124,55 @@ def _slopes_at(poles: ComplexArray) -> ComplexArray:
     return np.asarray(np.prod(apart, axis=1))
 
 
-def _held(grid: Grid, poles: ComplexArray, delay: float, weights: ComplexArray) -> ComplexArray:
-    """Return sums with weights (n, k) of the answers of 1/(s - p), late by `delay`, to the lines of a held command,
-    (m, k).
-    """
+def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
+    """Return the answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
+    period, back = grid.period, grid.back[:, None]
     if grid.hold == "first-order":
-        return np.asarray(_ramped(grid, poles, whole, part) @ weights)
-    rest, first = (1.0 - part) * grid.period, part * grid.period
-    lines, later = grid.decays(poles)
-    before = np.exp(_bounded(poles * rest)) * _integral(poles, first)
-    sums = lines @ (_integral(poles, rest)[:, None] * weights) + later @ (before[:, None] * weights)
-    return np.asarray(grid.back_by(whole + 1.0)[:, None] * sums)
+        return _ramped(grid, poles, whole, part)
+    now = _integral(poles, (1.0 - part) * period)
+    before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
+    return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) * grid.decays(poles))
 
 
 def held_slopes(
-    grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder, numerator: FloatArray
+    grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder, numerator: FloatArray, steps: FloatArray
 ) -> ComplexArray | None:
-    """Return the derivatives of the zero-order hold's response by theta and dead time, (m, k); None where poles lie so
-    close together that they do not move smoothly.
+    """Return the derivatives of the zero-order hold's response by theta and dead time, (m, k), over `steps` of each
+    coefficient; None where poles lie so close together that they do not move smoothly.
 
     The response is a sum over poles, each with its weight and its own answer to the command: along a coefficient both
     change, which needs the answers and their slopes once for all coefficients.
     """
     poles = all_poles(theta, form)
-    apart = poles[:, None] - poles[None, :]
-    np.fill_diagonal(apart, np.inf)
-    if np.any(np.abs(apart) < _CLOSE * np.abs(poles)[:, None]):
+    apart = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(poles.size, np.inf))
+    if np.any(apart < _CLOSE * np.abs(poles)[:, None]):
         return None
-    polynomial = numerator_polynomial(rungs, numerator, form)
-    under = _slopes_at(poles)
-    here = np.polyval(polynomial, poles) / under
-    moved = pole_slopes(theta, form, poles)
-    weighed = 1.0 / apart
-    turned = (np.polyval(np.polyder(polynomial), poles) / under - here * weighed.sum(axis=1))[:, None] * moved
-    turned, shifted = turned + here[:, None] * (weighed @ moved), here[:, None] * moved
 
+    def weights(at: ComplexArray) -> ComplexArray:
+        return np.asarray(numerator_values(rungs, at, form) @ numerator / _slopes_at(at))
+
+    here = weights(poles)
+    turned, shifted = np.zeros((2, poles.size, theta.size), dtype=np.complex128)
+    for j, step in enumerate(np.diag(steps)):
+        changed = all_poles(theta + step, form)
+        turned[:, j] = (weights(changed) - here) / steps[j]
+        shifted[:, j] = here * (changed - poles) / steps[j]
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
-    period = grid.period
+    period, back = grid.period, grid.back[:, None]
     rest, first = (1.0 - part) * period, part * period
     fade = np.exp(_bounded(poles * rest))
     now, before = _integral(poles, rest), fade * _integral(poles, first)
+    now_slope = _integral_slope(poles, rest)
     before_slope = rest * before + fade * _integral_slope(poles, first)
-    by_lines = now[:, None] * turned + _integral_slope(poles, rest)[:, None] * shifted
-    by_later = before[:, None] * turned + before_slope[:, None] * shifted
-    over = np.exp(_bounded(poles * period))
-    lines, later = grid.decays(poles)
-    slopes = ((lines * now + later * before) * later) @ ((period * over)[:, None] * shifted)
+    decays = grid.decays(poles)
+    answer = (now + before * back) * decays
+    slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) * decays
+    slopes = answer @ turned + slope @ shifted
     if form.dead_time:
-        slopes = np.hstack([slopes, np.zeros((grid.back.size, 1))])
-        by_lines = np.column_stack([by_lines, -fade * here])
-        by_later = np.column_stack([by_later, (over - poles * before) * here])
-    slopes = (slopes + lines @ by_lines + later @ by_later) * grid.back_by(whole + 1.0)[:, None]
+        later = np.exp(_bounded(poles * period)) - poles * before
+        slopes = np.hstack([slopes, ((later * back - np.exp(_bounded(poles * rest))) * decays) @ here[:, None]])
+    slopes = slopes * grid.back_by(whole + 1.0)[:, None]
     if form.dead_time and form.zeros == form.poles:
         slopes[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
     return np.asarray(slopes)
@@ -190,7 +184,7 @@ def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> Compl
     first = _integral(poles, period)
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
     early, late = second / period, first - second / period
-    exact = (early + late * back) * grid.decays(poles)[0]
+    exact = (early + late * back) * grid.decays(poles)
     return np.asarray(grid.back_by(whole)[:, None] * (1.0 - part + part * back) * exact)
 
 
@@ -231,7 +225,7 @@ def edge_lines(weights: FloatArray, samples: int) -> ComplexArray:
 def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))
-    lines, _ = grid.decays(poles)
+    lines = grid.decays(poles)
     columns: list[ComplexArray] = []
     for k in np.flatnonzero(poles.imag >= -1e-14):
         if poles[k].imag > 1e-14:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.likelihood import eliminated
+from tactuator.identification.lines import fast_length
 from tactuator.identification.residual_tests import autocorrelation
 from tactuator.identification.uncertainty import FLOOR
-from tactuator.signals.spectra import fast_length
 
 _SLOW = 0.2
 """Share of the velocity's deviation below which a motor may stick: it then bears any command up to its level."""

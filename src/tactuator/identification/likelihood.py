@@ -321,10 +321,11 @@ def nonlinear_slopes(
             slopes += [pulled * grid.s] * (section.size == 3) + [pulled]
         slopes += [-grid.s * here] * form.dead_time
         return np.stack(slopes, axis=1) if slopes else np.zeros((grid.s.size, 0), dtype=np.complex128)
-    smooth = held_slopes(grid, theta, delay, form, rungs, numerator) if grid.hold == "zero-order" else None
+    steps = np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
+    smooth = held_slopes(grid, theta, delay, form, rungs, numerator, steps) if grid.hold == "zero-order" else None
     if smooth is not None:
         return smooth
-    slopes, steps = [], np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
+    slopes = []
     for step in np.diag(steps):
         moved = response_columns(grid, theta + step, delay, form, rungs) @ numerator
         slopes.append((moved - here) / step.sum())

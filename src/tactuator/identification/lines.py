@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid
-from tactuator.signals.spectra import fast_length
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -66,8 +65,7 @@ class Spectrum:
     @cached_property
     def ahead(self) -> ComplexArray:
         """Return what the position's shift does to the lines but zero, (m - 1,)."""
-        lines = self.frequency_hz[1:]
-        return np.asarray(np.exp(2j * np.pi * lines * self.shift / self.rate_hz)) if self.shift else np.ones(lines.size)
+        return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
 
 
 @lru_cache(maxsize=1)
@@ -89,6 +87,16 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     root = np.sqrt(late.size)
     lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]
     return Spectrum(lines[0], lines[1], rate_hz, late.size, shift)
+
+
+def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
+    """Return the next product of those primes from `count` up, or down: a transform of that length is quick."""
+    lengths = np.ones(1, dtype=np.int64)
+    for prime in primes:
+        powers = prime ** np.arange(int(np.log(2 * count) / np.log(prime)) + 1, dtype=np.int64)
+        lengths = np.outer(lengths, powers).ravel()
+        lengths = lengths[lengths <= 2 * count]
+    return int(lengths[lengths >= count].min() if up else lengths[lengths <= count].max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
+from tactuator.identification.lines import fast_length
 from tactuator.runtime._core import ffi, lib
-from tactuator.signals.spectra import fast_length
 
 _LAGS = 40
 _BURST = 50

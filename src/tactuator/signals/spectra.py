@@ -4,7 +4,7 @@ the window that slides over a stream.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -175,13 +175,3 @@ class SlidingWindow:
     def _move_on(self) -> None:
         self.rows[:, : -self._hop] = self.rows[:, self._hop :]
         self.filled -= self._hop
-
-
-def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
-    """Return the next product of those primes from `count` up, or down: a transform of that length is quick."""
-    lengths = np.ones(1, dtype=np.int64)
-    for prime in primes:
-        powers = prime ** np.arange(int(np.log(2 * count) / np.log(prime)) + 1, dtype=np.int64)
-        lengths = np.outer(lengths, powers).ravel()
-        lengths = lengths[lengths <= 2 * count]
-    return int(lengths[lengths >= count].min() if up else lengths[lengths <= count].max())
