@@ -16,7 +16,7 @@ crossover of the nominal plant on a grid of 48 frequencies.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import exp, expm1, sin, sinh, sqrt
@@ -49,23 +49,31 @@ class LoopStructure:
 
     rate_hz: float
 
-    def response_and_slope(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return C, shape (n,), and the derivatives of log C, shape (COUNT, n), at difference = z - 1, shape (n,)."""
-        coefficients, slopes = _all_coefficients(parameters)
+    def response_and_slope(
+        self, parameters: FloatArray, difference: ComplexArray
+    ) -> tuple[ComplexArray, Callable[[], ComplexArray]]:
+        """Return C, shape (n,), at difference = z - 1, shape (n,), and what computes the derivatives of log C, shape
+        (COUNT, n)."""
+        values = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
+        coefficients = np.array(values)
         c1, c0 = coefficients[:, :1], coefficients[:, 1:]
         polynomials = difference * (difference + c1) + c0
         inverse = _SIGNS / polynomials
-        along, rest = difference * inverse, inverse - _SIGNS / c0
-        slope = np.empty((COUNT, difference.size), dtype=np.complex128)
-        slope[0] = 1.0
-        slope[_FIRST] = slopes[0, :, :1] * along + slopes[0, :, 1:] * rest
-        slope[_SECOND] = slopes[1, :, :1] * along + slopes[1, :, 1:] * rest
         factor, by_frequency = _single(float(parameters[_POLE]), difference)
-        slope[_POLE] = -by_frequency
+
+        def slopes() -> ComplexArray:
+            along, rest = difference * inverse, inverse - _SIGNS / c0
+            slope = np.empty((COUNT, difference.size), dtype=np.complex128)
+            slope[0], slope[_POLE] = 1.0, -by_frequency
+            by_both = _coefficient_slopes(parameters, values)
+            for where, by in zip((_FIRST, _SECOND), by_both, strict=True):
+                slope[where] = by[:, :1] * along + by[:, 1:] * rest
+            return slope
+
         # the two pairs below appear as their inverses, each with the sign -1: the signs cancel
         gain = np.exp(parameters[0]) * float(np.prod(c0[:, 0] ** -_SIGNS[:, 0]))
         above = polynomials[0] * polynomials[1] * polynomials[3]
-        return gain * above * inverse[2] * inverse[4] / (difference * factor), slope
+        return gain * above * inverse[2] * inverse[4] / (difference * factor), slopes
 
     def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
@@ -100,7 +108,16 @@ def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, floa
     return c0 - expm1(-2.0 * decay), c0
 
 
-def _coefficient_slopes(
+def _coefficient_slopes(parameters: FloatArray, values: list[tuple[float, float]]) -> FloatArray:
+    """Return the derivatives of every pair's (c1, c0), `values`, by log frequency and by log damping, (2, 5, 2)."""
+    slopes = [
+        _slopes_of_pair(float(parameters[index]), float(parameters[index + 1]), c0)
+        for index, (_, c0) in zip(_FIRST, values, strict=True)
+    ]
+    return np.array(slopes).transpose(1, 0, 2)
+
+
+def _slopes_of_pair(
     log_frequency: float, log_damping: float, c0: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the derivatives of (c1, c0) by log frequency and by log damping."""
@@ -117,18 +134,6 @@ def _coefficient_slopes(
     return slopes[0], slopes[1]
 
 
-def _all_coefficients(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (c1, c0) of every pair, shape (5, 2), and their derivatives by log frequency and by log damping,
-    shape (2, 5, 2).
-    """
-    coefficients = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
-    slopes = [
-        _coefficient_slopes(float(parameters[index]), float(parameters[index + 1]), c0)
-        for index, (_, c0) in zip(_FIRST, coefficients, strict=True)
-    ]
-    return np.array(coefficients), np.array(slopes).transpose(1, 0, 2)
-
-
 def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:
     """Return the pairs of unit gain at rest, many at once: parameters (n, 1), difference (f,), result (n, f)."""
     frequency, damping = np.exp(log_frequency), np.exp(log_damping)
@@ -138,7 +143,8 @@ def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: Compl
     square = np.where(inner >= 0.0, np.sin(half) ** 2, -(np.sinh(half) ** 2))
     c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
     c1 = c0 - np.expm1(-2.0 * decay)
-    return np.asarray((difference * (difference + c1) + c0) / c0)
+    # by the reciprocal, as a complex number is divided by a real one
+    return np.asarray((difference * (difference + c1) + c0) * (1.0 / c0))
 
 
 def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
