@@ -276,10 +276,9 @@ class Margins:
     def bandwidth_hz(self) -> float:
         """Return the frequency where |T| first falls below -3 dB, hertz."""
         half, grid = 10.0 ** (-3.0 / 20.0), analysis_grid_hz(self.loop)
-        response = self.loop.open_response(grid)
-        values = np.abs(response / (1.0 + response))
-        crossings = _crossings(lambda f: float(np.abs(self.loop.complementary(f))) - half, grid, values - half)
-        return crossings[0] if crossings and values[0] > half else float("nan")
+        values = np.abs(self.loop.complementary(grid)) - half
+        crossings = _crossings(lambda f: float(np.abs(self.loop.complementary(f))) - half, grid, values)
+        return crossings[0] if crossings and values[0] > 0.0 else float("nan")
 
     @property
     def least_gain(self) -> float:

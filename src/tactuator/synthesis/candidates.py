@@ -16,7 +16,7 @@ crossover of the nominal plant on a grid of 48 frequencies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import exp, expm1, sin, sinh, sqrt
@@ -49,31 +49,23 @@ class LoopStructure:
 
     rate_hz: float
 
-    def response_and_slope(
-        self, parameters: FloatArray, difference: ComplexArray
-    ) -> tuple[ComplexArray, Callable[[], ComplexArray]]:
-        """Return C, shape (n,), at difference = z - 1, shape (n,), and what computes the derivatives of log C, shape
-        (COUNT, n)."""
-        values = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
-        coefficients = np.array(values)
+    def response_and_slope(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return C, shape (n,), and the derivatives of log C, shape (COUNT, n), at difference = z - 1, shape (n,)."""
+        coefficients, slopes = _all_coefficients(parameters)
         c1, c0 = coefficients[:, :1], coefficients[:, 1:]
         polynomials = difference * (difference + c1) + c0
         inverse = _SIGNS / polynomials
+        along, rest = difference * inverse, inverse - _SIGNS / c0
+        slope = np.empty((COUNT, difference.size), dtype=np.complex128)
+        slope[0] = 1.0
+        slope[_FIRST] = slopes[0, :, :1] * along + slopes[0, :, 1:] * rest
+        slope[_SECOND] = slopes[1, :, :1] * along + slopes[1, :, 1:] * rest
         factor, by_frequency = _single(float(parameters[_POLE]), difference)
-
-        def slopes() -> ComplexArray:
-            along, rest = difference * inverse, inverse - _SIGNS / c0
-            slope = np.empty((COUNT, difference.size), dtype=np.complex128)
-            slope[0], slope[_POLE] = 1.0, -by_frequency
-            by_both = _coefficient_slopes(parameters, values)
-            for where, by in zip((_FIRST, _SECOND), by_both, strict=True):
-                slope[where] = by[:, :1] * along + by[:, 1:] * rest
-            return slope
-
+        slope[_POLE] = -by_frequency
         # the two pairs below appear as their inverses, each with the sign -1: the signs cancel
         gain = np.exp(parameters[0]) * float(np.prod(c0[:, 0] ** -_SIGNS[:, 0]))
         above = polynomials[0] * polynomials[1] * polynomials[3]
-        return gain * above * inverse[2] * inverse[4] / (difference * factor), slopes
+        return gain * above * inverse[2] * inverse[4] / (difference * factor), slope
 
     def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
@@ -108,16 +100,7 @@ def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, floa
     return c0 - expm1(-2.0 * decay), c0
 
 
-def _coefficient_slopes(parameters: FloatArray, values: list[tuple[float, float]]) -> FloatArray:
-    """Return the derivatives of every pair's (c1, c0), `values`, by log frequency and by log damping, (2, 5, 2)."""
-    slopes = [
-        _slopes_of_pair(float(parameters[index]), float(parameters[index + 1]), c0)
-        for index, (_, c0) in zip(_FIRST, values, strict=True)
-    ]
-    return np.array(slopes).transpose(1, 0, 2)
-
-
-def _slopes_of_pair(
+def _coefficient_slopes(
     log_frequency: float, log_damping: float, c0: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the derivatives of (c1, c0) by log frequency and by log damping."""
@@ -132,6 +115,18 @@ def _slopes_of_pair(
         by_c0 = -2.0 * expm1(-decay) * exp(-decay) * decay - rest * decay + exp(-decay) * by_inner * inner_slope
         slopes.append((by_c0 + 2.0 * exp(-2.0 * decay) * decay, by_c0))
     return slopes[0], slopes[1]
+
+
+def _all_coefficients(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (c1, c0) of every pair, shape (5, 2), and their derivatives by log frequency and by log damping,
+    shape (2, 5, 2).
+    """
+    coefficients = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
+    slopes = [
+        _coefficient_slopes(float(parameters[index]), float(parameters[index + 1]), c0)
+        for index, (_, c0) in zip(_FIRST, coefficients, strict=True)
+    ]
+    return np.array(coefficients), np.array(slopes).transpose(1, 0, 2)
 
 
 def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:

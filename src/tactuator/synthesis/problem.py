@@ -20,9 +20,9 @@ Optimization 18, 2000).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain, pairwise
 
 import numpy as np
@@ -54,26 +54,13 @@ _MOST_TURN = np.pi - 0.02
 
 @dataclass(frozen=True)
 class Point:
-    """The problem at one parameter vector: mean |S| in dB of every member, shape (m,), and every excess, shape (c,).
-    What computes their slopes is asked only where a program goes on from there."""
+    """The problem at one parameter vector: mean |S| in dB of every member, shape (m,), with slopes (m, COUNT); every
+    excess, shape (c,), with slopes (c, COUNT)."""
 
     mean_db: FloatArray
+    mean_slope: FloatArray
     excess: FloatArray
-    compute_slopes: Callable[[], FloatArray]
-
-    @cached_property
-    def _slopes(self) -> FloatArray:
-        return self.compute_slopes()
-
-    @property
-    def mean_slope(self) -> FloatArray:
-        """Return the slopes of mean_db, (m, COUNT)."""
-        return self._slopes[:, 0]
-
-    @property
-    def excess_slope(self) -> FloatArray:
-        """Return the slopes of excess, (c, COUNT)."""
-        return self._slopes[:, 1:].reshape(-1, COUNT)
+    excess_slope: FloatArray
 
 
 class LoopProblem:
@@ -129,9 +116,9 @@ class LoopProblem:
         return self._kept[key]
 
     def _point(self, parameters: FloatArray) -> Point:
-        controller, slopes = self.structure.response_and_slope(parameters, self._difference)
+        controller, slope = self.structure.response_and_slope(parameters, self._difference)
         loops = _Loops(controller, controller * self._plants)
-        rows = _Rows()
+        rows = _Rows(slope)
         mean = DB * (loops.log_s[:, self._band] @ self._band_weight)
         rows.add(mean, self._band, -DB * loops.complementary[:, self._band] * self._band_weight)
         hum_db = DB * loops.log_t[:, self._mains] - self._mains_db
@@ -139,8 +126,9 @@ class LoopProblem:
         rejection_db = DB * loops.log_s[:, self._rejection] - self._rejection_db
         rows.add_each(rejection_db, self._rejection, -DB * loops.complementary)
         self._add_figures(rows, loops)
-        values = np.concatenate(rows.values, axis=1)
-        return Point(values[:, 0], values[:, 1:].reshape(-1) + self.tighten, lambda: rows.slopes(slopes()))
+        values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
+        excess = values[:, 1:].reshape(-1) + self.tighten
+        return Point(values[:, 0], slopes[:, 0], excess, slopes[:, 1:].reshape(-1, COUNT))
 
     def turned_db(self, parameters: FloatArray) -> float:
         """Return how far loops of lower gain are from stable ones, dB; zero where they need not be stable."""
@@ -165,7 +153,9 @@ class LoopProblem:
                 values = 0.5 * DB * np.log(total) - DB * math.log(limit.asked)
                 rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
             elif limit.quantity == "least_gain":
-                angle = _followed_down(_angle(loops.sensitivity[:, at]))
+                angle = np.angle(loops.sensitivity[:, at])
+                if np.abs(angle[:, 1:] - angle[:, :-1]).max() >= np.pi:
+                    angle = np.unwrap(angle[:, ::-1], axis=1)[:, ::-1]
                 peak, share = _smooth_maximum(np.abs(angle))
                 weights = 1j * loops.complementary[:, at] * np.sign(angle) * share
                 rows.add(np.degrees(peak - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights)
@@ -191,38 +181,20 @@ class _Loops:
 class _Rows:
     """Values of every member, (m, k), and derivatives, (m, k, COUNT): Re(sum w dlogC) for weights w on the grid."""
 
-    def __init__(self) -> None:
+    def __init__(self, slope: ComplexArray) -> None:
+        self._slope = np.ascontiguousarray(slope.T)
         self.values: list[FloatArray] = []
-        self._weights: list[tuple[slice, ComplexArray, bool]] = []
+        self.slopes: list[FloatArray] = []
 
     def add(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
         """Add one row: values (m,), weights at `place`, (m, size)."""
         self.values.append(values[:, None])
-        self._weights.append((place, weights, False))
+        self.slopes.append((weights @ self._slope[place]).real[:, None])
 
     def add_each(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
         """Add a row for every point of `place`: values (m, size); weights on the whole grid, (m, g)."""
         self.values.append(values)
-        self._weights.append((place, weights[:, place, None], True))
-
-    def slopes(self, slope: ComplexArray) -> FloatArray:
-        """Return every row's derivatives from those of log C, (COUNT, g)."""
-        of = np.ascontiguousarray(slope.T)
-        each = [
-            (weights * of[place]).real if is_each else (weights @ of[place]).real[:, None]
-            for place, weights, is_each in self._weights
-        ]
-        return np.concatenate(each, axis=1)
-
-
-def _angle(values: ComplexArray) -> FloatArray:
-    return np.arctan2(values.imag, values.real)  # as np.angle does, after asking more
-
-
-def _followed_down(angle: FloatArray) -> FloatArray:
-    """Return angles, (m, g), followed from the last one down without leaps."""
-    leaps = np.abs(angle[:, 1:] - angle[:, :-1]).max() >= np.pi
-    return np.unwrap(angle[:, ::-1], axis=1)[:, ::-1] if leaps else angle
+        self.slopes.append((weights[:, place, None] * self._slope[place]).real)
 
 
 def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -239,7 +211,7 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
     below = np.signbit(levels)
     row, i = np.nonzero(below[:, 1:] != below[:, :-1])
-    before, after = np.degrees(_angle(-loops[row, i])), np.degrees(_angle(-loops[row, i + 1]))  # 0 at -180
+    before, after = np.degrees(np.angle(-loops[row, i])), np.degrees(np.angle(-loops[row, i + 1]))  # 0 at -180
     rise = levels[row, i + 1] - levels[row, i]
     share = -levels[row, i] / rise
     turn = (after - before + 180.0) % 360.0 - 180.0
