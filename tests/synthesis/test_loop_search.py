@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -75,7 +76,7 @@ def test_synthesise__plants_people_own__no_worse_than_brute_force(plant: Continu
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 8 else pytest.mark.soak) for seed in range(100)]
+    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 4 else pytest.mark.soak) for seed in range(100)]
 )
 def test_synthesise__random_plants__no_worse_than_brute_force(seed: int) -> None:
     no_worse_than_brute_force(drawn(np.random.default_rng(seed), KINDS[seed % len(KINDS)]))
@@ -233,16 +234,26 @@ def test_structure__many_at_once__as_one_by_one() -> None:
 
 
 def test_refusal__advice__has_been_tried_and_points_to_looser_limits() -> None:
-    limits = replace(FINGER_LIMITS, mains_max_db=(-24.0, -23.0, -30.0), sensitivity_peak=1.3)
+    """Of the hum, which gives way by less than it was asked beyond the paper's; of every way that is told."""
+    limits = replace(FINGER_LIMITS, mains_max_db=(-20.0, -23.0, -30.0))
+    one = channel(feedback=limits)
     with pytest.raises(NoDesign) as caught:
-        design_controller(of(ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), 4, feedback=limits))
+        design_controller(Display("asked too much", 4000.0, 1, (one,)), 4)
     text = str(caught.value)
-    assert "nearest miss: " in text
-    way = text.split("allowed, all others kept: ")[1].split(" or ")[0]
-    looser = following(limits, way)
-    assert looser != limits
-    display = of(ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), 4, feedback=looser)
-    assert design_controller(display).channels[0].feedback_sos is not None
+    assert "\n" not in text
+    assert re.search(r"nothing satisfies the requirements; .*\|T\| dB at 60 Hz -20.*; nearest miss: ", text)
+    ways = text.split("allowed, all others kept: ")[1].split(" or ")
+    hum = float(next(way for way in ways if way.startswith("|T| dB at 60 Hz")).split()[-1])
+    assert -20.0 < hum < -17.0
+    for way in ways:
+        looser = following(limits, way)
+        assert looser != limits
+        again = replace(one, feedback=looser)
+        own = design_controller(Display("possible", 4000.0, 1, (again,)), 4).channels[0]
+        feedback = own.feedback(4000.0)
+        assert feedback is not None
+        asked = Task.of(plant_family(again, 4000.0, 1), looser, 4000.0, 1.3)
+        assert all_kept(judged(asked, feedback), asked.limits)
 
 
 def following(asked: FeedbackRequirements, way: str) -> FeedbackRequirements:
@@ -281,23 +292,15 @@ plant = { num = [1208902.0], den = [1.0, 73.3, 1208902.0] }
 
 
 @pytest.mark.slow
-def test_design__one_two_and_eight_blas_threads__the_same_bytes(tmp_path: Path) -> None:
+def test_design__one_and_eight_blas_threads__the_same_bytes(tmp_path: Path) -> None:
     path = tmp_path / "display.toml"
     path.write_text(_DISPLAY)
     assert read_display(path).channels[0].name == "LRA"
     made = []
-    for threads in ("1", "2", "8"):
+    for threads in ("1", "8"):
         out = tmp_path / f"{threads}.json"
         told = {f"{name}_NUM_THREADS": threads for name in ("OPENBLAS", "OMP", "MKL")}
-        command = [
-            sys.executable,
-            "-c",
-            "from tactuator.cli import main; main()",
-            "design",
-            str(path),
-            "--out",
-            str(out),
-        ]
+        command = [sys.executable, "-m", "tactuator", "design", str(path), "--out", str(out)]
         subprocess.run(command, env={**os.environ, **told}, check=True, capture_output=True)
         made.append(out.read_bytes())
-    assert made[0] == made[1] == made[2]
+    assert made[0] == made[1]

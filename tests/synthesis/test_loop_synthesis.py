@@ -67,12 +67,6 @@ def test_synthesise__fewer_poles__prefilter_within_its_target(poles: int) -> Non
         assert design_controller(display, poles).channels[0].report["prefilter"]["max_error_db"] <= most
 
 
-def test_synthesise__twice__the_same_controller() -> None:
-    one, other = (design_controller(paper_alone(), 4).channels[0] for _ in range(2))
-    assert np.array_equal(one.prefilter_sos, other.prefilter_sos)
-    assert np.array_equal(np.asarray(one.feedback_sos), np.asarray(other.feedback_sos))
-
-
 def test_synthesise__identified_family__held_too() -> None:
     """The models that identification cannot tell apart count like loads."""
     family = tuple(
@@ -118,29 +112,10 @@ def test_synthesise__weaker__still_stable() -> None:
         assert assessment.margins.gain_reduction_db == -np.inf
 
 
-def refusal(**limits: object) -> str:
-    one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
-    with pytest.raises(NoDesign) as caught:
-        design_controller(Display("asked too much", RATE_HZ, 1, (one,)), 4)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
-def test_synthesise__too_much_hum_rejection__says_what_binds_and_what_is_possible_is() -> None:
-    text = refusal(mains_max_db=(-20.0, -23.0, -30.0))
-    assert "nothing satisfies the requirements" in text
-    assert "|T| dB at 60 Hz -20" in text
-    possible = text.split("allowed, all others kept: ")[1]
-    hum = float(next(way for way in possible.split(" or ") if way.startswith("|T| dB at 60 Hz")).split()[-1])
-    assert -20.0 < hum < -17.0
-    limits = replace(three_fingers().channels[0].feedback, mains_max_db=(hum + 0.05, -23.0, -30.0))
-    one = channel(feedback=limits)
-    own = design_controller(Display("possible", RATE_HZ, 1, (one,)), 4).channels[0]
-    assert kept(own, one)
-
-
 def test_synthesise__rejection_beyond_everything__names_the_rejection_that_is_possible() -> None:
-    assert "allowed, all others kept: |S| dB at 1 Hz" in refusal(rejection_max_db=(-40.0, -20.0, -15.0))
+    one = channel(feedback=replace(three_fingers().channels[0].feedback, rejection_max_db=(-40.0, -20.0, -15.0)))
+    with pytest.raises(NoDesign, match=r"allowed, all others kept: \|S\| dB at 1 Hz"):
+        design_controller(Display("asked too much", RATE_HZ, 1, (one,)), 4)
 
 
 @pytest.mark.parametrize(

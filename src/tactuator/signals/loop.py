@@ -17,7 +17,7 @@ for every simultaneous gain factor between (2 - alpha)/(2 + alpha) and its inver
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -249,7 +249,7 @@ class Margins:
     gain_margin_db: by how much the gain may rise (inf: any); gain_reduction_db: by how much it may fall (-inf: any).
     phase_crossover_hz: where gain_margin_db is attained. delay_margin_s: the extra dead time that the loop bears.
     delay_margin_samples: the same in samples, None for a continuous loop. bandwidth_hz: where |T| first falls below
-    -3 dB (nan if it does not).
+    -3 dB (nan if it does not). Disk and bandwidth are computed where they are asked for.
     """
 
     crossover_hz: float
@@ -261,8 +261,24 @@ class Margins:
     delay_margin_samples: float | None
     sensitivity: Peak
     complementary: Peak
-    disk: DiskMargin
-    bandwidth_hz: float
+    loop: FeedbackLoop = field(repr=False)
+
+    @cached_property
+    def disk(self) -> DiskMargin:
+        """Return the disk margin."""
+        loop, grid = self.loop, analysis_grid_hz(self.loop)
+        response = loop.open_response(grid)
+        values = np.abs((1.0 - response) / (1.0 + response))
+        difference, worst_hz = _peak(lambda f: np.abs(loop.sensitivity(f) - loop.complementary(f)), grid, values)
+        return DiskMargin(2.0 / difference, worst_hz)
+
+    @cached_property
+    def bandwidth_hz(self) -> float:
+        """Return the frequency where |T| first falls below -3 dB, hertz."""
+        half, grid = 10.0 ** (-3.0 / 20.0), analysis_grid_hz(self.loop)
+        values = np.abs(self.loop.complementary(grid)) - half
+        crossings = _crossings(lambda f: float(np.abs(self.loop.complementary(f))) - half, grid, values)
+        return crossings[0] if crossings and values[0] > 0.0 else float("nan")
 
     @property
     def least_gain(self) -> float:
@@ -299,16 +315,11 @@ def margins(loop: FeedbackLoop) -> Margins:
     response = loop.open_response(grid)
     sense = Peak(*_peak(lambda f: np.abs(loop.sensitivity(f)), grid, 1.0 / np.abs(1.0 + response)))
     complement = Peak(*_peak(lambda f: np.abs(loop.complementary(f)), grid, np.abs(response / (1.0 + response))))
-    difference, worst_hz = _peak(
-        lambda f: np.abs(loop.sensitivity(f) - loop.complementary(f)), grid, np.abs((1.0 - response) / (1.0 + response))
-    )
     crossover, phase, delay = _phase_margin(loop, grid, response)
     gain_up, gain_down, at = _gain_margins(loop.open_loop)
     rate = loop.open_loop.rate_hz if isinstance(loop.open_loop, SampledSystem) else None
     samples = None if rate is None else delay * rate
-    disk = DiskMargin(2.0 / difference, worst_hz)
-    bandwidth = _bandwidth(loop, grid, np.abs(response / (1.0 + response)))
-    return Margins(crossover, phase, gain_up, gain_down, at, delay, samples, sense, complement, disk, bandwidth)
+    return Margins(crossover, phase, gain_up, gain_down, at, delay, samples, sense, complement, loop)
 
 
 def analysis_grid_hz(loop: FeedbackLoop) -> FloatArray:
@@ -455,7 +466,7 @@ def _crossed(
     edges = np.geomspace(low, top, 2 + int(np.log(top / low) / np.log(_FACTOR)))
     before, after = edges[:-1], edges[1:]
     while True:
-        (up, down), (up_after, down_after) = turns(before), turns(after)
+        (up, up_after), (down, down_after) = (np.split(of, 2) for of in turns(np.concatenate([before, after])))
         least, most = up - down_after - goal, up_after - down - goal
         holds = np.floor(most / (2.0 * np.pi)) >= np.ceil(least / (2.0 * np.pi))
         before, after = before[holds], after[holds]
@@ -465,9 +476,3 @@ def _crossed(
             return np.append(places, 0.0) if start < 0.0 and at_rest.size == 0 else places
         middle = np.sqrt(before * after)
         before, after = np.concatenate([before, middle]), np.concatenate([middle, after])
-
-
-def _bandwidth(loop: FeedbackLoop, grid: FloatArray, values: FloatArray) -> float:
-    half = 10.0 ** (-3.0 / 20.0)
-    crossings = _crossings(lambda f: float(np.abs(loop.complementary(f))) - half, grid, values - half)
-    return crossings[0] if crossings and values[0] > half else float("nan")

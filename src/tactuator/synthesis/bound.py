@@ -34,7 +34,7 @@ from tactuator.synthesis.screening import Task
 NODES = 60
 ALLOWANCE_DB = 1.0
 _BELOW, _INSIDE, _SPLIT = 8, 24, 8
-_ROUNDS, _MARGIN = 25, 0.02
+_ROUNDS, _MARGIN, _FALL_DB = 25, 0.02, 0.5
 _LOOSE = 1.05
 _ANGLES = np.linspace(-np.pi, np.pi, 241)
 
@@ -102,9 +102,10 @@ class _Program:
             cost = np.append(self._cost, np.zeros(size))
             zero = np.zeros(equal.shape[0])
             done = scipy.optimize.linprog(cost, above, most, equal, zero, bounds=ranges, method="highs")
-            if done.x is None:
+            # more rows cannot lower it: from a fall on the solver has lost its digits, and may not come to an end
+            if done.x is None or (value is not None and done.fun * DB < value - _FALL_DB):
                 return value
-            value = float(done.fun) * DB
+            value = max(float(done.fun) * DB, -np.inf if value is None else value)
             x, power = done.x[:size], done.x[size:]
             heights = np.outer(slopes[0], x) + np.outer(slopes[1], self._turn @ x) + slopes[2][:, None]
             steepest = np.argmax(heights, axis=0)

@@ -138,7 +138,8 @@ def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: Compl
     square = np.where(inner >= 0.0, np.sin(half) ** 2, -(np.sinh(half) ** 2))
     c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
     c1 = c0 - np.expm1(-2.0 * decay)
-    return np.asarray((difference * (difference + c1) + c0) / c0)
+    # by the reciprocal, as a complex number is divided by a real one
+    return np.asarray((difference * (difference + c1) + c0) * (1.0 / c0))
 
 
 def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

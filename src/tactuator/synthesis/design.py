@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -94,10 +94,15 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
     designs: list[tuple[PrefilterFit, SampledSystem | None]] = []
     least = -np.inf
     failed: BadInput | None = None
-    candidates = feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak)
+
+    def is_served() -> bool:
+        return any(fit.max_error_db <= serves for fit, _ in designs)
+
+    peak = display.objectives.resonance_peak
+    candidates = feedback_candidates(channel, display.rate_hz, family, peak, is_served)
     for mean_db, feedback in islice(candidates, _FITS_MAX):
         least = mean_db if not designs else least
-        if mean_db > least + _NEAR_DB and any(fit.max_error_db <= serves for fit, _ in designs):
+        if mean_db > least + _NEAR_DB and is_served():
             break
         try:
             fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count, serves)
@@ -115,10 +120,14 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
 
 
 def feedback_candidates(
-    channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
+    channel: Channel,
+    rate_hz: float,
+    family: tuple[Member, ...],
+    resonance_peak: float,
+    is_enough: Callable[[], bool],
 ) -> Iterator[tuple[float, SampledSystem | None]]:
     """Yield each C that the channel's structure asks for: synthesised (the best first, with the mean |S| in dB), given
-    (bilinear), or none.
+    (bilinear), or none. is_enough: whether the best that come first are enough.
     """
     requirements = channel.feedback
     if requirements.structure == "none":
@@ -128,7 +137,7 @@ def feedback_candidates(
     else:
         require_consistent(channel, rate_hz)
         task = Task.of(family, requirements, rate_hz, resonance_peak)
-        candidates = synthesise(task)
+        candidates = synthesise(task, is_enough)
         best = next(candidates, None)
         if best is None:
             beyond = f"{channel.unknown_words}; " if channel.unknown_words else ""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from heapq import merge
 from itertools import chain, islice
 from operator import itemgetter
@@ -30,7 +30,7 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.candidates import LoopStructure, shapes
 from tactuator.synthesis.limits import Limit
-from tactuator.synthesis.problem import LoopProblem, Solution, hops, is_sound, solve, starts
+from tactuator.synthesis.problem import LoopProblem, Solution, hops, is_sound, problem_of, solve, starts
 from tactuator.synthesis.screening import Survivors, Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
@@ -44,11 +44,11 @@ Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
 
 
-def synthesise(task: Task) -> Iterator[Candidate]:
+def synthesise(task: Task, is_enough: Callable[[], bool] = lambda: False) -> Iterator[Candidate]:
     """Yield controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
 
     Each keeps every requirement in a full assessment. The first ones are local optima, all different; what the fixed
-    set of candidates holds comes behind them. Nothing is yielded where nothing is found.
+    set of candidates holds comes behind them, unless what came `is_enough`. Nothing is yielded where nothing is found.
     """
     blocks = partial(_blocks, task)
     held: list[tuple[FloatArray, Candidate]] = []
@@ -72,24 +72,28 @@ def synthesise(task: Task) -> Iterator[Candidate]:
         return
     optima = optima if best is None else chain([best], optima)
     yield from merge(optima, sorted((kept for _, kept in held), key=_mean_db), key=_mean_db)
-    for block in blocks():  # every candidate that keeps all limits, for the case that no prefilter fits the best ones
+    # every candidate that keeps all limits, for the case that no prefilter fits the best ones
+    for block in () if is_enough() else blocks():
         for _, kept in _assessed(task, task.screen.survivors(block), 1.0):
             yield kept
 
 
 def is_possible(task: Task) -> bool:
     """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
-    if any(_settled(LoopProblem(task), starts)):
+    problem = problem_of(task)
+    first = (solve(problem, start) for start in starts(problem)[:2])
+    if any(solution and solution.excess_db <= _NEARLY_DB and _settle(problem, solution) for solution in first):
         return True
-    return bool(_witnesses(task, islice(_blocks(task), 1)))
+    return any(_settled(problem, starts)) or bool(_witnesses(task, islice(_blocks(task), 1)))
 
 
-def nearest(task: Task) -> list[FloatArray]:
+@lru_cache(maxsize=4)
+def nearest(task: Task) -> tuple[FloatArray, ...]:
     """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
     parts = [task.screen.nearest(block, _NEAREST) for block in islice(_blocks(task), 2)]
     parameters, miss = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(miss, kind="stable")
-    return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
+    return tuple(parameters[i] for i in order if np.isfinite(miss[i]))[:_NEAREST]
 
 
 def _blocks(task: Task) -> Iterator[FloatArray]:
@@ -147,7 +151,7 @@ def _held(held: Sequence[tuple[FloatArray, Candidate]], problem: LoopProblem) ->
 def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RESONANCE_SHARES) -> Iterator[Candidate]:
     """Yield local optima that keep every requirement, all different, the best first."""
     for share in shares:
-        optima = _settled(LoopProblem(task, share), beginnings)
+        optima = _settled(problem_of(task, share), beginnings)
         best = next(optima, None)
         if best is not None:
             yield best
@@ -192,7 +196,7 @@ def _solutions(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> list[S
 
 def _hopped(task: Task) -> list[tuple[FloatArray, Candidate]]:
     """Return the first loop, if any, that steps from one local optimum to the next come upon."""
-    problem = LoopProblem(task)
+    problem = problem_of(task)
     for solution in hops(problem, [*starts(problem), *nearest(task)]):
         if solution.excess_db <= _FEASIBLE_DB:
             settled = _settle(problem, solution)
@@ -243,7 +247,7 @@ def diagnosis(task: Task) -> str:
     A limit is proposed only if the design has been tried with it, and found a loop: first each that binds alone, all
     others kept, then each kind together (all of rejection, of hum), then all.
     """
-    problem = LoopProblem(task)
+    problem = problem_of(task)
     misses = _sound(problem, [*nearest(task)[:2], *starts(problem)[:3]])
     if not misses:
         asked = ", ".join(str(limit) for limit in task.limits)

@@ -19,8 +19,10 @@ Optimization 18, 2000).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain, pairwise
 
 import numpy as np
@@ -75,6 +77,7 @@ class LoopProblem:
         self.limits = tuple(limit.under(member.name) for member in task.family for limit in self.loop_limits)
         self.tighten = np.zeros(len(self.limits))
         self._kept: dict[bytes, Point] = {}
+        self.solved: dict[tuple[object, ...], Solution | None] = {}
         self._hard = np.array([not limit.gives_way for limit in self.limits])
         low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
@@ -136,24 +139,32 @@ class LoopProblem:
         for limit in self.loop_limits:
             if limit.quantity == "sensitivity_peak":
                 peak, share = _smooth_maximum(loops.log_s[:, at])
-                rows.add(DB * (peak - np.log(limit.asked)), at, -DB * loops.complementary[:, at] * share)
+                rows.add(DB * (peak - math.log(limit.asked)), at, -DB * loops.complementary[:, at] * share)
             elif limit.quantity == "resonance_peak":
                 peak, share = _smooth_maximum(loops.log_t[:, at])
-                rows.add(DB * (peak - np.log(limit.asked)), at, DB * loops.sensitivity[:, at] * share)
+                rows.add(DB * (peak - math.log(limit.asked)), at, DB * loops.sensitivity[:, at] * share)
             elif limit.quantity == "phase_margin_deg":
                 margin, weights = _phase_margin_deg(loops.loop[:, at], loops.log_l[:, at])
                 rows.add(limit.excess_db(margin), at, -weights / DEGREES_PER_DB)
             elif limit.quantity == "command_noise_gain_max":
                 sensitivity = loops.sensitivity[:, self._noise]
                 power = self._noise_weight * np.abs(loops.controller[self._noise] * sensitivity) ** 2
-                total = np.sum(power, axis=1)
-                values = 0.5 * DB * np.log(total) - DB * np.log(limit.asked)
+                total = power.sum(axis=1)
+                values = 0.5 * DB * np.log(total) - DB * math.log(limit.asked)
                 rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
             elif limit.quantity == "least_gain":
-                angle = np.unwrap(np.angle(loops.sensitivity[:, at])[:, ::-1], axis=1)[:, ::-1]
+                angle = np.angle(loops.sensitivity[:, at])
+                if np.abs(angle[:, 1:] - angle[:, :-1]).max() >= np.pi:
+                    angle = np.unwrap(angle[:, ::-1], axis=1)[:, ::-1]
                 peak, share = _smooth_maximum(np.abs(angle))
                 weights = 1j * loops.complementary[:, at] * np.sign(angle) * share
                 rows.add(np.degrees(peak - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights)
+
+
+@lru_cache(maxsize=8)
+def problem_of(task: Task, share: float = 1.0) -> LoopProblem:
+    """Return the problem before anything tightens it: what was solved once is known by whoever asks again."""
+    return LoopProblem(task, share)
 
 
 class _Loops:
@@ -178,19 +189,19 @@ class _Rows:
     def add(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
         """Add one row: values (m,), weights at `place`, (m, size)."""
         self.values.append(values[:, None])
-        self.slopes.append(np.real(weights @ self._slope[place])[:, None])
+        self.slopes.append((weights @ self._slope[place]).real[:, None])
 
     def add_each(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
         """Add a row for every point of `place`: values (m, size); weights on the whole grid, (m, g)."""
         self.values.append(values)
-        self.slopes.append(np.real(weights[:, place, None] * self._slope[place]))
+        self.slopes.append((weights[:, place, None] * self._slope[place]).real)
 
 
 def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the log-sum-exp along each row, slightly above the maximum, and the share that each value has in it."""
-    top = np.max(values, axis=1, keepdims=True)
+    top = values.max(axis=1, keepdims=True)
     weights = np.exp(_SHARPNESS * (values - top))
-    total = np.sum(weights, axis=1, keepdims=True)
+    total = weights.sum(axis=1, keepdims=True)
     return (top + np.log(total) / _SHARPNESS)[:, 0], weights / total
 
 
@@ -198,15 +209,17 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     """Return each row's least phase margin, log|L| (`levels`) and phase linear between the points of its grid, and the
     weights with which it follows log C, (m, g)."""
     margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
-    row, i = np.nonzero(np.signbit(levels[:, 1:]) != np.signbit(levels[:, :-1]))
+    below = np.signbit(levels)
+    row, i = np.nonzero(below[:, 1:] != below[:, :-1])
     before, after = np.degrees(np.angle(-loops[row, i])), np.degrees(np.angle(-loops[row, i + 1]))  # 0 at -180
     rise = levels[row, i + 1] - levels[row, i]
     share = -levels[row, i] / rise
     turn = (after - before + 180.0) % 360.0 - 180.0
     margin = before + turn * share
     order = np.lexsort((np.abs(margin), row))
-    row, first = np.unique(row[order], return_index=True)
-    worst = order[first]
+    row = row[order]
+    first = np.append(True, row[1:] != row[:-1])[: row.size]
+    row, worst = row[first], order[first]
     j, tau = i[worst], share[worst]
     by_log = -turn[worst] / rise[worst] - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
     margins[row] = margin[worst]
@@ -242,6 +255,13 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
     into loops that are unstable, and between which and stable ones no way leads downhill. A box from which a program
     leaps all the same is tried again, smaller.
     """
+    key = (start.tobytes(), *relaxed, problem.tighten.tobytes())
+    if key not in problem.solved:
+        problem.solved[key] = _solved(problem, start, relaxed)
+    return problem.solved[key]
+
+
+def _solved(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit]) -> Solution | None:
     low, high = bounds(problem.task)
     here, box = np.clip(start, low, high), _BOX
     best: Solution | None = None
@@ -378,7 +398,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     return beginnings
 
 
-_HOPS = 128
+_HOPS, _HOPS_LEAST, _HOPS_TIMES_DB = 128, 6, 6.0
 _SIZES = (0.3, 0.7)
 """Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
 _POOL_MAX = 6
@@ -387,8 +407,8 @@ _SAME_DB = 1e-3
 
 def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Solution]:
     """Yield stable local solutions, those of `beginnings` first: each that of a step away from one yielded before, the
-    nearer to the limits the more often. The sequence ends after _HOPS steps; whoever is content ends it
-    before.
+    nearer to the limits the more often. The sequence ends after _HOPS steps, or sooner the farther from the limits the
+    nearest is: steps find tenths of a dB, not whole ones. Whoever is content ends it before.
     """
     pool: list[Solution] = []
     for start in chain(beginnings, _steps_away(beginnings, pool)):
@@ -403,6 +423,8 @@ def _steps_away(beginnings: Sequence[FloatArray], pool: Sequence[Solution]) -> I
     """Yield steps away from members of `pool` as it then is; from `beginnings` while it is empty. Sobol's points choose
     the member, and the step."""
     for index, point in enumerate(even_points(COUNT + 1, 1, _HOPS)):  # the first point is zero
+        if index >= _HOPS_LEAST and index * min((known.excess_db for known in pool), default=np.inf) > _HOPS_TIMES_DB:
+            return
         origins = [known.parameters for known in pool] or list(beginnings)
         origin = origins[min(int(-np.log2(point[0])), len(origins) - 1)]
         yield origin + _SIZES[index % len(_SIZES)] * np.asarray(scipy.special.ndtri(point[1:]))
