@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 
 from sphinx.domains.python import PythonDomain
-from sphinx.pycode.parser import Parser
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "tactuator"
@@ -94,11 +93,6 @@ def _escaped(line):
     )
 
 
-def _comments_alone(parser):
-    """Read the comments of a module, not the lines where a definition begins: only links to sources need those."""
-    parser.parse_comments()
-
-
 def _process(app, what, name, thing, options, lines):
     lines[:] = as_rst(lines)
 
@@ -116,7 +110,6 @@ def _write_pages(app):
 
 def setup(app):
     """Write the rooms' pages before the pages are read, and make their docstrings readable to Sphinx."""
-    Parser.parse = _comments_alone
     app.add_domain(FindsOnce, override=True)
     app.connect("config-inited", lambda app, config: _write_pages(app))
     app.connect("source-read", _list_rooms, priority=100)
