@@ -59,8 +59,8 @@ def single_threaded(*, scipys: bool = True) -> Iterator[None]:
     """Keep BLAS to one thread: sums that it splits over threads round differently, and its threads wait for each other.
 
     SciPy brings a BLAS of its own, which comes with the first of its parts that needs it: a limit that was set before
-    does not hold for it. The limit
-    is the whole process's: of several threads at work, the last to end takes it away. scipys: does the work use it?
+    does not hold for it. scipys: does the work use it? The limit is the whole process's: of several threads at work,
+    the last to end takes it away.
     """
     _ = scipy.linalg.blas if scipys else None
     with _changing:
