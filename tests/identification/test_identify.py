@@ -96,6 +96,34 @@ def test_identify__no_friction__claims_none() -> None:
     assert identify(open_loop(PAPER, rng, 10.0)).friction is None
 
 
+def test_identify__friction_rules_a_positioning_drive_in_closed_loop__mass_and_friction_are_found() -> None:
+    """A slide with Coulomb friction of a third of its command, position and velocity fed back, 1 kHz, metres."""
+    rng = np.random.default_rng(5)
+    rate, count, mass, viscous, coulomb, gain = 1000.0, 12000, 95.0, 203.0, 20.0, 35.0
+    slow = signal.butter(2, 4.0 / 500.0, output="sos")
+    reference = signal.sosfilt(slow, np.cumsum(np.repeat(rng.uniform(-1.0, 1.0, count // 500), 500)))
+    reference *= 0.12 / np.max(np.abs(reference))
+    command, position = np.empty(count), np.empty(count)
+    x = v = z = 0.0
+    for k in range(count):
+        position[k] = x + 1e-6 * rng.standard_normal()
+        command[k] = min(max(9600.0 * (reference[k] - position[k]) - 72.9 * v, -10.0), 10.0)
+        for _ in range(5):
+            moved = v * 2e-4 / 2e-5
+            z = (z + moved) / (1.0 + abs(moved))
+            v += (gain * command[k] - viscous * v - coulomb * z) / mass * 2e-4
+            x += v * 2e-4
+    found = identify(Record(rate, command, position))
+    assert found.friction is not None
+    assert found.friction.coulomb == pytest.approx(coulomb / gain, rel=0.1)
+    frequency = np.geomspace(1.0, 50.0, 40)
+    s = 2j * np.pi * frequency
+    expected = (gain / mass) / (s * (s + viscous / mass))
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(frequency) / expected)))) < 0.6
+    assert any("ruled by friction" in remark for remark in found.remarks)
+    assert not found.distrust
+
+
 def test_identify__resonances_and_antiresonance__four_poles_two_zeros() -> None:
     rng = np.random.default_rng(15)
     num = 4e3 * np.array([1.0, 15.1, (2.0 * np.pi * 60.0) ** 2])
