@@ -79,8 +79,7 @@ def propose(
     arrival_s: float = 0.0,
     near: Mapping[Hold, Sequence[SpectralFit]] = MappingProxyType({}),
 ) -> dict[Hold, list[SpectralFit]]:
-    """Return fits to the local response under each hold, best first: poles are added until two more bring nothing,
-    or one where nothing is left to be brought.
+    """Return fits to the local response under each hold, best first: poles are added until two more bring nothing.
 
     arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
     values that are known, in the same scale, to start from as well.
@@ -92,7 +91,7 @@ def propose(
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
-        if stale >= 2 or (stale and proposals.nothing_left()):
+        if stale >= 2:
             break
     # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
     if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:

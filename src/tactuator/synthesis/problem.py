@@ -398,7 +398,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     return beginnings
 
 
-_HOPS, _HOPS_LEAST, _HOPS_TIMES_DB = 128, 6, 6.0
+_HOPS, _HOPS_LEAST, _HOPS_TIMES_DB = 128, 6, 24.0
 _SIZES = (0.3, 0.7)
 """Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
 _POOL_MAX = 6
