@@ -103,7 +103,7 @@ def record_and_play(page, host, tmp_path):
     page.locator("#span").select_option("2")
     page.wait_for_timeout(2500)
     saved_by(page, "#save-record", tmp_path / "index.csv")
-    rows = np.random.default_rng(2).uniform(-30.0, 30.0, (16000, 1))
+    rows = np.random.default_rng(2).uniform(-30.0, 30.0, (40000, 1))
     with write_reference(tmp_path / "speech.h5", ReferenceHead(4000.0, ("index",))) as writer:
         writer.write(rows)
     page.locator("#play:has-text('Silence')").click()
@@ -117,7 +117,7 @@ def record_and_play(page, host, tmp_path):
     page.wait_for_selector("#wave-now:has-text('silent')")
     played = host.samples.rows(0, host.samples.end)[:, 0]
     start = np.flatnonzero(played == np.float32(rows[0, 0]))[-1]
-    np.testing.assert_array_equal(played[start : start + 16000], rows[:, 0].astype(np.float32))
+    np.testing.assert_array_equal(played[start : start + len(rows)], rows[:, 0].astype(np.float32))
     assert host.samples.lost == 0
     page.locator("#stop").click()
     page.wait_for_selector("#rig-mode:has-text('at rest')")
