@@ -159,6 +159,8 @@ def _nan(y: np.ndarray) -> np.ndarray:
         ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),
         ("t,u,y", (np.where(np.arange(2000) > 900, TIME + 0.5, TIME), U, Y), {}, "are missing"),
         ("t,u,y", (_nan(TIME), U, Y), {}, "stamp in row 42"),
+        ("t,u,y", (TIME, 1e200 * U, Y), {}, r"the largest u is \S+e\+200; allowed: 1e-100 to 1e\+100"),
+        ("t,u,y", (TIME, U, 1e-200 * Y), {}, r"the largest y is \S+e-20\d; allowed: 1e-100"),
     ],
 )
 def test_csv__amiss__is_refused_in_one_line(tmp_path: Path, header, given, options, match: str) -> None:

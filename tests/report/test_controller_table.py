@@ -30,7 +30,7 @@ def test_design_rows__of_a_report__print_two_digits_after_the_point():
         ("crossover (Hz)", "21.23"),
         ("phase margin (deg)", "45.00"),
         ("gain margin (dB)", "—"),
-        ("least stable gain (1: as designed)", "0.04"),
+        ("unstable below this gain (1: as designed)", "0.04"),
         ("max|S|", "1.70"),
         ("max|T|", "1.20"),
         ("disk margin", "0.51"),

@@ -192,17 +192,17 @@ def test_judge__loop_that_lower_gain_makes_unstable__third_not_met() -> None:
     """35530/(s^2 + 50 s) with a C whose zeros come late: the phase is -183 degrees from 1 to 10 Hz."""
     made = design_controller(of(INTEGRATING))
     late = replace(made.channels[0], feedback_sos=np.array(LATE_ZEROS))
-    found = only(judge(replace(made, channels=(late,))), "iii", "index", "none", "least stable gain")
+    found = only(judge(replace(made, channels=(late,))), "iii", "index", "none", "gain below which it is unstable")
     assert found.outcome is Outcome.NOT_MET
     assert found.value == pytest.approx(3.7151, abs=1e-3)
-    good = only(judge(made), "iii", "index", "none", "least stable gain")
+    good = only(judge(made), "iii", "index", "none", "gain below which it is unstable")
     assert (good.outcome, good.value) == (Outcome.MET, 0.0)
 
 
 def test_judge__plant_that_runs_away__least_gain_is_told() -> None:
     maglev = ContinuousSystem([], [60.0, -60.0], 4000.0)
     made = design_controller(of(maglev, feedback=FeedbackRequirements(sensitivity_peak=2.0, phase_margin_deg=30.0)))
-    found = only(judge(made), "iii", "index", "none", "least stable gain")
+    found = only(judge(made), "iii", "index", "none", "gain below which it is unstable")
     assert (found.outcome, found.counts) == (Outcome.NOT_JUDGED, False)
     assert made.channels[0].report["margins"]["least_gain"] == pytest.approx(0.01 * (found.value or 0.0))
     assert 0.0 < (found.value or 0.0) < 100.0

@@ -20,6 +20,8 @@ from tactuator.signals.record import FrequencyResponse, JointRecord, Record
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
 _FEWEST = 50
+_LARGEST = 1e100
+"""Beyond it, and below its inverse, an estimate's powers are no numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,6 +265,9 @@ def _assemble(
             more = f" and in {bad.size - 1} more" if bad.size > 1 else ""
             units = " ('#' before a row of units)" if bad.tolist() == [0] else ""
             raise BadInput(f"{name} is not a number in row {bad[0] + 1} of {values.size}{more}", f"numbers{units}")
+        largest = np.abs(values).max(initial=0.0)
+        if largest > 0.0 and not 1.0 / _LARGEST <= largest <= _LARGEST:
+            raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
     if time is not None and columns.values[time].size == u.size:

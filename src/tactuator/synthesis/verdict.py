@@ -186,7 +186,7 @@ class _Judge:
         """Judge objective iii: a command at its limit is a loop of lower gain, which has to be stable as well. Where
         the plant does not allow that, it is told."""
         if self.loop.feedback is not None:
-            kind, least = ("iii", "least stable gain"), 100.0 * margins(self.loop.feedback).least_gain
+            kind, least = ("iii", "gain below which it is unstable"), 100.0 * margins(self.loop.feedback).least_gain
             finding = self.compared(kind, (least, 0.0, "%"), None, _LESS_GAIN)
             if bears_less or least == 0.0:
                 yield finding
