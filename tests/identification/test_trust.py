@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from tactuator.identification.constancy import losses, resampled, without_images
-from tactuator.identification.trust import GROWING, STANDARDS
+from tactuator.identification.identify import identify
+from tactuator.identification.trust import GROWING, LASTING, STANDARDS
 from tactuator.model.plant_model import reasons
 from tactuator.signals.record import Record
 from witnesses.trust.spoilt import RECORDS, judge, none
@@ -73,3 +75,14 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
 def test_identify__spoilt_record__is_mended_or_not_trusted(name: str, status: int, tmp_path: Path) -> None:
     judged = judge(replace(BY_NAME[name], seconds=3.0), 7, tmp_path)
     assert (judged.verdict, judged.status) == ("ok", status)
+
+
+@pytest.mark.parametrize(("decay_s", "why"), [(0.5, ()), (50.0, (f"{LASTING.name}: 1 (at most 0)",))])
+def test_identify__resonance__is_trusted_where_it_dies_out_within_the_record(decay_s: float, why: tuple) -> None:
+    """The generator is SciPy's, zero-order hold."""
+    rng, turn = np.random.default_rng(3), 2.0 * np.pi * 40.0
+    b, a, _ = signal.cont2discrete(([turn**2], [1.0, 2.0 / decay_s, turn**2 + decay_s**-2]), 1e-3, method="zoh")
+    command = rng.standard_normal(5000)
+    position = signal.lfilter(b[0], a, command)
+    position += 1e-3 * position.std() * rng.standard_normal(command.size)
+    assert identify(Record(1000.0, command, position), friction=False).model.distrust == why

@@ -33,6 +33,7 @@ from tactuator.identification.trust import (
     FRICTION,
     GROWING,
     KNOCK,
+    LASTING,
     RUBBING,
     SKEW,
     VALID,
@@ -85,6 +86,8 @@ def identify_periods(
 
 _CHANCE = 1e-3
 """Chance of a residual that follows the command so much, from which on it is taken to."""
+_SHOWN = 20.0
+"""Radians that a resonance turns in a record; one that turns less may be two integrators."""
 
 
 def judged(result: Identification, common: Prepared) -> Identification:
@@ -97,11 +100,14 @@ def judged(result: Identification, common: Prepared) -> Identification:
     known = np.concatenate([np.roots([1.0, *value]) for value in sections]) if sections else np.zeros(0)
     unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
     fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
+    longest_s = max(record.duration_s for record in common.records)
+    lasting = sum(abs(pole.real) < 1.0 / longest_s and pole.imag > _SHOWN / longest_s for pole in unknown)
     rest = 1.0 - result.fit_percent / 100.0
     follows = result.tests.uncorrelated_p < _CHANCE
     rows = [
         EXPLAINED.of(100.0 * (1.0 - rest**2)),
         GROWING.of(0.0 if result.tests.feedback is True else growing),
+        LASTING.of(float(lasting)),
         FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
         FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),

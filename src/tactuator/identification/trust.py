@@ -37,6 +37,7 @@ class Standard:
 EXPLAINED = Standard("power of the position that the model explains", "%", 0.1, least=True)
 FOLLOWING = Standard("power of the position that follows the command and not the model", "%", 0.1)
 GROWING = Standard("poles that grow, where no feedback is seen", "", 0.0)
+LASTING = Standard("resonances that outlast the record", "", 0.0)
 FASTEST = Standard("fastest pole over half the sampling rate", "", 1.0)
 VALID = Standard("part of the excited octaves that is valid", "%", 20.0, least=True)
 BAND_DB = Standard("widest band inside the valid range", "dB", 3.0, "narrows the valid range")
