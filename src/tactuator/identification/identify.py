@@ -100,8 +100,8 @@ def judged(result: Identification, common: Prepared) -> Identification:
     known = np.concatenate([np.roots([1.0, *value]) for value in sections]) if sections else np.zeros(0)
     unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
     fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
-    longest_s = max(record.duration_s for record in common.records)
-    lasting = sum(abs(pole.real) < 1.0 / longest_s and pole.imag > _SHOWN / longest_s for pole in unknown)
+    slowest = 1.0 / common.longest_s
+    lasting = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
     rest = 1.0 - result.fit_percent / 100.0
     follows = result.tests.uncorrelated_p < _CHANCE
     rows = [

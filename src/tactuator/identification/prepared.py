@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.constancy import running_together
 from tactuator.identification.lines import Spectrum
-from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, INTEGRATOR
+from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
 from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
 from tactuator.signals.record import Record
@@ -124,8 +124,9 @@ def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, durat
 class EmpiricalResponse:
     """Response y/u in bands: frequency (hertz), complex value, its relative standard error; all of shape (m,).
 
-    excitation: the share of the command's power in each band. Measured under feedback and noise it is biased towards
-    the inverse of the feedback; it serves to start from, not to report.
+    excitation: the share of the command's power in each band; lines: those in it that the window leaves independent.
+    Measured under feedback and noise it is biased towards the inverse of the feedback; it serves to start from, not to
+    report.
     """
 
     frequency_hz: FloatArray
@@ -133,18 +134,19 @@ class EmpiricalResponse:
     relative_error: FloatArray
     coherence: FloatArray
     excitation: FloatArray
+    lines: FloatArray
+
+    @property
+    def clearest(self) -> float:
+        """Return the coherence of the most coherent band, two standard errors lower (Fisher's transform)."""
+        sure = np.arctanh(np.sqrt(self.coherence)) - 2.0 / np.sqrt(2.0 * self.lines)
+        return float(np.tanh(np.max(sure, initial=0.0)) ** 2)
 
     def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
         """Return the bands of at least that coherence, or the `fewest` most coherent ones."""
         bound = min(coherence, float(np.sort(self.coherence)[-min(fewest, self.coherence.size)]))
         keep = self.coherence >= bound
-        return EmpiricalResponse(
-            self.frequency_hz[keep],
-            self.value[keep],
-            self.relative_error[keep],
-            self.coherence[keep],
-            self.excitation[keep],
-        )
+        return EmpiricalResponse(*(getattr(self, item.name)[keep] for item in fields(self)))
 
 
 def empirical_response(
@@ -174,10 +176,12 @@ def empirical_response(
     centre = np.add.reduceat(np.abs(u) ** 2 * lines, edges)[:-1] / np.maximum(suu, 1e-300)
     concentration = np.add.reduceat(np.abs(u) ** 4, edges)[:-1] / np.maximum(suu, 1e-300) ** 2
     effective = np.maximum(1.0 / np.maximum(concentration, 1e-12) / 1.9, 1.2)
+    counted = np.maximum(np.diff(edges) / 1.9, 1.0)
     keep = (suu > 1e-14 * suu.max()) & (np.diff(edges) > 0) & (index > 0)
     coherence = np.clip(np.abs(syu) ** 2 / np.maximum(suu * syy, 1e-300), 1e-6, 1.0 - 1e-9)
     error = np.sqrt((1.0 - coherence) / coherence / (2.0 * effective))
-    return EmpiricalResponse(centre[keep], syu[keep] / suu[keep], error[keep], coherence[keep], suu[keep] / suu.sum())
+    columns = (centre, syu / np.maximum(suu, 1e-300), error, coherence, suu / suu.sum(), counted)
+    return EmpiricalResponse(*(values[keep] for values in columns))
 
 
 def _levelled(values: FloatArray) -> FloatArray:
@@ -416,7 +420,7 @@ def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False) -
         response=response,
         excitation=reports[liveliest],
         asked=asked,
-        weighed=(*weighed, *(doubt.weighed() for doubt in cannot_be)),
+        weighed=(*weighed, COHERENT.of(response.clearest), *(doubt.weighed() for doubt in cannot_be)),
         remarks=tuple(remarks),
         ppm=ppm,
     )
