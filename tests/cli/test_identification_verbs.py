@@ -200,10 +200,19 @@ def test_verbs__bad_input__status_two_and_one_line(folder: Path, capsys, asked: 
     assert len(both.err.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("asked", ["identify r.h5 --out r.h5", "design display.toml --out display.toml"])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "identify r.h5 --out r.h5",
+        "design display.toml --out display.toml",
+        "design named.toml --out r.h5",
+        "design display.toml --curve r.h5 --out r.h5",
+    ],
+)
 def test_verbs__out_is_what_is_read__refused_and_left(folder: Path, capsys, monkeypatch, asked: str) -> None:
     monkeypatch.chdir(folder)
+    Path("named.toml").write_text('[[channels]]\nplant = "r.h5"\n')
     before = Path(asked.split()[-1]).read_bytes()
     assert main(asked.split()) == 2
-    assert "that is read; allowed: another name" in capsys.readouterr().err
+    assert ", or by it; allowed: another name" in capsys.readouterr().err
     assert Path(asked.split()[-1]).read_bytes() == before

@@ -37,7 +37,7 @@ def test_identify__motor_with_coulomb_friction_in_a_loop__gain_friction_and_offs
 
 def test_identify__spring_holds_it__is_no_motor() -> None:
     record = Record(610.35, *band_limited(PLANT, np.random.default_rng(4), 610.35, 8.0, 40.0))
-    assert identify(record, order=2, zeros=0, hold="band-limited").model.method == "spectral"
+    assert identify(record, order=2, zeros=0, hold="band-limited").model.method == "refined"
 
 
 def test_minimum_phase__of_a_plant_without_dead_time__is_its_phase() -> None:

@@ -9,7 +9,7 @@ from scipy import signal
 
 from tactuator.identification.constancy import losses, resampled, without_images
 from tactuator.identification.identify import identify
-from tactuator.identification.trust import GROWING, LASTING, STANDARDS
+from tactuator.identification.trust import DISTORTION, GROWING, LASTING, STANDARDS
 from tactuator.model.plant_model import reasons
 from tactuator.signals.record import Record
 from witnesses.trust.spoilt import RECORDS, judge, none
@@ -82,6 +82,36 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
 def test_identify__spoilt_record__is_mended_or_not_trusted(name: str, status: int, tmp_path: Path) -> None:
     judged = judge(replace(BY_NAME[name], seconds=3.0), 7, tmp_path)
     assert (judged.verdict, judged.status) == ("ok", status)
+
+
+def test_identify__short_sweep_of_one_clock__is_not_mended() -> None:
+    """The generator is SciPy's. A resonance's delay changes with frequency, as two clocks change it with time."""
+    rate_hz, turn, seconds = 2000.0, 2.0 * np.pi * 45.0, 5.0
+    t = np.arange(int(seconds * rate_hz)) / rate_hz
+    command = signal.chirp(t, 2.0, seconds, 400.0, method="logarithmic")
+    b, a, _ = signal.cont2discrete(([turn**2], [1.0, 0.5 * turn, turn**2]), 1.0 / rate_hz, method="zoh")
+    position = signal.lfilter(b[0], a, command) + 1e-3 * np.random.default_rng(1).standard_normal(t.size)
+    fit = identify(Record(rate_hz, command, position), order=2, zeros=0, hold="zero-order", friction=False)
+    assert fit.model.distrust == fit.remarks == ()
+    np.testing.assert_allclose(fit.model.den, [1.0, 0.5 * turn, turn**2], rtol=2e-3)
+
+
+@pytest.mark.parametrize(("hardening", "status"), [(0.0, 0), (0.5, 1)])
+def test_identify__spring_that_hardens__is_not_trusted(hardening: float, status: int) -> None:
+    """The generator is a Verlet integration, 8 steps in a sample."""
+    rng, rate_hz, turn = np.random.default_rng(7), 1000.0, 2.0 * np.pi * 45.0
+    command = signal.lfilter(*signal.butter(2, 0.3), rng.standard_normal(6000))
+    step, place, before, position = 1.0 / (8.0 * rate_hz), 0.0, 0.0, np.empty(command.size)
+    for k, force in enumerate(command.tolist()):
+        position[k] = place
+        for _ in range(8):
+            speed = (place - before) / step
+            push = turn**2 * (force - place - hardening * place**3) - 0.5 * turn * speed
+            place, before = 2.0 * place - before + step**2 * push, place
+    position += 1e-3 * rng.standard_normal(command.size)
+    fit = identify(Record(rate_hz, command, position), hold="zero-order", friction=False)
+    assert int(bool(fit.model.distrust)) == status
+    assert any(reason.startswith(DISTORTION.name) for reason in fit.model.distrust) == bool(status)
 
 
 @pytest.mark.parametrize(("decay_s", "why"), [(0.5, ()), (50.0, (f"{LASTING.name}: 1 (at most 0)",))])

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 import tactuator as tt
 from tactuator.cli import main
+from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
 from tactuator.paper.verb import PaperResult
 from tactuator.verbs.controller import wordlength
@@ -147,6 +148,20 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
             assert axes.get_ylabel()
             assert len(axes.lines) > 0
             assert axes.get_legend() is not None or len(axes.lines) == 1
+
+
+def test_measure_response__fingers_of_an_open_rig__are_the_load_or_refused(known: dict[str, object]):
+    controller, rig = known["controller"], known["rig"]
+    rig.finger("index").touch("finger")
+    try:
+        with pytest.raises(BadInput, match="index: finger, thumb: none, middle: none; allowed: one load on all"):
+            tt.measure_response(rig, controller, [30.0])
+        response = tt.measure_response(rig, controller, [30.0, 100.0], channel=["index"]).responses[0]
+    finally:
+        rig.finger("index").touch(None)
+    assert response.load == "finger"
+    with pytest.raises(BadInput, match="channel 'ring' is not described; allowed: index, thumb, middle"):
+        tt.measure_response(rig, controller, channel=["ring"])
 
 
 def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[str, object]):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -188,17 +189,40 @@ def _path_type(certain: bool) -> Any:
 
 
 def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
-    """Raise BadInput where what is written would replace what is read."""
-    inputs = [(name, path) for name, option in known.items() if option.file for path in _paths(given[name])]
+    """Raise BadInput where what is written would replace what is read: an argument, or what a TOML file names."""
+    inputs = [
+        (name, path)
+        for name, option in known.items()
+        if option.file or not option.writes
+        for given_path in _paths(given[name])
+        for path in (given_path, *_named_in(given_path))
+    ]
     for name, option in known.items():
         for place in _paths(given[name]) if option.writes and not option.file else ():
             for read, path in inputs:
-                if place.exists() and place.samefile(path):
-                    raise BadInput(f"{name} {place} is the {read} that is read", "another name")
+                if place.is_file() and _is_same(place, path):
+                    raise BadInput(f"{name} {place} is read as {read}, or by it", "another name")
+
+
+def _is_same(place: Path, path: Path) -> bool:
+    try:
+        return place.samefile(path)
+    except (OSError, ValueError):  # no file can have such a name, or none has
+        return False
+
+
+def _named_in(path: Path) -> tuple[Path, ...]:
+    """Return what the texts of a TOML file would name from its folder, but for what is `measured` anew."""
+    if path.suffix != ".toml" or not path.is_file():
+        return ()
+    lines = [line for line in path.read_text(errors="replace").splitlines() if not line.startswith("measured")]
+    return tuple(path.parent / text for line in lines for text in re.findall(r'"([^"]{1,200})"', line))
 
 
 def _paths(value: Any) -> tuple[Path, ...]:
-    return () if value is None else (value,) if isinstance(value, Path) else tuple(Path(each) for each in value)
+    """Return the paths that a value may be: none of what is no text."""
+    values = value if isinstance(value, list | tuple) else (value,)
+    return tuple(Path(each) for each in values if isinstance(each, str | Path))
 
 
 def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:

@@ -178,7 +178,7 @@ def _model(
     model = common.model(
         *physical(fit, covariance, common.gain),
         delay_s=fit.delay_s,
-        method="spectral",
+        method="refined",
         record={"hold": choice.hold} | asked,
         excess=beyond.joined((np.hypot(missing, FLOOR)) * (1.0 + 1.0j)),
     )

@@ -242,14 +242,14 @@ def parts_between(record: Record, blocks: Sequence[LostBlock]) -> tuple[Record, 
     return tuple(parts)
 
 
-def running_together(record: Record) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
+def running_together(record: Record, *, clocks: bool = True) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
     """Return the record in parts in which command and position run together, the ppm by which the position's clock was
-    slower, and what else was mended.
+    slower, and what else was mended. clocks: they may be apart.
     """
     ppm, as_read = 0.0, record
     for _ in range(3):
         delays = pieces_delays(record.command, record.position)
-        more = clocks_apart_ppm(*delays)
+        more = clocks_apart_ppm(*delays) if clocks else 0.0
         if not more:
             break
         ppm += more

@@ -379,9 +379,9 @@ class Prepared:
         )
 
 
-def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False) -> Prepared:
-    """Return the records made ready; those that are not mended yet are, where samples are lost or clocks apart. Raises
-    BadInput for records that cannot be used, or not together.
+def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False, clocks: bool = True) -> Prepared:
+    """Return the records made ready; those that are not mended yet are, where samples are lost or, if they may be,
+    clocks apart. Raises BadInput for records that cannot be used, or not together.
     """
     remarks: list[str] = []
     parts: list[Record] = []
@@ -394,7 +394,7 @@ def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False) -
             raise error.within(*where) from None
         piece, shortened = _liveliest(record, LONGEST // len(records))
         whole = record.part(piece) if shortened else record
-        together, apart, mending = ((whole,), 0.0, ()) if mended else running_together(whole)
+        together, apart, mending = ((whole,), 0.0, ()) if mended else running_together(whole, clocks=clocks)
         ppm = ppm or apart
         parts += together
         remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened, *mending]]

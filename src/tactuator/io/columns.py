@@ -48,7 +48,9 @@ def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str],
     BadInput, with the reason alone, for a text without rows of numbers or with rows of several lengths.
     """
     with path.open("rb") as file:
-        encoding = encoding_of(file.read(64))
+        encoding = encoding_of(start := file.read(64))
+    if encoding == "utf-8" and b"\0" in start:
+        raise BadInput("it is no text", "columns of numbers, as CSV has them")
     with path.open(encoding=encoding, errors="tactuator-windows") as stream:
         rows = (line for line in itertools.islice(_lines(stream), _MOST_REMARKS) if _is_row(line))
         head = list(itertools.islice(rows, 200))

@@ -285,7 +285,7 @@ _BAND_HZ = (2.0, 250.0)
 def measure_finger(
     rig: Rig,
     controller: Controller,
-    touch: Callable[[], None],
+    touch: Callable[[], object],
     rng: np.random.Generator,
     *,
     channels: Sequence[str] | None = None,

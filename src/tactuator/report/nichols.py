@@ -235,11 +235,11 @@ def _grid(axes: Axes, limits: Margins) -> None:
         height = np.where(turned.real > 0.0, turned.imag / np.abs(turned), np.nan)
         axes.contour(phase, level, height, levels=[0.0], colors=_GRID, linewidths=0.5, linestyles=":", zorder=1)
     axes.plot([-180.0], [0.0], "+", color=INK, markersize=9, markeredgewidth=1.6, zorder=5)
-    touched: dict[str, Any] = {"colors": ORANGE, "linewidths": 1.3, "zorder": 2}
-    axes.contour(phase, level, np.abs(closed), levels=[limits.complementary_peak], **touched)
-    axes.contour(phase, level, np.abs(1.0 - closed), levels=[limits.sensitivity_peak], **touched, linestyles="--")
+    peaks: dict[str, Any] = {"colors": ORANGE, "linewidths": 1.3, "zorder": 2}
+    axes.contour(phase, level, np.abs(closed), levels=[limits.complementary_peak], **peaks)
+    axes.contour(phase, level, np.abs(1.0 - closed), levels=[limits.sensitivity_peak], **peaks, linestyles="--")
     for symbol, peak, line_style in (("T", limits.complementary_peak, "-"), ("S", limits.sensitivity_peak, "--")):
-        label = f"|{symbol}| = {db(peak):.2f} dB, touched"
+        label = f"|{symbol}| = {db(peak):.2f} dB, the peak"
         axes.plot([], [], color=ORANGE, linewidth=1.3, linestyle=line_style, label=label)
 
 

@@ -27,11 +27,12 @@ class Finger:
     """The finger port of one channel: touched by a load, pressed by a force, and felt.
 
     Every rig whose display is simulated has one for each channel. loads: that may touch, by name, None for none of
-    them; put: puts one of them on.
+    them; put: puts one of them on. load: the one that touches.
     """
 
     def __init__(self, loads: Sequence[str | None], put: Callable[[str | None], None]) -> None:
         self._loads, self._put = loads, put
+        self.load: str | None = None
         self._feelers: list[Feeler] = []
         self._pressed_v: FloatArray = np.zeros(0)
 
@@ -47,6 +48,7 @@ class Finger:
         if load not in self._loads:
             raise BadInput(f"load {load!r} is not described", f"{', '.join(name or 'none' for name in self._loads)}")
         self._put(load)
+        self.load = load
 
     def press(self, force_v: ArrayLike) -> None:
         """Press with a force over the coming samples, shape (n,), in volts of command that push as hard.

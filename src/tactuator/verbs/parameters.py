@@ -252,13 +252,23 @@ def require_stable(controller: "Controller", load: str = "none") -> None:
         )
 
 
-def put_on(rig: "Rig", controller: "Controller", load: str) -> None:
-    """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it."""
+def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[str] | None = None) -> str:
+    """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it.
+
+    Return the load that touches the channels then: where "none" is asked, one that touched an open rig before. Raises
+    BadInput where these differ.
+    """
     from tactuator.rig.rig import touch_all
 
     by_hand = touch_all(rig, controller.display.channels, load)
     if by_hand:
         say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
+    if load != "none" or not rig.has_finger_ports:
+        return load
+    touching = {name: rig.finger(name).load or "none" for name in channels or rig.channels}
+    if len(set(touching.values())) > 1:
+        raise BadInput(", ".join(f"{name}: {load}" for name, load in touching.items()), "one load on all", key="load")
+    return next(iter(touching.values()))
 
 
 def numbers(values: Any) -> "NDArray[np.float64]":

@@ -173,7 +173,7 @@ def noise(
     runs = []
     for name, candidate in [*probes, ("loop", loop)]:
         with working(f"listening under {name}"), opened(rig, candidate.display, seed) as ready:
-            put_on(ready, loop, load)
+            load = put_on(ready, loop, load)
             ready.load(candidate)
             felt = felt_noise(ready, loop.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
             runs.append((name, tuple(felt)))
@@ -382,12 +382,11 @@ def measure_response(
     require_stable(loop, load)
     band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
     wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
-    options = MeasurementOptions(
-        level_db_sl, channel, load, confidence_db, longest_s, coverage,
-        mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash,
-    )  # fmt: skip
     with opened(rig, loop.display, seed) as ready:
-        put_on(ready, loop, load)
+        options = MeasurementOptions(
+            level_db_sl, channel, put_on(ready, loop, load, channel), confidence_db, longest_s, coverage,
+            mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash,
+        )  # fmt: skip
         ready.load(loop)
         learnt = settle_weights(ready, loop, level_db_sl, np.random.default_rng(seed))
         if method == "stepped":
@@ -408,10 +407,8 @@ def measure_response(
 
 
 def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:
-    measured = [each for each in controller.display.channels if not channels or each.name in channels]
+    measured = [controller.display.channel(name) for name in channels] if channels else controller.display.channels
     bands = [each.threshold.band_hz for each in measured]
-    if not bands:
-        return 0.0, 0.45 * controller.rate_hz
     return max(low for low, _ in bands), min(high for _, high in bands)
 
 
