@@ -120,3 +120,11 @@ def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     assert all(letters[one] >= count for one, count in Counter("".join(columns + row).replace(" ", "")).items())
     assert "…" not in letters
     assert width < 80 or Counter(" ".join(columns + row).split()) <= Counter(" ".join(lines).split())  # words are whole
+
+
+def test_shown__no_room_for_all_words__numbers_stay_whole():
+    columns = ("channel", "Hz", "felt", "error dB", "± dB", "prefilter", "load", "rest", "phase °", "delay ms", "dist.")
+    row = ("thumbside", "246", "24.96", "-0.04", "0.00028", "-0.06", "+0.00", "+0.02", "-147.4", "1.66", "-52")
+    console = Console(width=68, record=True, file=StringIO())
+    console.print(drawn(ResultTable("", columns, (row,)), console))
+    assert set(row[1:]) <= set(console.export_text().split())

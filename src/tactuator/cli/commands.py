@@ -257,27 +257,33 @@ def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> Non
 
 
 def drawn(content: ResultTable, console: Console) -> Table:
-    """Return a table as wide as the console lets it be, no word broken where there is room for all of them."""
+    """Return a table as wide as the console lets it be: no word is broken where there is room for all of them, and no
+    number where there is room for those.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.measure import Measurement
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
-    least, most, wide = list[int](), list[int](), console.options.update(max_width=10_000)
+    firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
     for name, *cells in zip(content.columns, *content.rows, strict=True):
         sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
         most.append(max(size.maximum for size in sizes))
         least.append(most[-1] if name in content.whole else max(size.minimum for size in sizes))
+        firm.append(max((len(word) for cell in cells for word in cell.split() if re.search(r"\d", word)), default=1))
         table.add_column(name, overflow="fold", no_wrap=name in content.whole)
     for row in content.rows:
         table.add_row(*map(Text, row))
-    spare = console.width - sum(least) - len(most) - 1
-    apart = int(spare >= len(most))
+    room = console.width - len(most) - 1
+    fits = room >= sum(least)
+    low, high = (least, most) if fits else (firm, least)
+    spare = room - sum(low)
+    apart = int(fits and spare >= len(most))
     table.padding, spare = (0, apart, 0, 0), spare - apart * len(most)
-    if 0 <= spare < sum(most) - sum(least):
-        for column, word, line in zip(table.columns, least, most, strict=True):
-            column.width = word + spare * (line - word) // (sum(most) - sum(least))
+    if 0 <= spare < sum(high) - sum(low):
+        for column, word, line in zip(table.columns, low, high, strict=True):
+            column.width = word + spare * (line - word) // (sum(high) - sum(low))
     return table
 
 

@@ -83,7 +83,8 @@ def identification_plate(fit: Identification) -> Plate:
     drawing, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
     seen_hz, seen, relative = fit.shown()
     error, label = np.abs(seen) * relative, "record's own in bands"
-    errors: list[tuple[FloatArray, str, str, str, float]] = [(error, "its standard error, a slope within a band included", ORANGE, "-", 1.5)]
+    of_bands = "its standard error, a slope within a band included"
+    errors: list[tuple[FloatArray, str, str, str, float]] = [(error, of_bands, ORANGE, "-", 1.5)]
     if (lines := fit.distortion) is not None:
         label = "record's own lines"
         inside = np.isin(lines.frequency_hz, seen_hz)
