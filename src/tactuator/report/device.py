@@ -107,12 +107,13 @@ def identification_plate(fit: Identification) -> Plate:
         top.plot(seen_hz, 20.0 * np.log10(part), line, color=colour, linewidth=width, label=label)
     unit = f"{fit.model.position_unit or 'unit'}/{fit.model.command_unit or 'unit'}"
     frequency_axis(top, frequency[0], frequency[-1], f"magnitude (dB re 1 {unit})", label=False)
-    legend(top, loc="lower left")
+    legend(top, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)  # the lines leave no corner free
     beside = np.degrees(np.angle(seen / fit.model.response(seen_hz)))
     middle.plot(seen_hz, np.interp(seen_hz, frequency, phase_deg(value)) + beside, ".", color=FAINT)
     middle.plot(frequency, phase_deg(value), color=BLUE)
     frequency_axis(middle, frequency[0], frequency[-1], "phase (degrees)", label=False)
     bottom.plot(frequency, band, color=RED)
+    bottom.set_ylim(0.0, 1.1 * float(np.max(band)))
     frequency_axis(bottom, frequency[0], frequency[-1], "half-width (dB)")
     names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     caption = (
