@@ -84,36 +84,26 @@ def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, 
     ]  # fmt: skip
 
 
-AMISS = [
-    ((*ENROL, "S1"), "subject 'S1' is enrolled already; allowed: a code that is not taken"),
-    ((*ENROL, "S 9"), "subject: code is 'S 9'; allowed: 1 to 32 letters and digits"),
-    ((*ENROL, "S9", "--group", "=deaf"), "subject: group is '=deaf'; allowed: 1 to 64 letters, digits"),
-    ((*ENROL, "S9", "--fact", "age"), "--fact 'age'; allowed: NAME=VALUE"),
-    ((*ENROL, "S9", "--fact", "age=3", "--fact", "age=4"), "--fact twice for a name; allowed: each name once"),
-    (
-        (*ENROL, "S9", "--skin-temperature-c", "90"),
-        "subject: skin_temperature_c is 90; allowed: a number, above 0, bel",
-    ),
-    ((*ENROL, "S9", "--study", "another"), "study 'another' is not in the store; allowed: "),
-    ((*ENROL, "S9", "--visit"), "subject 'S9' is not in the study; allowed: one that is enrolled"),
-    ((*ENROL, "S1", "--visit", "--group", "hearing"), "--visit with facts of a new subject; allowed: --visit alone"),
-    ((*CORRECT, "S1", "--reason", "why"), "nothing of subject 'S1' differs"),
-    (
-        (*CORRECT, "S1", "--reason", "why", "--preload-n", "-1"),
-        "subject: preload_n is -1; allowed: a number of 0 or more",
-    ),
-    (
-        (*CORRECT, "S1", "--reason", "why", "--study", "another", "--group", "unknown"),
-        "study 'another' is not in the store",
-    ),
-]
+AMISS = {
+    "enrol S1": "subject 'S1' is enrolled already; allowed: a code that is not taken",
+    "enrol S9 --group =deaf": "subject: group is '=deaf'; allowed: 1 to 64 letters, digits",
+    "enrol S9 --fact age": "--fact 'age'; allowed: NAME=VALUE",
+    "enrol S9 --fact age=3 --fact age=4": "--fact twice for a name; allowed: each name once",
+    "enrol S9 --skin-temperature-c 90": "subject: skin_temperature_c is 90; allowed: a number, above 0, bel",
+    "enrol S9 --study another": "study 'another' is not in the store; allowed: ",
+    "enrol S9 --visit": "subject 'S9' is not in the study; allowed: one that is enrolled",
+    "enrol S1 --visit --group hearing": "--visit with facts of a new subject; allowed: --visit alone",
+    "correct S1 --reason why": "nothing of subject 'S1' differs",
+    "correct S1 --reason why --preload-n -1": "subject: preload_n is -1; allowed: a number of 0 or more",
+}
+RUNNING = "its sessions are run by process"
 
 
 def test_enrol_and_correct__bad_input_or_sessions_being_run__is_one_line_and_changes_nothing(lab, run) -> None:
     before = rows(lab)
-    for command, words in AMISS:
-        run.refused(*command, *STORE, said=words)
+    for command, words in AMISS.items():
+        run.refused("experiment", *command.split(), *STORE, said=words)
     with sessions_of(lab):
-        for command in ((*ENROL, "S9"), (*CORRECT, "S1", "--reason", "why", "--group", "unknown")):
-            run.refused(*command, *STORE, said="its sessions are run by process")
+        run.refused(*ENROL, "S9", *STORE, said=RUNNING)
+        run.refused(*CORRECT, "S1", "--reason", "why", "--group", "unknown", *STORE, said=RUNNING)
     assert rows(lab) == before
