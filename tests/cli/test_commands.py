@@ -78,19 +78,19 @@ def test_parsing__help_and_a_missing_file__import_nothing_heavy(tmp_path: Path) 
         [sys.executable, "-c", program, " ".join(HEAVY), json.dumps(asked)],
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
-    refusal, told = done.stderr.splitlines()
+    refusal, said = done.stderr.splitlines()
     assert refusal == "tactuator: records no.csv: No such file or directory; allowed: one that can be read"
     # typer has pydantic look at the words of a verb; its help needs none
-    assert json.loads(told) == [[0, []]] * (len(asked) - 1) + [[2, ["pydantic"]]]
+    assert json.loads(said) == [[0, []]] * (len(asked) - 1) + [[2, ["pydantic"]]]
 
 
 def completed(shell: str, line: str) -> str:
     words = line.split(" ")
-    told = {"_TACTUATOR_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line,
+    said = {"_TACTUATOR_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line,
             "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1),
             "_TYPER_COMPLETE_FISH_ACTION": "get-args"}  # fmt: skip
     program = [sys.executable, "-m", "tactuator"]
-    return subprocess.run(program, env={**os.environ, **told}, capture_output=True, text=True, check=False).stdout
+    return subprocess.run(program, env={**os.environ, **said}, capture_output=True, text=True, check=False).stdout
 
 
 def test_completion__of_a_verb_a_part_and_an_option__in_every_shell() -> None:
@@ -113,7 +113,7 @@ def test_help__of_everything__has_the_first_verbs_at_the_top_and_each_in_one_lin
     monkeypatch.setenv("COLUMNS", "80")
     shown = run("--help").out
     verbs = [*FIRST, *(verb for verb in top_verbs() if verb not in FIRST)]
-    told = [line.split() for line in shown.splitlines() if line.startswith("  ") and line.split()[0] in verbs]
-    assert [words[0] for words in told] == verbs
-    assert all(words[-1].endswith(".") for words in told)
+    said = [line.split() for line in shown.splitlines() if line.startswith("  ") and line.split()[0] in verbs]
+    assert [words[0] for words in said] == verbs
+    assert all(words[-1].endswith(".") for words in said)
     assert "…" not in shown

@@ -22,8 +22,8 @@ STORE = ("--store", "lab.db")
     ],
 )
 def test_simulate__json__is_one_object(run, arguments, keys) -> None:
-    told = run.json("experiment", "simulate", "--procedure", *arguments.split(), "--seed", "3")
-    assert keys | {"simulated"} <= set(told)
+    answer = run.json("experiment", "simulate", "--procedure", *arguments.split(), "--seed", "3")
+    assert keys | {"simulated"} <= set(answer)
 
 
 def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -> None:

@@ -134,7 +134,7 @@ def test_noise__what_it_measured__is_what_check_then_judges_by(tmp_path, run) ->
     heard = run.json("noise", *of, "--gains", "", "--write", measured)
     sensor = heard["runs"][-1]["channels"][0]["sensor"]
     assert json.loads(measured.read_text())["channels"] == {"index": sensor}
-    told = 'measured = "environment.json"\nfriction_v = 0.0'
-    after = run.json("check", of[1], "--display", written(tmp_path / "d.toml", MOTOR, environment=told))
+    stated = 'measured = "environment.json"\nfriction_v = 0.0'
+    after = run.json("check", of[1], "--display", written(tmp_path / "d.toml", MOTOR, environment=stated))
     assert after["objectives"]["ii"]["outcome"] == after["objectives"]["iii"]["outcome"] == "met"
     assert after["assumptions"] == []

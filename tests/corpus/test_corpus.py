@@ -50,8 +50,8 @@ def corpus(tmp_path):
     return tmp_path / "speech"
 
 
-def same_manifest(one, other):
-    return (one / MANIFEST).read_bytes() == (other / MANIFEST).read_bytes()
+def same_manifest(folder, other):
+    return (folder / MANIFEST).read_bytes() == (other / MANIFEST).read_bytes()
 
 
 def test_run_corpus__one_process_or_two__same_manifest_and_samples(job, corpus, tmp_path):
@@ -220,14 +220,14 @@ def test_dask_cluster__its_scheduler_killed__told_in_one_line_and_gone_on_with_l
             if done == 3:
                 scheduler.kill()
 
-        with DaskCluster(address, timeout_s=30.0) as workers, pytest.raises(DeviceFault) as told:
+        with DaskCluster(address, timeout_s=30.0) as workers, pytest.raises(DeviceFault) as fault:
             run_corpus(corpus, tmp_path / "out", job, workers, progress=kill_once)
     finally:
-        for one in (scheduler, worker):
-            one.kill()
-            one.wait()
-    assert str(told.value).startswith(f"the Dask scheduler at '{address}' has ended; allowed: the command again")
-    assert "\n" not in str(told.value)
+        for process in (scheduler, worker):
+            process.kill()
+            process.wait()
+    assert str(fault.value).startswith(f"the Dask scheduler at '{address}' has ended; allowed: the command again")
+    assert "\n" not in str(fault.value)
     assert run_corpus(corpus, tmp_path / "out", job, Here()).kept >= 1
 
 

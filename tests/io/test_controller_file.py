@@ -19,10 +19,10 @@ SECTION = np.array([[0.1, 0.2, 0.1, 1.0, -0.5, 0.3]])
 
 
 def made() -> Controller:
-    own = ChannelController(
+    channel = ChannelController(
         "index", 0.004, SECTION, SECTION, AntiWindup((0.5, 0.1)), Limits(10.0, 2.4), ("finger",), {"poles": 4}
     )
-    return Controller(DISPLAY, (own,))
+    return Controller(DISPLAY, (channel,))
 
 
 def test_write_controller__there_and_back__has_the_same_hash_and_the_formats_keys(tmp_path: Path) -> None:

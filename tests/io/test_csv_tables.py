@@ -13,12 +13,12 @@ PALM = Contact("thenar", 290.0, "rigid, gap 1 mm", 0.5, (20.0, 31.5))
 
 
 def test_write_curve__with_errors_and_where_it_was_felt__is_read_back_whole(tmp_path: Path) -> None:
-    hertz, level, told = [1.0, 10.0, 300.0], [26.0, 19.1, -18.0], ("measured", "three observers")
-    curve = ThresholdCurve("mine", hertz, level, *told, np.ones(3), contact=PALM)
+    hertz, level, origin = [1.0, 10.0, 300.0], [26.0, 19.1, -18.0], ("measured", "three observers")
+    curve = ThresholdCurve("mine", hertz, level, *origin, np.ones(3), contact=PALM)
     write_curve(tmp_path / "mine.csv", curve)
     again = read_curve(tmp_path / "mine.csv")
     assert again == curve
-    assert (again.provenance, again.source, again.contact) == (*told, PALM)
+    assert (again.provenance, again.source, again.contact) == (*origin, PALM)
     assert again.standard_error_db is not None
 
 
@@ -27,8 +27,8 @@ TABLE = np.array([[10.0, 10.1, 12.0], [20.0, 20.3, 1.0 / 3.0 + 25.0]])
 
 @pytest.mark.parametrize("band", [(TABLE - 1.0, TABLE + 1.5), (None, None)], ids=["banded", "plain"])
 def test_write_contours__with_a_band_or_without__is_read_back_whole(tmp_path: Path, band) -> None:
-    told = (63.0, "measured", "matches, one person", PALM)
-    there = Contours("P7", [63.0, 64.0, 250.0], [10.0, 20.0], TABLE, *band, *told)
+    origin = (63.0, "measured", "matches, one person", PALM)
+    there = Contours("P7", [63.0, 64.0, 250.0], [10.0, 20.0], TABLE, *band, *origin)
     write_contours(tmp_path / "contours.csv", there)
     again = read_contours(tmp_path / "contours.csv")
     assert again == there

@@ -61,10 +61,10 @@ def test_read_display__response__equalised_within_one_db_where_nobody_measured(f
     felt = felt * Beam().response(frequency)
     error_db = 20.0 * np.log10(np.abs(felt) / channel.threshold_voltage(frequency))
     assert np.max(np.abs(error_db)) < 1.0
-    found = judge(controller).objectives[0].findings[0]
-    assert found.value is not None
-    assert found.value >= np.max(np.abs(error_db)) - 0.3
-    assert "unsure" in found.remark
+    finding = judge(controller).objectives[0].findings[0]
+    assert finding.value is not None
+    assert finding.value >= np.max(np.abs(error_db)) - 0.3
+    assert "unsure" in finding.remark
 
 
 @pytest.mark.parametrize(
@@ -103,9 +103,9 @@ def test_read_display__several_models__designed_for_all_and_each_named(tmp_path:
     model(tmp_path, "cold", 2500.0, family=[{"num": [2510.0], "den": [1.0, 94.0, 290.0]}])
     model(tmp_path, "hot", 3100.0, valid_hz=[0.1, 350])
     display = read_list(tmp_path, '["cold.json", "hot.json"]')
-    one = display.channels[0]
-    assert one.models == ("cold", "cold", "hot")
-    assert one.valid_hz == (0.2, 350.0)
+    channel = display.channels[0]
+    assert channel.models == ("cold", "cold", "hot")
+    assert channel.valid_hz == (0.2, 350.0)
     assert parse_display(display_document(display)) == display
     controller = design_controller(display)
     names = ("none, cold", "none, cold, model 1", "none, hot")

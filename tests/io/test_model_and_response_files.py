@@ -48,10 +48,10 @@ def test_model__covariance_of_another_size__is_refused() -> None:
 
 
 def response() -> Response:
-    one = np.array([1.0, 2.0])
+    pair = np.array([1.0, 2.0])
     return Response(
-        "index", "none", 30.0, "stepped-sine", one, one * (1.0 - 1.0j), one, one * 0.1, one * 1e-3, one * 1e-4,
-        np.array([False, True]), np.array([True, True]), one, "abc",
+        "index", "none", 30.0, "stepped-sine", pair, pair * (1.0 - 1.0j), pair, pair * 0.1, pair * 1e-3, pair * 1e-4,
+        np.array([False, True]), np.array([True, True]), pair, "abc",
     )  # fmt: skip
 
 

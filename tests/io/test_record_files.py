@@ -136,9 +136,9 @@ def test_csv__longer_than_memory_allows__is_read_in_part_and_said(tmp_path: Path
 
 
 def _nan(y: np.ndarray) -> np.ndarray:
-    made = y.copy()
-    made[41] = np.nan
-    return made
+    spoilt = y.copy()
+    spoilt[41] = np.nan
+    return spoilt
 
 
 @pytest.mark.parametrize(

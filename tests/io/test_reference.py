@@ -49,8 +49,8 @@ def test_wav__its_samples__are_float32_shares_of_60_db_sl_and_say_so(tmp_path):
         assert "1.0 = 60 dB SL" in file.comment
     document = json.loads((tmp_path / "r.json").read_text())
     curve = {"name": "a-curve", "hash": "00"}
-    told = {"full_scale_db_sl": 60.0, "curve": curve, "channels": ["index", "thumb"], "rate_hz": 4000.0}
-    assert document == document | told | {"band_hz": [0.4, 300.0]}
+    expected = {"full_scale_db_sl": 60.0, "curve": curve, "channels": ["index", "thumb"], "rate_hz": 4000.0}
+    assert document == document | expected | {"band_hz": [0.4, 300.0]}
 
 
 def test_wav__json_lost__scale_comes_from_the_comment(tmp_path):
