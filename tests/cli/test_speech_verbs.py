@@ -1,8 +1,5 @@
 """render, play, corpus, waveforms and experiment recognise/information from the command line."""
 
-import resource
-import signal
-
 import numpy as np
 import pytest
 import soundfile
@@ -36,18 +33,6 @@ def test_render__display_file_and_stereo__designs_for_it_and_mixes(desk, run) ->
     assert figures["notes"] == ["2 channels mixed down to one (their mean)"]
 
 
-@pytest.mark.parametrize(("name", "file_bytes"), [("n.wav", 30_000), ("n.h5", 42_000)])
-def test_render__disk_full__one_line_and_nothing_left(desk, run, name, file_bytes) -> None:
-    """A limit on the length of a file is what a full disk does."""
-    usual, before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, before[1]))
-    try:
-        run.refused(*RENDER, name, said="room")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, usual)
-
-
 def test_corpus__a_bad_file__the_rest_done_and_status_1(desk, run) -> None:
     (desk / "speech").mkdir()
     (desk / "speech.wav").rename(desk / "speech" / "good.wav")
@@ -71,25 +56,6 @@ def test_waveforms_recognise_information__from_nothing_to_bits(desk, run) -> Non
     assert result["estimates"]["plug_in"]["bits"] > 1.5
     assert result["bits_per_second"]["plug_in"] == pytest.approx(result["estimates"]["plug_in"]["bits"] / 0.125)
     assert "5 a cell" in result["warning"]
-
-
-def test_waveforms__over_an_older_set__all_of_it_or_nothing(desk, run, monkeypatch) -> None:
-    def content() -> dict[str, bytes]:
-        return {path.name: path.read_bytes() for path in (desk / "set").iterdir()}
-
-    def full(path, text):
-        raise OSError(28, "No space left on device")
-
-    assert run(*WAVEFORMS, *WITH).status == 0
-    before = content()
-    assert len(before) == 7 * 2 + 1
-    with monkeypatch.context() as patch:
-        patch.setattr("tactuator.io.atomic.write_text", full)
-        run.refused(*WAVEFORMS, *WITH, "--level", "30", said="No space left")
-    assert content() == before
-    assert run(*WAVEFORMS, *WITH, "--level", "30").status == 0
-    assert content().keys() == before.keys()
-    assert content()["K-index.wav"] != before["K-index.wav"]
 
 
 def test_information__any_matrix__by_hand(desk, run) -> None:
