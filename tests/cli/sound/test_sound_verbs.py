@@ -22,7 +22,7 @@ from tactuator.rig.sound import rig as rigs
 from tactuator.signals.multisine import Multisine
 from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.from_start_to_end import controller
-from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
+from tests.rig.sound.turned_card import TurnedCard, sound_display, turned_rig
 
 ROOT = Path(__file__).parents[3]
 CALIBRATE = ("calibrate-display", "sound.toml", "--out", "out")
@@ -137,12 +137,9 @@ def _noise(level: float) -> Any:
     ("card", "status", "words"),
     [
         ({"stops_at": 200}, 3, "the sound card has stopped: not a sample for 1 s"),
-        ({"flags": lambda call: OVERFLOW if call % 50 == 7 else 0}, 3, "the sound card told of a gap"),
         ({"answer": lambda out: np.clip(200.0 * out, -1.0, 1.0).astype(np.float32)}, 2, "input 1 of the card clips"),
-        ({"answer": lambda out: out[:, ::-1] + _noise(1e-6)(out)}, 2, "is answered by the sensor of 'right'"),
-        ({"answer": _noise(1e-3)}, 2, "its sensor does not hear"),
     ],
-    ids=["unplugged", "gaps", "clips", "swapped", "not connected"],
+    ids=["unplugged", "clips"],
 )
 def test_calibrate_display__amiss_on_the_way__one_line_output_at_rest_and_nothing_written(
     card: dict[str, Any], status: int, words: str, room, run, monkeypatch
