@@ -43,7 +43,9 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -
 
 
 def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(desk, run) -> None:
-    (desk / "protocol.toml").write_text(SHORT.replace("[30, 90, 210]", "[30, 90]"))
+    (desk / "protocol.toml").write_text(
+        SHORT.replace("[30, 90, 210]", "[30, 90]").partition('[[subject]]\ncode = "S2"')[0]
+    )
     ended = run("experiment", "observe", "protocol.toml", *STORE, "--seed", "4", "--json")
     assert "no curve: frequencies_hz has 2; allowed: 3 or more" in ended.err
     ended = run("experiment", "thresholds", *STORE, "--curve-out", "curve.csv")

@@ -26,11 +26,11 @@ def test_verify__few_ticks__bit_exact_in_both_formats(desk, run) -> None:
     assert min(checked["running_ticks"], checked["played"]) > 1000
 
 
-def test_verify__that_differs__status_1(monkeypatch, run) -> None:
+def test_verify__that_differs__status_1(desk, monkeypatch, run) -> None:
     differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
     monkeypatch.setattr("tactuator.rig.period_check.check_period", lambda *arguments: differing)
     monkeypatch.setattr("tactuator.rig.open.open_rig", lambda *arguments: nullcontext())
-    ended = run("firmware", "verify", "--ticks", "5")
+    ended = run("firmware", "verify", "--ticks", "5", "--controller", "controller.json")
     assert ended.status == 1
     assert "DIFFERENT (float32: seed 1, tick 5)" in ended.out.replace("\n", "")
 
