@@ -77,11 +77,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 
 #: What is made once for several files, or for a part of one: those tests go to one worker.
 _SHARED = {
-    "tests/paper/test_": "the installed wheel and its study",
-    "tests/packaging/test_wheel.py::test_wheel": "the installed wheel and its study",
-    "tests/packaging/test_libraries.py": "the installed wheel and its study",
+    "tests/fuzz/": "the sanitised core",
+    "tests/paper/test_": "the study",
     "tests/rig/guard/test_guard_worst_case.py": "the worst references",
-    "tests/repository/test_house.py": "the parsed package",
 }
 
 
@@ -119,20 +117,9 @@ _INTEGRATION = (
     "pages/",
 )
 
-
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
-_LONG = (
-    *(f"{room}/" for room in ("api", "console", "core", "experiment", "identification", "measure", "report")),
-    *(
-        "runtime/",
-        "synthesis/",
-        "verbs/",
-        "wordlength/",
-        "io/test_full_disk",
-        "model/test_response_plant",
-        "test_processors",
-    ),
-)
+_ROOMS = ("console", "core", "experiment", "identification", "measure", "report", "runtime", "synthesis", "verbs")
+_LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant", "test_processors")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -38,34 +38,21 @@ class Answer(Result):
         return self.shown
 
 
-def test_answer__as_json__is_exactly_one_object(capsys):
+def test_answer__as_json_or_for_a_person__one_object_or_tables_and_what_was_written(capsys):
     answer(Answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, "no"), True)
-    out, err = capsys.readouterr()
-    assert out == '{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n'
-    assert err == ""
-
-
-def test_answer__for_a_person__shows_the_table_and_what_was_written(capsys):
-    answer(Answer({}, ResultTable("", ("frequency", "level"), (("10 Hz", "50 dB SL"),), ("a note",))), False, ["f.csv"])
-    assert "50 dB SL" in (out := capsys.readouterr().out)
+    assert capsys.readouterr() == ('{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n', "")
+    table = ResultTable("", ("frequency", "level"), (("10 Hz", "50 dB SL"),), ("a note",))
+    answer(Answer({}, "level [dB SL]", table), False, ["f.csv"])
+    out = capsys.readouterr().out
+    assert out.startswith("level [dB SL]\n")  # brackets are text
+    assert "50 dB SL" in out
     assert out.endswith("a note\nwritten: f.csv\n")
-
-
-def test_answer__text_in_brackets__is_shown_as_it_is(capsys):
-    answer(Answer({}, "level [dB SL]"), False)
-    assert capsys.readouterr().out == "level [dB SL]\n"
 
 
 def test_plain__dataclass_and_complex__become_objects_and_pairs():
     assert plain(Margin(58.6, np.array([1.0]))) == {"phase_deg": 58.6, "levels_db": [1.0]}
-    assert plain({1: np.complex64(1 + 2j), "n": np.int64(3), "t": (np.bool_(True), None)}) == {
-        "1": [1.0, 2.0],
-        "n": 3,
-        "t": [True, None],
-    }
-
-
-def test_plain__what_json_cannot_say__is_refused():
+    numbers = {1: np.complex64(1 + 2j), "n": np.int64(3), "t": (np.bool_(True), None)}
+    assert plain(numbers) == {"1": [1.0, 2.0], "n": 3, "t": [True, None]}
     with pytest.raises(TypeError, match="set"):
         plain({"members": {1, 2}})
 
@@ -93,7 +80,6 @@ def test_progress__nobody_watching__is_silent(capsys):
     [
         (0.199196, 0.000243, ("0.19920", "0.00024")),
         (2739.95, 0.367, ("2739.95", "0.37")),
-        (96.98917, 0.0183, ("96.989", "0.018")),
         (-31.812, 1.4, ("-31.8", "1.4")),
         (0.0, 0.0, ("0", "0")),
         (1.5, float("inf"), ("1.5", "inf")),
@@ -101,14 +87,13 @@ def test_progress__nobody_watching__is_silent(capsys):
         (8.016e-9, 1.7e-11, ("8.016e-09", "1.7e-11")),
         (0.0, 3.0e-9, ("0", "3e-09")),
         (12.0, 250.0, ("12", "250")),
-        (4.62278e12, 7.5e9, ("4.6228e+12", "7.5e+09")),
     ],
 )
 def test_with_error__value__has_the_digits_that_its_error_leaves(value, error, shown):
     assert with_error(value, error) == shown
 
 
-@pytest.mark.parametrize("width", [60, 80, 100, 160])
+@pytest.mark.parametrize("width", [60, 80, 160])
 def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
     row = ("S1", "middle", "164.3", "129", "-12.5", "≥ 29.5", "8.5 to 54.2", "15.8", "chance, delivered-unknown")
@@ -116,8 +101,8 @@ def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     console.print(drawn(ResultTable("Thresholds", columns, (row,), ("a note",)), console))
     lines = console.export_text().splitlines()
     assert max(len(line) for line in lines) <= width
-    letters = Counter("".join(lines))
-    assert all(letters[one] >= count for one, count in Counter("".join(columns + row).replace(" ", "")).items())
+    letters, given_ones = Counter("".join(lines)), Counter("".join(columns + row).replace(" ", ""))
+    assert all(letters[letter] >= count for letter, count in given_ones.items())
     assert "…" not in letters
     assert width < 80 or Counter(" ".join(columns + row).split()) <= Counter(" ".join(lines).split())  # words are whole
 

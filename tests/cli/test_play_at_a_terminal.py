@@ -40,9 +40,7 @@ def at_a_terminal(arguments, out, key):
     return os.waitstatus_to_exitcode(status), said.decode(errors="replace")
 
 
-@pytest.mark.parametrize(
-    ("rig", "key"), [("simulated", b"q"), ("simulated", b"\x03"), ("emulated:mps2-an500", b"\x03")]
-)
+@pytest.mark.parametrize(("rig", "key"), [("simulated", b"q"), ("emulated:mps2-an500", b"\x03")])
 def test_play__stopped_at_the_terminal__ramps_down_and_says_how_far_it_came(tmp_path, rig, key):
     made = designed()
     names = tuple(channel.name for channel in made.display.channels)

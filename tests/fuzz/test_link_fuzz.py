@@ -3,12 +3,8 @@
 It starts from whole conversations, with tables, images and displays whose checksums link.c puts right.
 """
 
-from __future__ import annotations
-
-import shutil
+import re
 import struct
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,41 +25,17 @@ from tactuator.rig.board.link import Frame as LinkFrame
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
 from tactuator.runtime.tables import simulated_board_bytes
+from tests.fuzz.conftest import fuzz
 from tests.runtime.paper_display import channel, controller, display
 
-ROOT = Path(__file__).resolve().parents[2]
-LEFT_OUT = ("host", "display/closed_loop")
 
-
-def fuzz(folder: Path, seconds: int) -> str:
-    """Build the fuzzer, run it for so long, and give what it says."""
-    clang = shutil.which("clang")
-    assert clang, "clang is missing: make test installs it"
-    core = ROOT / "core"
-    parts = sorted(str(path.relative_to(core)) for path in core.rglob("*.c"))
-    sources = [str(core / part) for part in parts if not part.startswith(LEFT_OUT)]
-    program, corpus = folder / "fuzz-link", folder / "corpus"
-    write_seeds(corpus)
-    flags = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-fsanitize=fuzzer,address,undefined,float-cast-overflow"]
-    flags += ["-fno-sanitize-recover=all", "-I", str(ROOT / "core")]
-    subprocess.run([clang, *flags, str(ROOT / "tests/fuzz/link.c"), *sources, "-o", program], check=True)
-    options = [f"-max_total_time={seconds}", "-max_len=4096", "-seed=1", "-print_final_stats=1"]
-    options += ["-rss_limit_mb=4096"]
-    done = subprocess.run([program, corpus, *options], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stderr
-
-
-@pytest.mark.slow
-def test_link__some_seconds_of_fuzzing__break_nothing(tmp_path):
-    said = fuzz(tmp_path, 5)
-    runs = next(line for line in said.splitlines() if "number_of_executed_units" in line)
-    assert int(runs.split()[-1]) > 1000
-
-
-@pytest.mark.soak
-def test_link__an_hour_of_fuzzing__breaks_nothing(tmp_path):
-    fuzz(tmp_path, 3600)
+@pytest.mark.parametrize(
+    "until",
+    [pytest.param("-runs=1500", marks=pytest.mark.slow), pytest.param("-max_total_time=3600", marks=pytest.mark.soak)],
+)
+def test_link__fuzzed_so_often_or_so_long__nothing_breaks(tmp_path, objects, until):
+    said = fuzz(tmp_path, "link", objects, conversations(), 4096, until)
+    assert int(re.findall(r"number_of_executed_units: *(\d+)", said)[0]) > 1000
 
 
 _PIECE = 240
@@ -106,7 +78,7 @@ def conversations() -> dict[str, bytes]:
     status, arm, stop, off, clear = (
         frame(request) for request in (Request.STATUS, Request.ARM, Request.STOP, Request.OFF, Request.CLEAR)
     )
-    made = {}
+    seeds = {}
     for names in (("index",), ("index", "thumb", "middle")):
         of = display(*(channel(name) for name in names))
         count = len(names)
@@ -118,32 +90,25 @@ def conversations() -> dict[str, bytes]:
             ready = safety + image + simulated + arm
             rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
             name = f"{number_format}-{count}"
-            made[f"stream-{name}"] = (
+            seeds[f"stream-{name}"] = (
                 ready + frame(Request.START, start.pack(1, STREAM, 0, 1)) + rows + trace + stop * 30
             )
             if count == 1:
-                made[f"tones-{name}"] = (
+                seeds[f"tones-{name}"] = (
                     safety + image + simulated + stimulus(0) + arm + frame(Request.START, start.pack(1, STIMULUS, 0, 0))
                     + status * 20 + trace + stop + status * 40 + off
                 )  # fmt: skip
-                made[f"broken-{name}"] = (
+                seeds[f"broken-{name}"] = (
                     ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
                     + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
                     + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
                 )  # fmt: skip
         check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))
         images = [upload(IMAGE, build_image(controller(of), each)) for each in ("float32", "q31")]
-        made[f"checks-{count}"] = safety + images[0] + check + images[1] + check
-        made[f"driven-{count}"] = (
+        seeds[f"checks-{count}"] = safety + images[0] + check + images[1] + check
+        seeds[f"driven-{count}"] = (
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
         )  # fmt: skip
     garbage = b"\xff\x00" + cobs_encode(b"\0" * 300) + frame_bytes(LinkFrame(Request.STATUS, 7, b"")) + b"\xff" * 300
-    return {**made, "raw": garbage + b"\0" + frame_bytes(LinkFrame(Request.ARM, 8, b""))}
-
-
-def write_seeds(folder: Path) -> None:
-    """One file a conversation."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in conversations().items():
-        (folder / name).write_bytes(content)
+    return {**seeds, "raw": garbage + b"\0" + frame_bytes(LinkFrame(Request.ARM, 8, b""))}

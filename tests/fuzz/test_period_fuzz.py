@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -12,10 +11,9 @@ import pytest
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
+from tests.fuzz.conftest import CORE, ROOT, compiled, fuzz, sources
 from tests.rig.guard.guarded import adaptive, designed, uncommon
 
-ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("arithmetic", "board", "control", "strength", "touch", "wire")
 COVERED = ("board/period.c", "board/board.c", "board/stream.c", "board/guard.h")
 CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW = range(
     16
@@ -39,9 +37,9 @@ def write_tables(folder: Path) -> None:
     (folder / "tables.h").write_text("\n".join(arrays) + "\n")
 
 
-def write_seeds(folder: Path) -> None:
-    """Conversations of every kind, with each image: begun, played, pressed, late, silent, stopped, cleared, swapped."""
-    folder.mkdir(exist_ok=True)
+def conversations(drawn_seeds: int) -> dict[str, bytes]:
+    """Of every kind, with each image: begun, played, pressed, late, silent, stopped, cleared, swapped; drawn ones."""
+    seeds: dict[str, bytes] = {}
     feed = [STREAM, 10, 2, RUN, 4] * 12
     ended = [RUN, 255, RUN, 255, RUN, 255, RUN, 255, RUN, 255, CLEAR, 0, ACKNOWLEDGE, 0, OFF, 0]
     begun = [ARM, 0, START, 1]
@@ -57,84 +55,61 @@ def write_seeds(folder: Path) -> None:
             "raw": [RAW, 0, 0, 0, *range(96), RUN, 20, *feed],
             "far": [STREAM, 5, 4, RUN, 8, STREAM, 5, 8, *([STREAM, 5, 2] * 8)],
         }.items():
-            (folder / f"{name}-{image}").write_bytes(bytes([1, image, *begun, *happens, *ended, IMAGE, 0, 128 + image]))
+            seeds[f"{name}-{image}"] = bytes([1, image, *begun, *happens, *ended, IMAGE, 0, 128 + image])
         driven = [ARM, 0, START, 12 + 1, *([STREAM, 11, 1, RUN, 4] * 20), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
-        (folder / f"driven-{image}").write_bytes(bytes([2, image, *driven, *ended]))
+        seeds[f"driven-{image}"] = bytes([2, image, *driven, *ended])
         not_a_number = [ARM, 0, START, 12 + 1, *([STREAM, 0, 0, RUN, 4] * 3), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
-        (folder / f"not-a-number-{image}").write_bytes(bytes([4, image, *not_a_number, *ended]))
+        seeds[f"not-a-number-{image}"] = bytes([4, image, *not_a_number, *ended])
         tones = [TONES, 0, 30, 60, 2, 40, 31, 60, 2, 40, 32, 60, 2, 40, ARM, 0, START, 2, RUN, 255, STOP, 0, *ended]
-        (folder / f"tones-{image}").write_bytes(bytes([3, image, *tones]))
+        seeds[f"tones-{image}"] = bytes([3, image, *tones])
         held = [ARM, 0, START, 16, *feed, RUN, 100, START, 32, *feed, STOP, 0, RUN, 255, *ended]
-        (folder / f"held-{image}").write_bytes(bytes([5, image, *held]))
+        seeds[f"held-{image}"] = bytes([5, image, *held])
         drawn = ([SAFETY, 0, 1, IMAGE, 0, 128 + image, *begun, *feed, EVENT, 0, *feed, *ended]) * 4
-        for seed in range(12):  # tables and images of every form are drawn
-            (folder / f"drawn-{image}-{seed}").write_bytes(bytes([seed, image, *drawn]))
+        for seed in range(drawn_seeds):  # tables and images of every form are drawn
+            seeds[f"drawn-{image}-{seed}"] = bytes([seed, image, *drawn])
         stopped = ([SAFETY, 0, 1, IMAGE, 0, image, *begun, *feed, STOP, 0, RUN, 255, RUN, 255, CLEAR, 0, OFF, 0]) * 4
-        for seed in range(4):  # delays of several samples, which a fade leaves behind
-            (folder / f"stopped-{image}-{seed}").write_bytes(bytes([seed, image, *stopped]))
+        for seed in range(drawn_seeds // 3):  # delays of several samples, which a fade leaves behind
+            seeds[f"stopped-{image}-{seed}"] = bytes([seed, image, *stopped])
+    return seeds
 
 
-def build(folder: Path, flags: list[str], program: Path) -> None:
-    clang = shutil.which("clang")
-    assert clang, "clang is missing: make test installs it"
-    sources = [str(path) for part in PARTS for path in sorted((ROOT / "core" / part).glob("*.c"))]
-    common = ["-std=c99", "-g", "-ffp-contract=off", "-I", str(ROOT / "core"), "-I", str(folder)]
-    subprocess.run(
-        [clang, *common, *flags, str(ROOT / "tests/fuzz/period.c"), *sources, "-lm", "-o", program], check=True
-    )
-
-
-def fuzz(folder: Path, *options: str) -> tuple[Path, int]:
-    """The corpus after a run with these options, and how many steps of the period it took."""
-    program, corpus = folder / "fuzz-period", folder / "corpus"
+def fuzzed(folder: Path, objects: list[Path], until: str, drawn_seeds: int = 12) -> int:
+    """How many steps of the period were taken until then."""
     write_tables(folder)
-    write_seeds(corpus)
-    sanitisers = "-fsanitize=fuzzer,address,undefined,float-cast-overflow"
-    build(folder, ["-O1", sanitisers, "-fno-sanitize-recover=all"], program)
-    limits = ["-max_len=2048", "-seed=1", "-rss_limit_mb=4096", "-print_final_stats=1"]
-    done = subprocess.run([program, corpus, *limits, *options], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return corpus, int(re.findall(r"steps of the period: (\d+)", done.stderr)[-1])
+    said = fuzz(folder, "period", objects, conversations(drawn_seeds), 2048, until)
+    return int(re.findall(r"steps of the period: (\d+)", said)[-1])
 
 
-def uncovered(folder: Path, corpus: Path) -> dict[str, list[int]]:
+def uncovered(folder: Path) -> dict[str, list[int]]:
     """Lines of the production path that no input of the corpus comes by."""
+    flags = ("-O0", "-fsanitize=fuzzer", "-fprofile-instr-generate", "-fcoverage-mapping")
     program, profile = folder / "cover-period", folder / "period.profraw"
-    build(folder, ["-O0", "-fsanitize=fuzzer", "-fprofile-instr-generate", "-fcoverage-mapping"], program)
-    subprocess.run(
-        [program, "-runs=0", corpus],
-        cwd=folder,
-        env={"LLVM_PROFILE_FILE": str(profile)},
-        capture_output=True,
-        check=True,
-    )
+    compiled(folder, ROOT / "tests/fuzz/period.c", *sources(), "-lm", "-o", program, flags=flags)
+    where = {"LLVM_PROFILE_FILE": str(profile)}
+    subprocess.run([program, "-runs=0", "corpus"], cwd=folder, env=where, capture_output=True, check=True)
     subprocess.run(["llvm-profdata", "merge", "-o", folder / "period.profdata", profile], check=True)
-    paths = [str(ROOT / "core" / name) for name in COVERED]
-    shown = subprocess.run(
-        ["llvm-cov", "show", program, f"-instr-profile={folder / 'period.profdata'}", *paths],
-        capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
+    show = ["llvm-cov", "show", program, f"-instr-profile={folder / 'period.profdata'}"]
+    paths = [str(CORE / name) for name in COVERED]
+    shown = subprocess.run([*show, *paths], capture_output=True, text=True, check=True).stdout
     missed: dict[str, list[int]] = {}
     name = ""
     for line in shown.splitlines():
         if line.endswith(":") and "/core/" in line:
             name = line.split("/core/")[1].rstrip(":")
             missed[name] = []
-        elif (found := re.match(r"\s*(\d+)\|\s*0\|", line)) is not None:
-            missed[name].append(int(found[1]))
+        elif (line_missed := re.match(r"\s*(\d+)\|\s*0\|", line)) is not None:
+            missed[name].append(int(line_missed[1]))
     return missed
 
 
 @pytest.mark.slow
-def test_period__some_seconds_of_fuzzing__break_nothing(tmp_path: Path) -> None:
-    _, steps = fuzz(tmp_path, "-max_total_time=5")
-    assert steps > 10_000
+def test_period__fuzzed_conversations__break_nothing(tmp_path: Path, objects: list[Path]) -> None:
+    assert fuzzed(tmp_path, objects, "-runs=120", drawn_seeds=3) > 10_000
 
 
 @pytest.mark.soak
-def test_period__hundred_million_steps__break_nothing_and_come_by_every_line(tmp_path: Path) -> None:
-    taken, folder = 0, tmp_path
+def test_period__hundred_million_steps__break_nothing_and_come_by_every_line(tmp_path, objects) -> None:
+    taken = 0
     while taken < 100_000_000:
-        corpus, steps = fuzz(folder, "-max_total_time=600")
-        taken += steps
-    assert uncovered(folder, corpus) == {name: [] for name in COVERED}
+        taken += fuzzed(tmp_path, objects, "-max_total_time=600")
+    assert uncovered(tmp_path) == {name: [] for name in COVERED}

@@ -40,14 +40,7 @@ def test_read_table__numbers_in_any_form__are_those_of_float(
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "1,2\n3,nan\n5,6\n",
-        "1,2\n\n# a remark\n3,x\n5,6\n",
-        '1,2\n"3",\n5,6\n',
-        "1,2\n3,0x1\n5,6\n",
-        "1,2\n3,[1]\n5,6\n",
-        "1,2\r3,1_0_\r5,6",
-    ],
+    ["1,2\n3,nan\n5,6\n", "1,2\n\n# a remark\n3,x\n5,6\n", '1,2\n"3",\n5,6\n', "1,2\n3,0x1\n5,6\n", "1,2\r3,1_0_\r5,6"],
 )
 def test_read_table__an_odd_row_among_numbers__is_nan_where_it_is_none(tmp_path: Path, text: str) -> None:
     path = tmp_path / "t.csv"
@@ -78,10 +71,9 @@ def test_read_table__limit_of_rows__is_kept_and_told(
 
 
 def test_read_table__plain_numbers__go_the_quick_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text("t,u\n0,1e-3\n-1.5,2E+300")
+    (tmp_path / "t.csv").write_text("t,u\n0,1e-3\n-1.5,2E+300")
     monkeypatch.setattr(np, "loadtxt", None)
-    assert read_table(path, 100, 1000)[1].tolist() == [[0.0, 1e-3], [-1.5, 2e300]]
+    assert read_table(tmp_path / "t.csv", 100, 1000)[1].tolist() == [[0.0, 1e-3], [-1.5, 2e300]]
 
 
 def test_read_table__long_remarks_ahead__are_passed_over(tmp_path: Path) -> None:
@@ -106,33 +98,29 @@ def test_last_number__file_cut_anywhere_within_it__is_found(tmp_path: Path, form
     path = written(tmp_path, form, delimiter)
     whole = path.read_bytes().rstrip()
     last = whole.decode().rpartition(delimiter)[2]
-    for left in range(1, len(last)):
-        path.write_bytes(whole[: left - len(last)])
-        assert last_number_cut_off(path) == last[:left]
-    path.write_bytes(whole)
-    assert last_number_cut_off(path) is None  # a whole file without the last line's end
-    path.write_bytes(whole + b"\n")
-    assert last_number_cut_off(path) is None
+    for there in range(1, len(last)):
+        path.write_bytes(whole[: there - len(last)])
+        assert last_number_cut_off(path) == last[:there]
+    for content in (whole, whole + b"\n"):  # a whole file, without the last line's end too
+        path.write_bytes(content)
+        assert last_number_cut_off(path) is None
 
 
 @pytest.mark.parametrize("form", ["%.17g", "%.4g", "%d", "%.1f"])
 def test_last_number__whole_file_without_its_last_line_end__is_none(tmp_path: Path, form: str) -> None:
     path = written(tmp_path, form)
     lines = path.read_text().splitlines()
-    for end in range(80, 400):
+    for end in range(80, 400, 8):
         path.write_text("\n".join(lines[:end]))
         assert last_number_cut_off(path) is None
     path.write_text("\n".join([*lines[:end], "3.5,-0"]))
     assert last_number_cut_off(path) == ("-0" if form in ("%.17g", "%.1f") else None)
 
 
-def test_last_number__few_rows__nothing_tells(tmp_path: Path) -> None:
+def test_read_columns__file_cut_off__last_row_is_left_out_and_told_where_rows_are_many(tmp_path: Path) -> None:
     path = written(tmp_path, "%.4f", rows=30)
     path.write_bytes(path.read_bytes().rstrip()[:-2])
-    assert last_number_cut_off(path) is None
-
-
-def test_read_columns__file_cut_off__last_row_is_left_out_and_told(tmp_path: Path) -> None:
+    assert last_number_cut_off(path) is None  # nothing tells
     path = written(tmp_path, "%.4f")
     path.write_bytes(path.read_bytes().rstrip()[:-2])
     columns = read_columns(path)

@@ -1,4 +1,4 @@
-"""controller.json: there and back. Files that are none: tests/cli/controller/test_wordlength_verb."""
+"""controller.json: there and back, and files that are none."""
 
 from pathlib import Path
 
@@ -19,21 +19,18 @@ SECTION = np.array([[0.1, 0.2, 0.1, 1.0, -0.5, 0.3]])
 
 
 def made() -> Controller:
-    own = ChannelController(
+    channel = ChannelController(
         "index", 0.004, SECTION, SECTION, AntiWindup((0.5, 0.1)), Limits(10.0, 2.4), ("finger",), {"poles": 4}
     )
-    return Controller(DISPLAY, (own,))
+    return Controller(DISPLAY, (channel,))
 
 
-def test_write_controller__there_and_back__has_the_same_hash(tmp_path: Path) -> None:
+def test_write_controller__there_and_back__has_the_same_hash_and_the_formats_keys(tmp_path: Path) -> None:
     write_controller(tmp_path / "c.json", made())
     again = read_controller(tmp_path / "c.json")
     assert again.content_hash == made().content_hash
     assert again.channels[0].anti_windup.gains == (0.5, 0.1)
     np.testing.assert_array_equal(again.channels[0].prefilter_sos, SECTION)
-
-
-def test_controller_document__as_designed__has_the_formats_keys() -> None:
     document = made().document()
     assert document["format"] == "tactuator-controller/1"
     assert {"tool", "display", "rate_hz", "delay_samples", "channels", "hash"} < set(document)
@@ -46,3 +43,11 @@ def test_controller__channels_of_another_display__is_refused() -> None:
         Controller(DISPLAY, (other,))
     with pytest.raises(BadInput, match="channel 'thumb' is not there; allowed: index"):
         made().channel("thumb")
+
+
+def test_read_controller__changed_by_hand__is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    write_controller(path, made())
+    path.write_text(path.read_text().replace("4000.0", "4001.0"))
+    with pytest.raises(BadInput, match="its hash does not fit its contents; allowed: a file as `design` wrote it"):
+        read_controller(path)

@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display, with_curve
-from tactuator.model.description import display_document
+from tactuator.model.description import Display, display_document
 from tactuator.perception.curve import curve
 
 DISPLAY = """
@@ -24,31 +24,33 @@ loads = [{ name = "finger", mass = 0.12, damping = 31.0, stiffness = 360.0 }]
 """
 
 
-def read(folder: Path, text: str) -> object:
+def read(folder: Path, text: str) -> Display:
     path = folder / "display.toml"
     path.write_text(text)
     return read_display(path)
 
 
-def test_read_display__plain_file__has_defaults(tmp_path: Path) -> None:
-    (tmp_path / "display.toml").write_text(DISPLAY)
-    channel = read_display(tmp_path / "display.toml").channels[0]
+def test_read_display__plain_file__has_defaults_and_comes_back(tmp_path: Path) -> None:
+    display = read(tmp_path, DISPLAY)
+    channel = display.channels[0]
     assert (channel.finger, channel.converter.bits, channel.prefilter.poles) == ("index", 16, 4)
     assert channel.threshold.curve.name == "bolanowski-1988"
     assert channel.environment.friction_v == 0.004
+    assert parse_display(display_document(display)) == display
 
 
-def test_read_display__key_in_a_channel__wins_there(tmp_path: Path) -> None:
+def test_read_display__key_in_a_channel_or_another_curve__wins(tmp_path: Path) -> None:
     text = DISPLAY.replace('name = "index"', 'name = "index"\npolarity = -1\noffset_v = 0.1\npoles = 6')
-    (tmp_path / "display.toml").write_text(text + "[prefilter]\npoles = 8\n")
-    channel = read_display(tmp_path / "display.toml").channels[0]
+    display = read(tmp_path, text.replace("[0.4, 300.0]", "[8.0, 300.0]") + "[prefilter]\npoles = 8\n")
+    channel = display.channels[0]
     assert (channel.converter.polarity, channel.converter.offset_v, channel.prefilter.poles) == (-1, 0.1, 6)
+    morioka = with_curve(display, curve("morioka-griffin-2006")).channels[0]
+    assert morioka.threshold.curve.name == "morioka-griffin-2006"
 
 
 def test_read_display__denominator_not_monic__scales_the_load_with_it(tmp_path: Path) -> None:
     text = DISPLAY.replace("[2875.0], den = [1.0, 94.0, 290.0]", "[5750.0], den = [2.0, 188.0, 580.0]")
-    (tmp_path / "display.toml").write_text(text)
-    channel = read_display(tmp_path / "display.toml").channels[0]
+    channel = read(tmp_path, text).channels[0]
     s = 2j * np.pi * 10.0
     loaded = channel.loaded_plant(channel.loads[0]).response(10.0)
     assert loaded == pytest.approx(5750.0 / ((2.12 * s + 219.0) * s + 940.0))
@@ -56,45 +58,26 @@ def test_read_display__denominator_not_monic__scales_the_load_with_it(tmp_path: 
 
 def test_read_display__zeros_poles_gain_and_model_file__are_plants(tmp_path: Path) -> None:
     (tmp_path / "model.json").write_text('{"num": [2875.0], "den": [1.0, 94.0, 290.0], "delay_s": 0.0}')
+    s = 2j * np.pi * 10.0
     for plant in ("{ zeros = [], poles = [-3.196, -90.804], gain = 2875.0 }", '"model.json"'):
-        text = DISPLAY.replace("{ num = [2875.0], den = [1.0, 94.0, 290.0] }", plant)
-        (tmp_path / "display.toml").write_text(text)
-        response = read_display(tmp_path / "display.toml").channels[0].plant.response(10.0)
-        s = 2j * np.pi * 10.0
+        display = read(tmp_path, DISPLAY.replace("{ num = [2875.0], den = [1.0, 94.0, 290.0] }", plant))
+        response = display.channels[0].plant.response(10.0)
         assert response == pytest.approx(2875.0 / ((s + 94.0) * s + 290.0), rel=1e-3)
-
-
-def test_display_document__there_and_back__is_equal(tmp_path: Path) -> None:
-    (tmp_path / "display.toml").write_text(DISPLAY)
-    display = read_display(tmp_path / "display.toml")
-    assert parse_display(display_document(display)) == display
-
-
-def test_with_curve__another__is_every_channels(tmp_path: Path) -> None:
-    text = DISPLAY.replace("[0.4, 300.0]", "[8.0, 300.0]")
-    (tmp_path / "display.toml").write_text(text)
-    display = with_curve(read_display(tmp_path / "display.toml"), curve("morioka-griffin-2006"))
-    assert display.channels[0].threshold.curve.name == "morioka-griffin-2006"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         ("rate_hz = 4000", "rate = 4000", r"known \(did you mean 'rate_hz'\?\); allowed: name, rate_hz"),
-        ("rate_hz = 4000", 'rate_hz = "fast"', r"\[display\]: rate_hz is 'fast'; allowed: a number"),
         ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; allowed: a number"),
         ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; allowed: a number, above 0, up to 1000000"),
         ("0.19898", "198.98", r"198.98 V/mm, which make 2487 V of travel_mm 12.5; allowed: up to range_v 10 V"),
-        ("travel_mm = 12.5", "travel_mm = true", "travel_mm is True; allowed: a number"),
-        ("travel_mm = 12.5", "travel_mm = 12.5\nbits = 16.5", "bits is 16.5; allowed: a whole number"),
         ("rate_hz = 4000", "", r"\[display\]: rate_hz is missing"),
-        ("rate_hz = 4000", "rate_hz = -4000", "rate_hz is -4000"),
         ("0.19898", "-0.19898", "sensor_gain_v_per_mm is -0.19898; allowed: a number, above 0"),
         ("travel_mm = 12.5", "travel_mm = 12.5\ncolour = 1", "colour is not a key"),
         ("num = [2875.0], ", "", r"plant: neither one nor the other; allowed: \{ num, den \}"),
         ("[2875.0]", "[0.0]", "plant: num is zero"),
         ("damping = 31.0", "damping = -31.0", "damping is -31"),
-        ("[threshold]", '[touch]\nadaptive = "yes"\n[threshold]', "adaptive is 'yes'; allowed: true or false"),
         ("[threshold]", '[threshold]\ncurve = "tadoma"', "'tadoma' is not in the library"),
         ("[threshold]", '[threshold]\ncurve = "none.csv"', "No such file"),
         ("[threshold]", "[thresholds]", r"\[thresholds\]: not a table that is known; allowed: channel"),

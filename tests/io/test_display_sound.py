@@ -20,24 +20,13 @@ def display_with(sound: dict[str, Any], *channels: dict[str, Any]):
     return parse_display(document | {"sound": sound})
 
 
-def test_sound__nothing_said_of_wires__count_from_one():
+def test_sound__wires__count_from_one_where_a_channel_does_not_say_otherwise():
     card = display_with(FULL).sound
     assert card.wires == tuple(Wires(k, k, 2.0, 1.0) for k in (1, 2, 3))
     assert (card.device, card.latency_samples) == ("", 0)
-
-
-def test_sound__channel_says_otherwise__wins():
-    card = display_with(FULL | {"device": "x", "latency_samples": 512}, {"output": 7, "input": 0}).sound
-    assert card.wires[0] == Wires(7, 0, 2.0, 1.0)
-    assert card.latency_samples == 512
-
-
-def test_sound__written_in_a_controller__comes_back_equal():
-    display = display_with(FULL | {"device": "x", "lead_s": 0.5}, {"output": 9, "input_full_scale_v": 3.5})
+    display = display_with(FULL | {"device": "x", "latency_samples": 512}, {"output": 7, "input": 0})
+    assert (display.sound.wires[0], display.sound.latency_samples) == (Wires(7, 0, 2.0, 1.0), 512)
     assert parse_display(display_document(display)).sound == display.sound
-
-
-def test_sound__none__leaves_the_document_as_it_was():
     assert "sound" not in display_document(parse_display(three_finger_display()))
 
 
@@ -49,11 +38,8 @@ def test_sound__none__leaves_the_document_as_it_was():
         (FULL, {"output": 2}, "output 2 has two channels"),
         (FULL, {"input": 3}, "input 3 has two channels"),
         (FULL, {"output": 0}, "output is 0; allowed: a whole number, 1 to 64"),
-        (FULL, {"output": 1.5}, "output is 1.5; allowed"),
         (FULL, {"device": "x"}, r"device is not a key"),
-        ({"output_full_scale_v": -1.0}, {}, "output_full_scale_v is -1; allowed"),
         (FULL | {"lead_s": 5.0}, {}, "lead_s is 5; allowed: a number, 0.02 to 2"),
-        (FULL | {"latency_samples": -1}, {}, "latency_samples is -1; allowed: a whole number, 0 to 1000000"),
     ],
 )
 def test_sound__amiss__is_refused_in_one_line(sound: dict[str, Any], channel: dict[str, Any], words: str):
@@ -91,7 +77,6 @@ def test_channel__force_on_a_known_mass__is_an_accelerometer_by_newtons_law():
     ("more", "words"),
     [
         ({"mass_kg": 0.0}, "mass_kg is 0; allowed: a number, above 0"),
-        ({"mass_kg": float("nan")}, "mass_kg is nan; allowed: a number, above 0"),
         ({"sensor_gain_v_per_n": -1.0}, "sensor_gain_v_per_n is -1; allowed: a number, above 0"),
         ({"quantity": "velocity"}, "mass_kg is not a key"),
         ({"sensor_gain_v_per_mm": 1.0}, "sensor_gain_v_per_mm is given beside quantity = 'force'"),

@@ -50,7 +50,7 @@ writers = {
     ),
 }
 folder, refused, written = Path(sys.argv[1]), 0, 0
-for room in (0, 100, 1000, 2048, 3000, 5000, 9000, 20_000, 50_000, 100_000, 150_000, 1 << 30):
+for room in (0, 2048, 9000, 50_000, 150_000, 1 << 30):
     for name, write in writers.items():
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
         try:
@@ -67,12 +67,12 @@ sys.stderr.write(f"{refused} refused, {written} written")
 """
 
 
-def test_writers__twelve_levels_of_room__written_whole_or_refused_in_a_line(tmp_path: Path) -> None:
+def test_writers__six_levels_of_room__written_whole_or_refused_in_a_line(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT, str(tmp_path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     refused, written = (int(part.split()[0]) for part in done.stderr.split(","))
-    assert refused + written == 72
-    assert refused > 40
+    assert refused + written == 36
+    assert refused > 20
     assert written >= 6
 
 

@@ -46,36 +46,34 @@ def one_line(call: Callable[[], object], words: str) -> None:
     assert "allowed" in str(caught.value)
 
 
-@pytest.mark.parametrize("read", [read_curve, read_matrix, read_pairs])
-def test_small_tables__longer_than_is_measured__refused(tmp_path: Path, read: Callable[[Path], object]) -> None:
+def test_small_tables_and_lines__longer_than_is_measured__refused(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     path.write_text("a,b\n" + "1,2\n" * 100_000)
-    one_line(lambda: read(path), r"10000\d lines; allowed: up to 100000")
+    for read in (read_curve, read_matrix, read_pairs):
+        one_line(lambda read=read: read(path), r"10000\d lines; allowed: up to 100000")
+    path.write_text("1," * 2_000_000)
+    one_line(lambda: read_record(path), "a line is longer")
 
 
-@pytest.mark.parametrize("shape", [(1, 1_200_000_000), (600_000_000, 2), (1_200_000_000,)])
-def test_hdf5__claims_more_than_may_be_held__refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
-    path = tmp_path / "claim.h5"
+def claiming(path: Path, shape: tuple[int, ...], names: str) -> Path:
+    """A small file that says it holds much."""
     with h5py.File(path, "w") as file:
-        for name in ("command", "position", *"abcdefgh"):
+        for name in ("command", "position", *names):
             file.create_dataset(name, shape=shape, dtype="f4", chunks=True, compression="gzip")
     assert path.stat().st_size < 100_000
-    one_line(lambda: read_record(path, rate_hz=4000.0), "claims to hold")
+    return path
 
 
-def test_hdf5__a_single_row_without_end__reads_no_more_than_the_first_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with h5py.File(tmp_path / "claim.h5", "w") as file:
-        for name in ("command", "position"):
-            file.create_dataset(name, shape=(1, 1_200_000_000), dtype="f4", chunks=True, compression="gzip")
+def test_hdf5__claims_more_than_may_be_held__refused_or_read_in_part(tmp_path: Path, monkeypatch) -> None:
+    for shape in ((600_000_000, 2), (1_200_000_000,)):
+        path = claiming(tmp_path / "claim.h5", shape, "abcdefgh")
+        one_line(lambda path=path: read_record(path, rate_hz=4000.0), "claims to hold")
     monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
-    assert read_record(tmp_path / "claim.h5", rate_hz=4000.0).command.size == 1000
+    row = claiming(tmp_path / "row.h5", (1, 1_200_000_000), "")
+    assert read_record(row, rate_hz=4000.0).command.size == 1000
 
 
-def test_hdf5__damaged_so_that_the_library_ends_or_never_ends__refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hdf5__damaged_so_that_the_library_ends_or_never_ends__refused(tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "r.h5"
     write_record(path, Record(1000.0, U, Y, "V", "V"))
     monkeypatch.setattr(hdf5, "_look", lambda _: os.abort())
@@ -85,73 +83,51 @@ def test_hdf5__damaged_so_that_the_library_ends_or_never_ends__refused(
     one_line(lambda: read_responses(path), "breaks down")
 
 
-def test_matlab__claims_more_than_it_holds__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scipy.io.savemat(tmp_path / "r.mat", {"u": np.zeros(5000)}, do_compression=True)
-    monkeypatch.setattr(columns, "MOST_VALUES", 4000)
-    one_line(lambda: read_record(tmp_path / "r.mat"), "claims to hold 5000 numbers")
-
-
-def test_matlab__damaged_so_that_the_library_crashes__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "fs": 1000.0})
-    assert read_record(tmp_path / "r.mat").rate_hz == 1000.0
-    monkeypatch.setattr(scipy.io, "loadmat", lambda *_, **__: os.abort())
-    one_line(lambda: read_record(tmp_path / "r.mat"), "breaks down")
-
-
-def test_matlab__cells_that_hold_more_than_they_claim__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_matlab__claims_more_than_it_holds_holds_more_than_it_claims_or_crashes__refused(tmp_path, monkeypatch) -> None:
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"u": U, "y": Y, "fs": 1000.0}, do_compression=True)
+    assert read_record(path).rate_hz == 1000.0
+    with monkeypatch.context() as patch:
+        patch.setattr(columns, "MOST_VALUES", 3000)
+        one_line(lambda: read_record(path), "claims to hold 8001 numbers")
+    with monkeypatch.context() as patch:
+        patch.setattr(scipy.io, "loadmat", lambda *_, **__: os.abort())
+        one_line(lambda: read_record(path), "breaks down")
     cells = np.empty(1, dtype=object)
     cells[0] = np.zeros(9_000_000)  # over 32 MB: memory that the allocator has to ask for
-    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "c": cells}, do_compression=True)
+    scipy.io.savemat(path, {"u": U, "y": Y, "c": cells}, do_compression=True)
     monkeypatch.setattr(hdf5, "_MEMORY_BYTES", 40 << 20)
-    one_line(lambda: read_record(tmp_path / "r.mat"), "more than 40 MB of memory")
+    one_line(lambda: read_record(path), "more than 40 MB of memory")
 
 
-def test_csv__one_line_without_end__refused(tmp_path: Path) -> None:
-    (tmp_path / "r.csv").write_text("1," * 2_000_000)
-    one_line(lambda: read_record(tmp_path / "r.csv"), "a line is longer")
-
-
-@pytest.mark.parametrize("ending", [".w64", ".rf64", ".au", ".caf", ".ogg", ".mp3"])
-@pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
-def test_speech__cut__refused_whatever_its_format(tmp_path: Path, ending: str, share: float) -> None:
+@pytest.mark.parametrize("ending", [".w64", ".rf64", ".au", ".caf", ".ogg", ".mp3", ".wav", ".flac", ".aiff"])
+def test_sound__cut__refused_by_every_reader_whatever_its_format(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"r{ending}"
-    soundfile.write(path, U, 16000)
+    soundfile.write(path, np.stack([U, Y], axis=1), 16000)
     assert scan_speech(path).frames == U.size
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    one_line(lambda: scan_speech(path), "truncated|not readable|frames")
-
-
-@pytest.mark.parametrize("ending", [".wav", ".flac", ".aiff"])
-def test_sound__cut_in_half__refused_by_every_reader(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"r{ending}"
-    soundfile.write(path, np.stack([U, Y], axis=1), 8000)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    one_line(lambda: scan_speech(path), "truncated|not readable")
-    if ending != ".aiff":
+    content = bytearray(path.read_bytes())
+    for share in (0.999, 0.5):
+        path.write_bytes(content[: int(share * len(content))])
+        one_line(lambda: scan_speech(path), "truncated|not readable|frames")
+    if ending in (".wav", ".flac"):
         one_line(lambda: read_record(path), "truncated|.")
-
-
-def test_sound__riff_length_right_but_its_samples_cut__refused(tmp_path: Path) -> None:
-    path = tmp_path / "r.wav"
-    soundfile.write(path, np.stack([U, Y], axis=1), 8000)
-    content = bytearray(path.read_bytes()[:6000])
-    content[4:8] = (6000 - 8).to_bytes(4, "little")  # as a repair program writes it, the chunk's own length left alone
-    path.write_bytes(content)
-    one_line(lambda: scan_speech(path), "truncated")
-    one_line(lambda: read_record(path), "truncated")
-
-
-@pytest.mark.parametrize("ending", [".wav", ".h5"])
-def test_reference__cut_or_emptied__refused(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"r{ending}"
-    with write_reference(path, ReferenceHead(4000.0, ("index",))) as writer:
-        writer.write(U[:, None])
     if ending == ".wav":
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    else:
-        with h5py.File(path, "r+") as file:
-            file["reference"].resize(1_000_000_000, axis=0)
-    one_line(lambda: open_reference(path), "truncated|fewer samples")
+        content[4:8] = (6000 - 8).to_bytes(4, "little")  # as a repair program does, the chunk's own length left alone
+        path.write_bytes(content[:6000])
+        one_line(lambda: scan_speech(path), "truncated")
+        one_line(lambda: read_record(path), "truncated")
+
+
+def test_reference__cut_or_emptied__refused(tmp_path: Path) -> None:
+    for name in ("r.wav", "r.h5"):
+        with write_reference(tmp_path / name, ReferenceHead(4000.0, ("index",))) as writer:
+            writer.write(U[:, None])
+    wav = tmp_path / "r.wav"
+    wav.write_bytes(wav.read_bytes()[: wav.stat().st_size // 2])
+    with h5py.File(tmp_path / "r.h5", "r+") as file:
+        file["reference"].resize(1_000_000_000, axis=0)
+    one_line(lambda: open_reference(wav), "truncated")
+    one_line(lambda: open_reference(tmp_path / "r.h5"), "fewer samples")
 
 
 @pytest.mark.parametrize(
@@ -166,8 +142,16 @@ def test_reference__scale_file_amiss__refused(tmp_path: Path, change: str) -> No
     one_line(lambda: open_reference(tmp_path / "r.wav"), "allowed")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
-@pytest.mark.parametrize("style", ["plain", "quoted", "decimal commas", "quoted decimal commas"])
+@pytest.mark.parametrize(
+    ("encoding", "style"),
+    [
+        ("utf-8", "plain"),
+        ("utf-8-sig", "quoted"),
+        ("utf-16", "decimal commas"),
+        ("utf-16-le", "quoted decimal commas"),
+        ("utf-16-be", "plain"),
+    ],
+)
 def test_tables__as_spreadsheets_write_them__same_numbers(tmp_path: Path, encoding: str, style: str) -> None:
     mark = '"' if "quoted" in style else ""
     delimiter = ";" if style == "decimal commas" else ","
@@ -204,18 +188,14 @@ def test_tables__commas_that_may_part_thousands__refused(tmp_path: Path) -> None
     ("change", "words"),
     [
         ('"delay_s": NaN', "NaN"), ('"delay_s": 1e999', "1e999"), ('"delay_s": -1.0', "delay_s"),
-        ('"den": [0.0, 0.0, 0.0]', "num or den"), ('"den": [0.0, 1.0, 2.0]', "num or den"),
-        ('"num": [0.0]', "num or den"),
-        ('"band_hz": [300.0, 0.4]', "band_hz"), ('"valid_hz": [5.0, 5.0]', "valid_hz"),
-        ('"valid_hz": [5.0]', "valid_hz"), ('"num": [1e200]', "size"),
+        ('"den": [0.0, 1.0, 2.0]', "num or den"), ('"num": [0.0]', "num or den"),
+        ('"band_hz": [300.0, 0.4]', "band_hz"), ('"valid_hz": [5.0]', "valid_hz"), ('"num": [1e200]', "size"),
         ('"excess": {"frequency_hz": [2, 1], "magnitude": [0, 0], "phase_rad": [0, 0]}', "ascend"),
         ('"friction": 3', "friction"), ('"units": null', "units is None"),
         ('"num": [1' + 400 * "0" + "]", "num is not made of numbers"),
     ],
 )  # fmt: skip
-def test_model__numbers_no_record_leads_to__refused_by_itself_and_in_a_display(
-    tmp_path: Path, change: str, words: str
-) -> None:
+def test_model__numbers_no_record_leads_to__refused_by_itself_and_in_a_display(tmp_path, change, words) -> None:
     path = tmp_path / "m.json"
     write_model(path, MODEL)
     name = change[: change.index(":")]
@@ -244,7 +224,7 @@ def test_every_reader__bytes_changed_at_random__reads_or_refuses(tmp_path: Path)
     odd = (b"\x00", b"\xff\xfe", b"nan", b"1e999", b'"', b"[" * 3000, b"\n", b",", b"9" * 400)
     for name, read in readers.items():
         good = (tmp_path / name).read_bytes()
-        for _ in range(60):
+        for _ in range(40):
             content = bytearray(good)
             for _ in range(int(rng.integers(1, 4))):
                 at = int(rng.integers(len(content)))
@@ -268,56 +248,41 @@ def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> No
     one_line(lambda: read_boards(tmp_path), "board.toml")
 
 
-def test_mp3__with_junk_in_it__refused_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_mp3__with_junk_in_it_or_that_looks_like_it__one_line_and_nothing_of_its_decoder(tmp_path, capfd) -> None:
+    """Found by hostile files: a byte-order mark looks like a frame of MP3, whose decoder wrote nine lines."""
     soundfile.write(tmp_path / "r.mp3", U, 16000)
     content = (tmp_path / "r.mp3").read_bytes()
     (tmp_path / "r.mp3").write_bytes(content[: len(content) // 3] + bytes(100_000))
     one_line(lambda: scan_speech(tmp_path / "r.mp3"), "truncated|not readable")
-    assert capfd.readouterr().err == ""
-
-
-def test_pipe__that_nobody_writes_to__is_empty_and_does_not_wait(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "p.csv")
-    one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column 'displacement_mm'")
-
-
-def test_pipe__that_somebody_writes_to__is_read_to_its_end(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "p.csv")
-    writer = subprocess.Popen(["sh", "-c", f"(sleep 0.2; echo 1; sleep 0.2; echo 2) > {tmp_path / 'p.csv'}"])
-    with (tmp_path / "p.csv").open("rb") as opened:  # it is open before the reader comes, as a shell's <(...) is
-        assert read_content(tmp_path / "p.csv") + opened.read() == b"1\n2\n"
-    assert writer.wait(10) == 0
-
-
-def test_content__of_a_device_without_end__refused() -> None:
-    with pytest.raises(BadInput, match="more than 12 MB"):
-        read_content(Path("/dev/zero"))
-
-
-@pytest.mark.parametrize("read", [read_record, open_reference])
-def test_sound__that_looks_like_mp3__one_line_and_nothing_of_its_decoder(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], read: Callable[[Path], object]
-) -> None:
-    """Found by hostile files: a byte-order mark looks like a frame of MP3, whose decoder wrote nine lines."""
     path = tmp_path / "reference.wav"
     with write_reference(path, ReferenceHead(4000.0, ("index", "thumb"))) as writer:
         writer.write(np.zeros((4000, 2)))
     path.write_bytes(path.read_bytes().decode("latin-1").encode("utf-16"))
-    with pytest.raises(BadInput, match="allowed"):
-        read(path)
+    for read in (read_record, open_reference):
+        one_line(lambda read=read: read(path), "allowed")
     assert capfd.readouterr().err == ""
 
 
-def test_pipe__that_nobody_writes_to__keeps_neither_a_corpus_nor_a_server_waiting(tmp_path: Path) -> None:
+def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_corpus_nor_a_server_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column 'displacement_mm'")
     os.mkfifo(tmp_path / JOURNAL)
     one_line(lambda: open_journal(tmp_path, {}).__enter__(), "is a folder, a pipe or a device")
     one_line(lambda: Address(certificate=tmp_path / JOURNAL), "is a pipe")
 
 
-@pytest.mark.parametrize("rate", ["nan", "inf", "-1.0", "1e300"])
-def test_coding__analysis_at_a_rate_that_is_none__refused(tmp_path: Path, rate: str) -> None:
+def test_pipe__that_somebody_writes_to__is_read_to_its_end_and_a_device_without_end_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    writer = subprocess.Popen(["sh", "-c", f"(sleep 0.2; echo 1; sleep 0.2; echo 2) > {tmp_path / 'p.csv'}"])
+    with (tmp_path / "p.csv").open("rb") as opened:  # it is open before the reader comes, as a shell's <(...) is
+        assert read_content(tmp_path / "p.csv") + opened.read() == b"1\n2\n"
+    assert writer.wait(10) == 0
+    with pytest.raises(BadInput, match="more than 12 MB"):
+        read_content(Path("/dev/zero"))
+
+
+def test_coding__analysis_at_a_rate_that_is_none__refused(tmp_path: Path) -> None:
     """Found by hostile files: NaN ended in a traceback as speech was rendered."""
-    path = tmp_path / "coding.toml"
     text = (EXAMPLES / "coding.toml").read_text(encoding="utf-8")
-    path.write_text(text.replace("analysis_hz = 16000.0", f"analysis_hz = {rate}"), encoding="utf-8")
-    one_line(lambda: read_coding(path), "analysis_hz is")
+    (tmp_path / "coding.toml").write_text(text.replace("analysis_hz = 16000.0", "analysis_hz = nan"), encoding="utf-8")
+    one_line(lambda: read_coding(tmp_path / "coding.toml"), "analysis_hz is")

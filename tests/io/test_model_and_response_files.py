@@ -18,17 +18,12 @@ def model() -> PlantModel:
     return PlantModel(np.array([2875.0]), np.array([1.0, 94.0, 290.0]), 0.0, covariance, (0.4, 300.0))
 
 
-def test_model__written_and_read__is_the_same(tmp_path: Path) -> None:
-    write_model(tmp_path / "m.json", model())
+def test_model__written_and_read__is_the_same_and_a_displays_plant_with_its_family(tmp_path: Path) -> None:
+    write_model(tmp_path / "m.json", model(), model().family(4, np.random.default_rng(0)))
     read = read_model(tmp_path / "m.json")
     np.testing.assert_array_equal(read.den, model().den)
     np.testing.assert_array_equal(read.covariance, model().covariance)
     assert read.band_hz == (0.4, 300.0)
-
-
-def test_model__named_by_a_display_file__is_its_plant_with_its_family(tmp_path: Path) -> None:
-    family = model().family(4, np.random.default_rng(0))
-    write_model(tmp_path / "m.json", model(), family)
     table = {"name": "index", "sensor_gain_v_per_mm": 0.2, "travel_mm": 12.5, "plant": "m.json"}
     document = {
         "display": {"name": "one", "rate_hz": 4000, "delay_samples": 1},
@@ -47,20 +42,16 @@ def test_model__band__is_the_hand_calculation_for_the_gain_alone() -> None:
     assert gain_only.confidence()["gain"] == pytest.approx(1.959964 * 0.1 / 3.0)
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"format": "other"}', '{"format": "tactuator-model/1"}'])
-def test_model__not_one__is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "m.json").write_text(text)
-    with pytest.raises(BadInput, match="allowed"):
-        read_model(tmp_path / "m.json")
+def test_model__covariance_of_another_size__is_refused() -> None:
     with pytest.raises(BadInput, match="covariance"):
         PlantModel(np.ones(1), np.ones(3), 0.0, np.eye(2), (1.0, 2.0))
 
 
 def response() -> Response:
-    one = np.array([1.0, 2.0])
+    pair = np.array([1.0, 2.0])
     return Response(
-        "index", "none", 30.0, "stepped-sine", one, one * (1.0 - 1.0j), one, one * 0.1, one * 1e-3, one * 1e-4,
-        np.array([False, True]), np.array([True, True]), one, "abc",
+        "index", "none", 30.0, "stepped-sine", pair, pair * (1.0 - 1.0j), pair, pair * 0.1, pair * 1e-3, pair * 1e-4,
+        np.array([False, True]), np.array([True, True]), pair, "abc",
     )  # fmt: skip
 
 
@@ -75,20 +66,14 @@ def test_response__hdf5__comes_back(tmp_path: Path) -> None:
         assert file["response1/latency_s"].attrs["unit"] == "s"
 
 
-def test_response__csv__has_a_row_for_each_point(tmp_path: Path) -> None:
+def test_response__csv__has_a_row_for_each_point_and_another_ending_is_refused(tmp_path: Path) -> None:
     write_responses(tmp_path / "r.csv", [response()])
     rows = (tmp_path / "r.csv").read_text().splitlines()
     assert len(rows) == 3
     assert rows[0].startswith("channel,load,level_db_sl,method,frequency_hz,magnitude_v")
     assert rows[1].split(",")[5] == "1.41421356"
-
-
-def test_response__wrong_ending_or_file__is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="ending"):
         write_responses(tmp_path / "r.png", [response()])
-    (tmp_path / "r.h5").write_text("no")
-    with pytest.raises(BadInput, match="allowed"):
-        read_responses(tmp_path / "r.h5")
 
 
 def test_pairs__named_and_not__are_read(tmp_path: Path) -> None:
@@ -96,17 +81,3 @@ def test_pairs__named_and_not__are_read(tmp_path: Path) -> None:
     read = read_pairs(tmp_path / "p.csv")
     assert read.names == ["a", "row 3"]
     assert read.voltage_v.tolist() == [0.2, 0.4]
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("", "no column"),
-        ("displacement_mm,volts\n1,2\n", "'voltage_v'"),
-        ("displacement_mm,voltage_v\n1,x\n", "row 2 has 'x'"),
-    ],
-)
-def test_pairs__amiss__are_refused(tmp_path: Path, text: str, match: str) -> None:
-    (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(BadInput, match=match):
-        read_pairs(tmp_path / "p.csv")

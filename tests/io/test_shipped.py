@@ -18,14 +18,10 @@ PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 NAMES = [name for name in example_names() if name != "README.md"]
 
 
-def test_examples__all__are_below_one_and_a_half_megabytes():
+def test_examples__all__are_below_one_and_a_half_megabytes_and_stand_in_the_page():
     assert sum((EXAMPLES / name).stat().st_size for name in example_names()) < 1_500_000
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_examples__each__stands_in_the_page(name):
-    whole = name if not name.startswith("protocols/") or not name.endswith(".json") else name[:-5] + ".wav"
-    assert f"`{whole}`" in PAGE
+    beside = {name: name[:-5] + ".wav" for name in NAMES if name.startswith("protocols/") and name.endswith(".json")}
+    assert [name for name in NAMES if f"`{beside.get(name, name)}`" not in PAGE] == []
 
 
 READERS = {
@@ -55,40 +51,25 @@ def test_examples__each__is_read_by_its_reader(name):
         read(EXAMPLES / name)
 
 
-def test_bench_display__before_identification__names_the_model_that_is_missing():
-    with pytest.raises(BadInput, match=r"model\.json"):
+def test_examples__each__is_what_the_others_take_it_for():
+    with pytest.raises(BadInput, match=r"model\.json"):  # it is identified first
         read_display(EXAMPLES / "bench.toml")
-
-
-def test_examples__response_and_record__are_told_apart():
     assert is_response(EXAMPLES / "sheet.csv")
     assert not is_response(EXAMPLES / "bench.csv")
-
-
-def test_examples__references__are_those_of_the_display():
     display = read_display(EXAMPLES / "display.toml")
     head = open_reference(EXAMPLES / "protocols" / "a.wav").head
-    assert head.rate_hz == display.rate_hz
-    assert head.channels == tuple(one.name for one in display.channels)
-
-
-def test_examples__coding__is_the_one_it_was_written_from():
+    assert (head.rate_hz, head.channels) == (display.rate_hz, tuple(channel.name for channel in display.channels))
     assert read_coding(EXAMPLES / "coding.toml") == coding_of("envelope")
 
 
-def test_copy__into_a_new_folder__has_every_byte(tmp_path):
-    written = copy_examples(tmp_path / "new" / "deep")
-    assert [path.relative_to(tmp_path / "new" / "deep").as_posix() for path in written] == list(example_names())
-    assert all(
-        path.read_bytes() == (EXAMPLES / n).read_bytes() for path, n in zip(written, example_names(), strict=True)
-    )
-
-
-def test_copy__twice__changes_nothing(tmp_path):
-    copy_examples(tmp_path)
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-    copy_examples(tmp_path)
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+def test_copy__into_a_new_folder_twice__has_every_byte_and_changes_nothing(tmp_path):
+    folder = tmp_path / "new" / "deep"
+    written = copy_examples(folder)
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    assert [path.relative_to(folder).as_posix() for path in written] == list(example_names())
+    assert [path.read_bytes() for path in written] == [(EXAMPLES / name).read_bytes() for name in example_names()]
+    copy_examples(folder)
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
 
 
 def test_copy__where_something_else_lies__nothing_is_written(tmp_path):

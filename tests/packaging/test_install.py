@@ -70,14 +70,11 @@ class Tree:
         return [os.path.realpath(sys._base_executable), str(self.root / "tools/install.py"), which]
 
     def install(self, which: str = "run", **more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            self.command(which), env=self.environment(**more), capture_output=True, text=True, check=False
-        )
+        how = {"env": self.environment(**more), "capture_output": True, "text": True}
+        return subprocess.run(self.command(which), **how, check=False)
 
     def runs(self, script: str) -> bool:
-        return (
-            subprocess.run([self.venv / "bin/python", "-c", script], capture_output=True, check=False).returncode == 0
-        )
+        return not subprocess.run([self.venv / "bin/python", "-c", script], capture_output=True, check=False).returncode
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +107,8 @@ def closed_port() -> int:
 
 def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tmp_path, empty):
     tree = Tree(tmp_path)  # with Python's own venv
-    both = [
-        subprocess.Popen(tree.command(), env=tree.environment(), stderr=subprocess.PIPE, text=True) for _ in range(2)
-    ]
+    how = {"env": tree.environment(), "stderr": subprocess.PIPE, "text": True}
+    both = [subprocess.Popen(tree.command(), **how) for _ in range(2)]
     said = [process.communicate()[1] for process in both]
     assert [process.returncode for process in both] == [0, 0]
     assert sorted(text.count("making .venv") for text in said) == [0, 1]
@@ -142,38 +138,23 @@ def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_a
 
 
 def kill_once_there(tree: Tree, which: str, pattern: str) -> None:
-    """Start the set-up and kill it, as a power cut would, as soon as `.venv` has such a file."""
-    process = subprocess.Popen(
-        tree.command(which), env=tree.environment(), start_new_session=True, stderr=subprocess.DEVNULL
-    )
+    """Start the set-up and kill it, as a power cut would, as soon as `.venv` has such a file; a file tells of it."""
+    how = {"env": tree.environment(), "start_new_session": True, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(tree.command(which), **how)
     while not any(tree.venv.glob(pattern)):
         assert process.poll() is None
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    (tree.venv / pattern.rpartition("/")[2]).touch()
 
 
-def killed_half_way(tree: Tree, pattern: str) -> None:
-    """Kill the set-up once `.venv` has such a file; the next one starts clean and gets to the end."""
-    kill_once_there(tree, "run", pattern)
-    (tree.venv / "half").touch()
+def test_install__killed_early_and_late_then_without_an_index__starts_clean_and_keeps_the_runtime_set(tree):
+    kill_once_there(tree, "run", "bin/python")
+    kill_once_there(tree, "run", "lib/python3*/site-packages/alpha.py")
+    assert not (tree.venv / "python").exists()
     assert tree.install().returncode == 0
-    assert tree.runs("import alpha, tactuator.room._core")
-    assert not (tree.venv / "half").exists()
-
-
-def test_install__killed_early_and_while_the_test_set_is_added__starts_clean_or_keeps_the_runtime_set(tree):
-    killed_half_way(tree, "bin/python")
-    kill_once_there(tree, "test", "lib/python3*/site-packages/beta.py")
-    (tree.venv / "half").touch()
-    assert tree.install("run").stderr == ""
-    assert tree.install("test").returncode == 0
-    assert tree.runs("import alpha, beta, tactuator.room._core")
-    assert not (tree.venv / "half").exists()
-
-
-def test_install__killed_late_and_then_without_an_index__is_one_line_and_the_runtime_set_stays(tree):
-    killed_half_way(tree, "lib/python3*/site-packages/alpha.py")
+    assert not (tree.venv / "alpha.py").exists()
     away = {"PIP_NO_INDEX": "0", "PIP_FIND_LINKS": "", "PIP_INDEX_URL": f"http://127.0.0.1:{closed_port()}/simple"}
     line = refusal(tree.install("test", **away))
     assert "requirements/test.txt could not be installed: the package index cannot be reached (NewConnection" in line
@@ -181,41 +162,41 @@ def test_install__killed_late_and_then_without_an_index__is_one_line_and_the_run
     assert tree.runs("import alpha, tactuator.room._core")
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("alpha", "a file for alpha==1 is not the one whose hash the lock holds"),
-        pytest.param("gamma", "offers no file of gamma==1 for Python 3.", marks=pytest.mark.soak),
-    ],
-)
-def test_pip__other_file_or_none__is_one_line(tree, name, words):
-    tree.write_locks(f"{name}==1 --hash=sha256:{64 * '0'}\n")
-    assert words in refusal(tree.install())
-    assert not tree.venv.exists()
+def test_install__killed_while_the_test_set_is_added__keeps_the_runtime_set_and_then_starts_clean(tree):
+    assert tree.install().returncode == 0
+    kill_once_there(tree, "test", "lib/python3*/site-packages/beta.py")
+    assert tree.install("run").stderr == ""
+    assert tree.install("test").returncode == 0
+    assert tree.runs("import alpha, beta, tactuator.room._core")
+    assert not (tree.venv / "beta.py").exists()
 
 
-def test_install__package_without_its_library__is_named_with_the_remedy(tree):
+def test_install__other_file_no_file_or_a_package_without_its_library__is_one_line_and_nothing_stays(tree):
     broken = "raise OSError(\"cannot load library 'libstray.so': cannot open shared object file\")\n"
-    tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": broken}))
-    line = refusal(tree.install())
-    assert line.startswith("alpha is installed and cannot be imported; remedy: `make clean`, then the same again: ")
-    assert "OSError: cannot load library 'libstray.so'" in line
-    assert not tree.venv.exists()
+    lines = {
+        "a file for alpha==1 is not the one whose hash the lock holds": f"alpha==1 --hash=sha256:{64 * '0'}\n",
+        "offers no file of gamma==1 for Python 3.": f"gamma==1 --hash=sha256:{64 * '0'}\n",
+        "alpha is installed and cannot be imported; remedy: `make clean`, then the same again: OSError: cannot load "
+        "library 'libstray.so'": lock_line(wheel(tree.index, "alpha", "1", {"alpha.py": broken})),
+    }
+    for words, line in lines.items():
+        tree.write_locks(line)
+        assert words in refusal(tree.install())
+        assert not tree.venv.exists()
 
 
 def on_a_disk_of(size: str, tree: Tree) -> subprocess.CompletedProcess[str]:
     """Install on a file system of that size, which is gone afterwards; skip where none may be mounted."""
     inside = tree.root.parent / "disk"
     inside.mkdir()
-    own = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
+    alone = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
     mount = f"mount -t tmpfs -o size={size} none {inside}"
-    if subprocess.run([*own, "sh", "-c", mount], capture_output=True, check=False).returncode != 0:
+    if subprocess.run([*alone, "sh", "-c", mount], capture_output=True, check=False).returncode != 0:
         pytest.skip("no file system can be mounted here")
     python, script = tree.command()[0], f"{inside}/tools/install.py"
     steps = f"{mount} && cp -r {tree.root}/. {inside} && {python} {script} run; s=$?; ls -A {inside}; exit $s"
-    return subprocess.run(
-        [*own, "sh", "-c", steps], env=tree.environment(), capture_output=True, text=True, check=False
-    )  # fmt: skip
+    how = {"env": tree.environment(), "capture_output": True, "text": True}
+    return subprocess.run([*alone, "sh", "-c", steps], **how, check=False)
 
 
 def test_install__disk_too_small__is_one_line_before_anything_is_done(tree):
@@ -232,32 +213,26 @@ def test_install__disk_fills_up__is_one_line_and_the_room_is_given_back(tree):
     assert ".venv" not in done.stdout.split()
 
 
-def test_install__python_too_old__is_told_in_one_sentence():
-    script = "import sys, runpy; sys.version_info = (3, 9, 2); runpy.run_path('tools/install.py', run_name='__main__')"
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert done.stderr.startswith("tactuator needs Python 3.11 or later; ")
+def run_as(lines: str, folder: Path) -> tuple[int, str]:
+    """What becomes of the set-up after these lines of Python, in the folder of a tree."""
+    script = f"import os, runpy, sys; {lines}; runpy.run_path('tools/install.py', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("feature_version", [(3, 4), (3, 7)])
-def test_install__syntax__is_old_enough_to_be_told(feature_version):
-    ast.parse((ROOT / "tools/install.py").read_text(encoding="ascii"), feature_version=feature_version)
+def test_install__python_too_old__is_told_in_one_sentence_that_it_can_parse():
+    status, said = run_as("sys.version_info = (3, 9, 2)", ROOT)
+    assert (status, said.count("\n")) == (1, 1)
+    assert said.startswith("tactuator needs Python 3.11 or later; ")
+    ast.parse((ROOT / "tools/install.py").read_text(encoding="ascii"), feature_version=(3, 4))
 
 
-@pytest.mark.parametrize(
-    ("compiler", "words"),
-    [
+def test_install__compiler_that_is_none_or_system_package_lacking__is_named_in_one_line(tree):
+    for compiler, words in (
         ("no-such-compiler -O2", "a C compiler ('no-such-compiler'; CC names another); missing on Debian: gcc"),
         ("false", "the C compiler 'false' cannot build a program (apt-get install gcc libc6-dev): nothing was said"),
-    ],
-)
-def test_install__compiler_that_is_none__is_one_line(tree, compiler, words):
-    assert words in refusal(tree.install(CC=compiler))
-
-
-def test_install__system_package_lacking__is_named_to_who_is_not_root(tree):
+    ):
+        assert words in refusal(tree.install(CC=compiler))
     (tree.root / "requirements/system.txt").write_text("# head\nno-such-command the-package boards\n")
-    script = "import os, runpy, sys; os.geteuid = lambda: 1; sys.argv = ['install.py', 'boards']; "
-    script += "runpy.run_path('tools/install.py', run_name='__main__')"
-    done = subprocess.run([sys.executable, "-c", script], cwd=tree.root, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (1, "needed from the system: apt-get install the-package\n")
+    how = run_as("os.geteuid = lambda: 1; sys.argv = ['install.py', 'boards']", tree.root)
+    assert how == (1, "needed from the system: apt-get install the-package\n")

@@ -1,6 +1,6 @@
 """Wheels of a few lines, and a build backend that makes one: the smallest packages that pip takes for real.
 
-The backend is copied into the trees of test_fresh_install.py, so this file stands by itself.
+The backend is copied into the trees of test_install.py, so this file stands by itself.
 """
 
 import hashlib

@@ -1,6 +1,5 @@
-"""The whole study, run once with the default seed: by the wheel, where that is tested before, else here."""
+"""The whole study, run once with the default seed."""
 
-import pickle
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -14,14 +13,9 @@ from tactuator.paper.plan import Plan, paper_display
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.steps import check_speech
 
-STUDY = pytest.StashKey[Path]()
-
 
 @pytest.fixture(scope="session")
-def study(pytestconfig: pytest.Config) -> PaperStudy:
-    if STUDY in pytestconfig.stash:
-        made: PaperStudy = pickle.loads(pytestconfig.stash[STUDY].read_bytes())
-        return made
+def study() -> PaperStudy:
     plan = Plan(paper_display())
     return run_study(plan, check_speech(plan), lambda step, done: None)
 

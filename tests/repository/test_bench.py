@@ -10,7 +10,7 @@ import soundfile
 from benchmarks import run as bench
 from tactuator.io.columns import read_columns
 from tactuator.io.shipped import EXAMPLES, example_names
-from tools.examples import write_all, write_bench
+from tools.examples import write_all
 
 
 @pytest.fixture
@@ -68,8 +68,3 @@ def test_examples__written_anew__are_those_that_are_shipped(tmp_path: Path) -> N
     written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
     assert written == {name for name in example_names() if is_generated(name)}
     assert [name for name in sorted(written) if not same(EXAMPLES / name, tmp_path / name)] == []
-
-
-def test_bench_record__written_anew__is_the_one_that_is_shipped(tmp_path: Path) -> None:
-    write_bench(tmp_path / "bench.csv")
-    assert same(EXAMPLES / "bench.csv", tmp_path / "bench.csv")

@@ -29,12 +29,9 @@ def amplitude(signal, frequency):
     return 2 * np.abs(np.mean(part * np.exp(-2j * np.pi * frequency * np.arange(len(part)) / RATE)))
 
 
-def test_direct__tones__inside_kept_outside_gone():
-    for frequency, expected in ((5.0, 1.0), (100.0, 1.0), (270.0, 1.0), (310.0, 0.0), (1000.0, 0.0)):
+def test_direct__tones__inside_kept_outside_gone_on_all_fingers_or_those_named():
+    for frequency, expected in ((5.0, 1.0), (270.0, 1.0), (310.0, 0.0)):
         assert amplitude(coded(DirectCoding(), tone(frequency))[:, 0], frequency) == pytest.approx(expected, abs=1e-3)
-
-
-def test_direct__fingers__all_or_those_named():
     np.testing.assert_array_equal(DirectCoding().placement(FINGERS), [[1, 1, 1]])
     np.testing.assert_array_equal(DirectCoding(fingers=("index",)).placement(FINGERS), [[0, 1, 0]])
 
@@ -45,14 +42,11 @@ def test_bands__their_sum__is_direct():
     np.testing.assert_allclose(coded(BandsCoding(), noise).sum(axis=1), coded(low, noise)[:, 0], atol=1e-9)
 
 
-@pytest.mark.parametrize(("frequency", "band"), [(100.0, 0), (180.0, 1), (250.0, 2)])
-def test_bands__tone__on_its_finger_alone(frequency, band):
-    signals = coded(BandsCoding(), tone(frequency))
-    for column in range(3):
-        assert amplitude(signals[:, column], frequency) == pytest.approx(float(column == band), abs=2e-3)
-
-
-def test_bands__gains__in_db():
+def test_bands__tone__on_its_finger_alone_and_gains_in_db():
+    for band, frequency in enumerate((100.0, 180.0, 250.0)):
+        signals = coded(BandsCoding(), tone(frequency))
+        for column in range(3):
+            assert amplitude(signals[:, column], frequency) == pytest.approx(float(column == band), abs=2e-3)
     gains = BandsCoding(gains_db=(6.0, 0.0, -6.0)).placement(FINGERS)
     np.testing.assert_allclose(np.diag(gains), [10**0.3, 1.0, 10**-0.3])
 
@@ -100,7 +94,7 @@ def test_presets__published_parameters():
     assert octave.high_hz == pytest.approx(2 * octave.low_hz)
 
 
-@pytest.mark.parametrize("lengths", [[100], [65536], [1, 9999, 3]])
+@pytest.mark.parametrize("lengths", [[65536], [1, 9999, 3]])
 @pytest.mark.parametrize("name", ["direct", "bands", "envelope"])
 def test_coding__however_it_is_cut__same_bits(name, lengths):
     noise = np.random.default_rng(3).standard_normal(20011)
@@ -116,47 +110,34 @@ def test_coding__however_it_is_cut__same_bits(name, lengths):
     assert len(pieces) == int(np.ceil(20011 / 4))
 
 
-@pytest.mark.parametrize("name", ["direct", "bands", "envelope", "yuan-2005", "bratakos-2001"])
-def test_coding_file__written_and_read__same_coding(tmp_path, name):
-    write_coding(tmp_path / "c.toml", coding_of(name))
-    assert coding_of(str(tmp_path / "c.toml")) == coding_of(name)
+def test_coding_file__written_and_read__same_coding(tmp_path):
+    for name in ("direct", "bands", "envelope", "yuan-2005", "bratakos-2001"):
+        write_coding(tmp_path / "c.toml", coding_of(name))
+        assert coding_of(str(tmp_path / "c.toml")) == coding_of(name)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("name", "key", "change", "words"),
     [
-        (("kind = \"direct\"", "kind = \"other\""), "kind is 'other'"),
-        (("low_hz = 2.0\n", ""), "'low_hz' is missing"),
-        (("low_hz = 2.0", "low_hz = 2.0\nloww = 1"), "'loww' is not a parameter"),
-        (("low_hz = 2.0", "low_hz = \"two\""), "low_hz is 'two'"),
-        (("low_hz = 2.0", "low_hz = "), "Invalid"),
+        ("direct", 'kind = "direct"', 'kind = "other"', "kind is 'other'"),
+        ("direct", "low_hz = 2.0\n", "", "'low_hz' is missing"),
+        ("direct", "low_hz = 2.0", "low_hz = 2.0\nloww = 1", "'loww' is not a parameter"),
+        ("direct", "low_hz = 2.0", 'low_hz = "two"', "low_hz is 'two'"),
+        ("direct", "low_hz = 2.0", "low_hz = ", "Invalid"),
+        ("yuan-2005", "order = 2\n", "", r"bands\[0\]: 'order' is missing"),
+        ("yuan-2005", "carrier_hz = 50.0", "carrier_hz = 900.0", "carrier 900 Hz"),
+        ("yuan-2005", 'rectifier = "full"', 'rectifier = "none"', "rectifier"),
+        ("yuan-2005", "ratio = 1.0", "ratio = 0.0", "voicing"),
+        ("yuan-2005", "ratio = 1.0", "", "voicing: 'ratio' is missing"),
     ],
-)  # fmt: skip
-def test_coding_file__amiss__refused_in_one_line(tmp_path, change, words):
+)
+def test_coding_file__amiss__refused_in_one_line(tmp_path, name, key, change, words):
     path = tmp_path / "c.toml"
-    write_coding(path, coding_of("direct"))
-    path.write_text(path.read_text().replace(*change, 1))
+    write_coding(path, coding_of(name))
+    path.write_text(path.read_text().replace(key, change, 1))
     with pytest.raises(BadInput, match=words) as refusal:
         read_coding(path)
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("order = 2\n", ""), r"bands\[0\]: 'order' is missing"),
-        (("carrier_hz = 50.0", "carrier_hz = 900.0"), "carrier 900 Hz"),
-        (("rectifier = \"full\"", "rectifier = \"none\""), "rectifier"),
-        (("ratio = 1.0", "ratio = 0.0"), "voicing"),
-        (("ratio = 1.0", ""), "voicing: 'ratio' is missing"),
-    ],
-)  # fmt: skip
-def test_envelope_file__amiss__refused(tmp_path, change, words):
-    path = tmp_path / "c.toml"
-    write_coding(path, YUAN_2005)
-    path.write_text(path.read_text().replace(*change, 1))
-    with pytest.raises(BadInput, match=words):
-        read_coding(path)
 
 
 def test_coding_of__unknown_name_or_no_file__refused(tmp_path):

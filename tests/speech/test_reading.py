@@ -1,4 +1,4 @@
-"""What is read of a speech file, and every refusal."""
+"""What is read of a speech file, and every refusal; of a file that was cut: tests/io/test_hostile_files."""
 
 from dataclasses import replace
 
@@ -19,9 +19,10 @@ def read(path):
     return np.concatenate(list(speech_blocks(scan_speech(path))))
 
 
-def test_scan_speech__mono__says_what_it_is(write_sound):
-    got = scan_speech(write_sound(tone()))
-    assert (got.rate_hz, got.frames, got.channels, got.duration_s) == (16000, 16000, 1, 1.0)
+@pytest.mark.parametrize("rate_hz", [8000, 16000, 192000])
+def test_scan_speech__mono_at_any_rate__says_what_it_is(write_sound, rate_hz):
+    got = scan_speech(write_sound(tone(rate_hz=rate_hz), rate_hz))
+    assert (got.rate_hz, got.frames, got.channels, got.duration_s) == (rate_hz, rate_hz, 1, 1.0)
     assert got.peak == pytest.approx(0.5, abs=1e-3)
     assert got.notes == ()
 
@@ -37,10 +38,7 @@ def test_scan_speech__stereo__mixed_down_and_said(write_sound):
     ("subtype", "name", "tolerance"),
     [
         ("PCM_U8", "speech.wav", 1e-2),
-        ("PCM_16", "speech.wav", 1e-4),
-        ("PCM_24", "speech.wav", 1e-6),
         ("PCM_32", "speech.wav", 1e-8),
-        ("FLOAT", "speech.wav", 1e-7),
         ("DOUBLE", "speech.wav", 1e-12),
         ("PCM_24", "speech.flac", 1e-6),
         ("PCM_16", "speech.aiff", 1e-4),
@@ -57,17 +55,6 @@ def test_speech_blocks__a_constant_beside_the_signal__taken_out_and_said(write_s
     np.testing.assert_allclose(read(path), tone(), atol=1e-6)
 
 
-@pytest.mark.parametrize("rate_hz", [8000, 44100, 48000, 192000])
-def test_scan_speech__any_rate__accepted(write_sound, rate_hz):
-    assert scan_speech(write_sound(tone(0.2, rate_hz), rate_hz)).rate_hz == rate_hz
-
-
-def truncated(path, share=0.5):
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
-    return path
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -75,16 +62,11 @@ def truncated(path, share=0.5):
         (lambda w, d: d, "a folder"),
         (lambda w, d: ((d / "empty.wav").write_bytes(b"") and None) or d / "empty.wav", "empty, 0 bytes"),
         (lambda w, d: (d / "t.wav").write_text("words\n") and d / "t.wav", "not readable as sound"),
-        (lambda w, d: truncated(w(tone())), "truncated"),
-        (lambda w, d: truncated(w(tone(), name="s.flac")), "truncated|not readable"),
-        (lambda w, d: truncated(w(tone()), 0.001), "truncated"),
         (lambda w, d: w(np.zeros(16000)), "silent"),
         (lambda w, d: w(np.full(16000, 0.25), subtype="FLOAT"), r"constant at 0.25 of full scale \(DC\)"),
         (lambda w, d: w(tone(0.01)), "160 frames, 10 ms"),
-        (lambda w, d: w(tone(0.001)), "16 frames, 1 ms"),
         (lambda w, d: w(np.zeros(0)), "0 frames"),
         (lambda w, d: w(np.r_[tone(), np.nan, tone()], subtype="FLOAT"), "sample at 1.000 s is not a finite number"),
-        (lambda w, d: w(np.r_[tone(), np.inf], subtype="FLOAT"), "not a finite number"),
         (lambda w, d: w(tone(2.0, 500), 500), "sampled at 500 Hz"),
     ],
 )
@@ -97,10 +79,10 @@ def test_scan_speech__not_usable__refused_in_one_line(write_sound, tmp_path, mak
 
 def test_sample__shipped_file__is_what_the_script_makes():
     shipped, rate = soundfile.read(sample_path())
-    made = synthesise()
+    synthesised = synthesise()
     assert rate == RATE_HZ
-    assert 2.0 <= len(made) / rate <= 3.0
-    np.testing.assert_allclose(shipped, made, atol=2.0 / 32768)
+    assert 2.0 <= len(synthesised) / rate <= 3.0
+    np.testing.assert_allclose(shipped, synthesised, atol=2.0 / 32768)
 
 
 def test_speech_blocks__short_file_that_was_kept__same_bits_as_read_again(write_sound):

@@ -11,7 +11,7 @@ from tactuator.io.reference import content_sha256, open_reference
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.coding import coding_of
 from tactuator.speech.reading import sample_path
-from tactuator.speech.render import LevelMeter, RenderJob, render_file, rendering
+from tactuator.speech.render import LevelMeter, RenderJob, render_file
 from tests.speech.rendered import render_array
 
 
@@ -22,11 +22,10 @@ def level(reference):
 
 
 @pytest.mark.parametrize("name", ["direct", "bands", "envelope", "yuan-2005", "bratakos-2001"])
-@pytest.mark.parametrize("asked", [20.0, 35.0])
-def test_render__any_coding__utterance_at_the_level_asked(controller, name, asked):
-    reference, speech, limiting = render_array(sample_path(), controller, coding_of(name), asked)
+def test_render__any_coding__utterance_at_the_level_asked(controller, name):
+    reference, speech, limiting = render_array(sample_path(), controller, coding_of(name), 20.0)
     assert len(reference) == int(np.ceil(speech.frames / 4))
-    assert level(reference) == pytest.approx(asked, abs=0.1)
+    assert level(reference) == pytest.approx(20.0, abs=0.1)
     assert all(entry.max_reduction_db == 0.0 for entry in limiting)
 
 
@@ -40,54 +39,38 @@ def test_render__loud__limited_and_said(controller):
         assert sum(entry.reasons.values()) > 0.0
 
 
-def test_render__begin_and_end__ramped(controller, write_sound):
-    tone = np.sin(2 * np.pi * 150 * np.arange(16000) / 16000 + 1.0)
-    reference, _, _ = render_array(write_sound(tone), controller)
-    assert np.abs(reference[[0, -1]]).max() < 0.02 * np.abs(reference).max()
-
-
-def test_render__sampling_rate_of_the_file__does_not_matter(controller, write_sound):
-    rates = (8000, 11025, 16000, 44100, 48000, 192000)
+def test_render__sampling_rate_of_the_file__does_not_matter_and_begin_and_end_are_ramped(controller, write_sound):
     results = []
-    for rate in rates:
+    for rate in (8000, 11025, 48000, 192000):
         time = np.arange(rate) / rate
-        wave = np.sin(2 * np.pi * 150 * time) * np.hanning(rate) + 0.3 * np.sin(2 * np.pi * 230 * time)
+        wave = np.sin(2 * np.pi * 150 * time) * np.hanning(rate) + 0.3 * np.cos(2 * np.pi * 230 * time)
         results.append(render_array(write_sound(0.5 * wave, rate, f"{rate}.wav", "FLOAT"), controller)[0])
-    for result in results[1:]:
-        np.testing.assert_allclose(result, results[0], atol=2e-3 * np.abs(results[0]).max())
+        largest = np.abs(results[0]).max()
+        np.testing.assert_allclose(results[-1][400:-400], results[0][400:-400], atol=2e-3 * largest)
+        assert np.abs(results[-1][[0, -1]]).max() < 0.02 * largest
 
 
-@pytest.mark.parametrize(
-    ("wave", "words"),
-    [
-        (0.5 * np.sin(2 * np.pi * 2000 * np.arange(16000) / 16000), "coding 'direct' leaves"),
-        (np.zeros(16000), "silent"),
-    ],
-)
-def test_render__nothing_to_feel__refused(controller, write_sound, wave, words):
-    path = write_sound(wave * np.hanning(16000), subtype="DOUBLE")
-    with pytest.raises(BadInput, match=words):
-        render_array(path, controller)
+def test_render__nothing_to_feel__refused(controller, write_sound):
+    wave = np.hanning(16000) * np.sin(2 * np.pi * 2000 * np.arange(16000) / 16000)
+    with pytest.raises(BadInput, match="coding 'direct' leaves"):
+        render_array(write_sound(wave, subtype="DOUBLE"), controller)
 
 
-@pytest.mark.parametrize("asked", [55.1, -60.1, np.nan, np.inf])
-def test_render__level_beyond_what_may_be_asked__refused(controller, asked):
-    with pytest.raises(BadInput, match="allowed: -60 to 55 dB SL"):
-        render_array(sample_path(), controller, None, asked)
-
-
-def test_render__finger_that_is_not_there__refused(controller):
-    with pytest.raises(BadInput, match="ring"), rendering(sample_path(), controller, DirectCoding(fingers=("ring",))):
-        pass
+def test_render__level_beyond_what_may_be_asked_or_finger_that_is_not_there__refused(controller):
+    for asked in (55.1, -60.1, np.nan):
+        with pytest.raises(BadInput, match="allowed: -60 to 55 dB SL"):
+            render_array(sample_path(), controller, None, asked)
+    with pytest.raises(BadInput, match="ring"):
+        render_array(sample_path(), controller, DirectCoding(fingers=("ring",)))
 
 
 def test_render_file__wav_hdf5_and_felt__agree(controller, tmp_path):
-    job = RenderJob(controller, DirectCoding(), seed=3)
+    job = RenderJob(controller, DirectCoding(), simulate=True, seed=3)
     first = render_file(sample_path(), tmp_path / "a.wav", job, tmp_path / "felt.wav")
     second = render_file(sample_path(), tmp_path / "a.h5", job)
     assert first.sha256 == second.sha256 == content_sha256(tmp_path / "a.wav") == content_sha256(tmp_path / "a.h5")
-    assert second.felt is None
-    assert first.felt is not None
+    assert json.dumps(first.document()["felt"]) == json.dumps(second.document()["felt"])  # of the same seed
+    assert render_file(sample_path(), tmp_path / "a.h5", RenderJob(controller, DirectCoding())).felt is None
     asked, felt = (open_reference(tmp_path / name) for name in ("a.wav", "felt.wav"))
     assert asked.head.provenance["coding"]["kind"] == "direct"
     assert asked.head.provenance["speech"] == "sample.wav"
@@ -97,12 +80,6 @@ def test_render_file__wav_hdf5_and_felt__agree(controller, tmp_path):
     document = first.document()
     assert set(document["felt"]) == set(document["peak_db_sl"]) == {"index", "thumb", "middle"}
     json.dumps(document, allow_nan=True)
-
-
-def test_render_file__same_seed__same_felt(controller, tmp_path):
-    job = RenderJob(controller, DirectCoding(), simulate=True, seed=3)
-    first, second = (json.dumps(render_file(sample_path(), tmp_path / "a.wav", job).document()) for _ in range(2))
-    assert first == second
 
 
 @pytest.mark.parametrize(

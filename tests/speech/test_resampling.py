@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
@@ -19,7 +17,7 @@ def cut(samples, lengths):
         at, turn = at + lengths[turn % len(lengths)], turn + 1
 
 
-@pytest.mark.parametrize("rate_in", [8000, 11025, 16000, 22050, 44100, 47999, 48000, 192000])
+@pytest.mark.parametrize("rate_in", [4000, 8000, 11025, 44100, 47999, 192000])
 def test_resample__tone__same_tone_without_delay(rate_in):
     count = rate_in // 2 + 17
     tone = np.sin(2 * np.pi * 210.0 * np.arange(count) / rate_in + 0.3)
@@ -36,17 +34,8 @@ def test_resample__tone_that_would_fold_into_the_band__90_db_down(frequency):
     assert np.abs(got[200:-200]).max() < 10 ** (-85 / 20)
 
 
-@settings(max_examples=30)  # the history between blocks is all that can go wrong, in any of a few cuts
-@given(st.lists(st.integers(1, 3000), min_size=1, max_size=6), st.sampled_from([11025, 16000, 8000, 4000, 3000]))
-def test_resample__however_it_is_cut__same_bits(lengths, rate_in):
-    noise = np.random.default_rng(1).standard_normal(9001)
-    whole = np.concatenate(list(resample([noise], rate_in, 4000, 300.0)))
-    pieces = np.concatenate(list(resample(cut(noise, lengths), rate_in, 4000, 300.0)))
-    np.testing.assert_array_equal(whole, pieces)
-
-
-@pytest.mark.parametrize("rate_in", [3000, 8000, 16000, 44100, 48000])
-def test_resample__by_hand_or_by_scipy__same_bits_of_scipys_kernel(rate_in, monkeypatch):
+@pytest.mark.parametrize("rate_in", [3000, 8000, 11025, 16000, 44100])
+def test_resample__however_it_is_cut_by_hand_or_by_scipy__same_bits_of_scipys_kernel(rate_in, monkeypatch):
     noise = np.random.default_rng(3).standard_normal(2 * rate_in + 5)
     by_hand = np.concatenate(list(resample(cut(noise, [700, 5000, 1]), rate_in, 4000, 300.0)))
     kernel, up, down = filters.resampling_kernel(rate_in, 4000, 300.0)
@@ -72,19 +61,12 @@ def test_band_kernel__is_scipys_to_the_last_bit(low_hz, width_hz):
     )
 
 
-def test_resample__band_that_does_not_fit__refused():
-    with pytest.raises(BadInput, match="does not fit"):
-        list(resample([np.ones(100)], 500, 4000, 300.0))
-
-
-@settings(max_examples=30)
-@given(st.lists(st.integers(1, 20000), min_size=1, max_size=5))
+@pytest.mark.parametrize("lengths", [[30011], [1, 20000], [4097], [700, 5000, 1]])
 def test_filter_bank__however_it_is_cut__is_whole_convolution(lengths):
     noise = np.random.default_rng(2).standard_normal(30011)
     kernels = [band_kernel(0.0, 300.0, 30.0, 4000.0), band_kernel(50.0, 200.0, 20.0, 4000.0)]
     got = np.concatenate(list(filter_bank(cut(noise, lengths), kernels)))
-    whole = np.concatenate(list(filter_bank([noise], kernels)))
-    np.testing.assert_array_equal(got, whole)
+    np.testing.assert_array_equal(got, np.concatenate(list(filter_bank([noise], kernels))))
     for column, kernel in zip(got.T, kernels, strict=True):
         np.testing.assert_allclose(column, signal.fftconvolve(noise, kernel, "same"), atol=1e-12)
 
@@ -114,3 +96,5 @@ def test_direct__its_filter__flat_inside_and_gone_from_300_hz():
 def test_band_kernel__edges_that_do_not_fit__refused(band):
     with pytest.raises(BadInput, match="allowed"):
         band_kernel(*band, 4000.0)
+    with pytest.raises(BadInput, match="does not fit"):
+        list(resample([np.ones(100)], 500, 4000, 300.0))

@@ -1,0 +1,114 @@
+"""A refusal of every verb: status 2, one line, nothing left. Every rule's own sentence is tested where the rule is."""
+
+import pytest
+
+from tactuator.experiment.store.store import Store, sessions_of
+
+REFUSALS = {
+    "design none.toml": "display none.toml: No such file or directory; allowed: one that can be read",
+    "design display.toml --poles 1": "poles is 1; allowed: a whole number, 2 to 16",
+    "design display.toml --curve short.csv": "covers the band",
+    "design wild.toml": "unstable",
+    "design display.toml --out display.toml": "is read as display, or by it; allowed: another name",
+    "design named.toml --out record.h5": "record.h5 is read as display, or by it; allowed: another name",
+    "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
+    "wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
+    "wordlength controller.json --rate nan": "rate_hz is nan; allowed",
+    "wordlength controller.json --format q16": "format is 'q16'; allowed: q15 biquads",
+    "wordlength controller.json --figures .": "holds other files",
+    "build controller.json": "Missing option '--out'",
+    "build controller.json --out i.bin --format q15": "format is 'q15'; allowed: float32, q31",
+    "build controller.json --out none/i.bin": "none is not a folder",
+    "image none.bin": "No such file or directory; allowed: one that can be read",
+    "image .": "image .: Is a directory; allowed: a file that `build` wrote",
+    "firmware verify --rig simulated": "rig 'simulated' is no connected board; allowed: board:PORT",
+    "firmware verify --board nucleo": "board 'nucleo' is not known; allowed: mps2-an386",
+    "firmware verify --ticks 0": "ticks is 0; allowed: 1 or more",
+    "firmware bench --rig emulated:stm32f405": "is no connected board; allowed: board:PORT or board:URL",
+    "firmware program --out none/f.elf": "none is not a folder",
+    "firmware program --out f.dfu": "f.dfu: a program's name ends in '.dfu'; allowed: .elf, .bin, .hex",
+    "firmware program --board stm32f405 --crystal-mhz 32 --out f.elf": "less than or equal to 26 (got '32')",
+    "firmware stream --controller controller.json --instruction-ns 3": "3 ns an instruction; allowed: 1, 2, 4, ",
+    "firmware stream --controller controller.json --seconds 0": "duration is 0 s; allowed: one sample to 600 s",
+    "firmware weld": "No such command 'weld'",
+    "record display.toml --out r.h5 --excitation song": "excitation 'song'; allowed: mix, steps, noise",
+    "record display.toml --out r.h5 --travel-share 2": "travel share is 2; allowed: above 0, at most 1",
+    "record display.toml --out r.h5 --channel toe": "channel 'toe' is not described; allowed: index",
+    "identify record.h5 --out record.h5": "is read as records, or by it; allowed: another name",
+    "identify record.h5 --method magic": "method is 'magic'; allowed: refined, rls",
+    "identify record.h5 --order 9": "order is 9; allowed: 1 to 8",
+    "identify record.h5 --rate-hz 100": "the rate given is 100 Hz, the file says 1000 Hz",
+    "measure --controller controller.json --method guess": "method 'guess'; allowed: stepped, multisine",
+    "measure --controller controller.json --channel ring": "channel 'ring' is not described; allowed: index",
+    "measure --controller controller.json --level 90": "level (--level) of 90 dB SL; allowed: -60 to 55 dB SL",
+    "measure --controller controller.json --load elephant": "'elephant' is not described",
+    "measure --controller controller.json --frequency-hz a,b": "frequencies 'a,b'; allowed: numbers of hertz",
+    "measure --controller controller.json --frequency-hz 60": "60 Hz lies beside 60 Hz of mains",
+    "measure --controller controller.json --frequency-hz 301": "301 Hz; allowed: 0.4 to 300 Hz, the band",
+    "noise --controller controller.json --gains -1": "proportional gain is -1; allowed: a positive number",
+    "finger --controller controller.json --load toe": "load 'toe' is not described; allowed: finger",
+    "disturb --controller controller.json --channel toe": "channel 'toe' is not there; allowed: index",
+    "init --like maglev": "'maglev' is no kind",
+    "init --protocol guess": "'guess' is no kind",
+    "init --from none.json": "none.json: No such file",
+    "init --examples . --like lra": "--examples alone",
+    "init --out nowhere/display.toml": "nowhere is not a folder",
+    "init --like lra": "display.toml is there already",
+    "init --out new.toml --like lra --protocol abx": "protocol.toml is there already",
+    "render speech.wav --out n.wav --controller controller.json --level 60": "(--level) of 60 dB SL; allowed: -60",
+    "render speech.wav --out n.wav --controller controller.json --coding morse": "coding 'morse' is not known",
+    "render speech.wav --out n.wav --controller controller.json --figures figures": "--figures without --felt",
+    "render speech.wav --out n.wav": "neither --display nor --controller",
+    "play r.wav --controller controller.json --rig abacus": "rig 'abacus' is not known; allowed: board, emulated",
+    "corpus . --out out --controller controller.json --scheduler tcp://127.0.0.1:1": "no Dask scheduler",
+    "corpus . --out out --controller controller.json --scheduler tcp://h:1 --workers 2": "allowed: one of them",
+    "waveforms --out . --controller controller.json": "holds other files (",
+    "sound latency --device Card --input 0": "input 0; allowed: the input to which the wire leads",
+    "sound latency --device Card --rate-hz -1": "a rate of -1 Hz; allowed: 1000 Hz or more",
+    "sound calibrate --device Card --reading-v -3": "a reading of -3 V rms; allowed: a positive number",
+    "experiment simulate --procedure levitt": "--procedure is 'levitt'; allowed: curve, imece2004",
+    "experiment simulate --runs 0": "runs is 0; allowed: a whole number, 2 or more",
+    "experiment simulate --slope steep": "slope 'steep'; allowed: a number, or LOW:HIGH",
+    "experiment simulate --lapse 0.5": "lapse is 0.5; allowed: 0 up to",
+    "experiment simulate --procedure imece2004 --trials 40": "--trials 40 with imece2004; allowed: with a procedure",
+    "experiment thresholds --store none.db": "store none.db is not there",
+    "experiment enrol S9 --store none.db": "store none.db is not there",
+    "experiment information": "--store and --matrix; allowed: one of the two",
+    "experiment information --store . --seconds 1": "--seconds with --store",
+    "experiment observe protocol.toml --store nowhere/lab.db": "its folder is not there",
+    "experiment observe words.toml --store lab.db": "allowed: a detection protocol (tables procedure, conditions)",
+    "experiment observe mains.toml --store lab.db": "60 Hz is 0 Hz from the mains line",
+    "experiment recognise protocol.toml --store lab.db": "allowed: a recognition protocol (tables item, block)",
+    "experiment recognise words.toml --store lab.db --scripted-error 2": "error rate 2; allowed: 0 to 1",
+    "experiment serve words.toml --store lab.db": "reference M-index.wav: no such file",
+    "experiment serve mains.toml --store lab.db --port 0": "60 Hz is 0 Hz from the mains line",
+    "experiment serve protocol.toml --store lab.db --speed -1": "speed -1; allowed: a positive number",
+    "experiment serve protocol.toml --store lab.db --rig emulated:abacus": "board 'abacus' is not known",
+    "experiment serve protocol.toml --store lab.db --port 99999": "port 99999; allowed: 0 to 65535",
+    "experiment serve protocol.toml --store lab.db --host 256.1.1.1": "address 256.1.1.1, port 8765: ",
+}
+
+
+@pytest.mark.parametrize("command", REFUSALS)
+def test_verb__amiss__one_line_status_2_and_nothing_left(desk, run, command) -> None:
+    (desk / "short.csv").write_text("frequency_hz,level_db_re_1um\n5,0\n50,0\n100,0\n")
+    (desk / "named.toml").write_text('[[channel]]\nplant = "record.h5"\n')
+    (desk / "wild.toml").write_text((desk / "display.toml").read_text().replace("[2875.0]", "[90000.0]"))
+    (desk / "mains.toml").write_text((desk / "protocol.toml").read_text().replace("[30, 90, 210]", "[30, 60, 210]"))
+    run.refused(*command.split(), said=REFUSALS[command])
+
+
+@pytest.mark.parametrize("port", ["/dev/there-is-none", "socket://127.0.0.1:9"])
+def test_serve__port_that_cannot_be_opened__status_3(desk, run, port) -> None:
+    ended = run("experiment", "serve", "protocol.toml", "--store", "lab.db", "--rig", f"board:{port}")
+    assert (ended.status, ended.out, ended.err.count("\n")) == (3, "", 1)
+    assert not (desk / "lab.db").exists()
+
+
+def test_study__that_cannot_be_or_is_being_run__leaves_the_store_that_was_there(desk, run) -> None:
+    serve = ("experiment", "serve", "protocol.toml", "--store", "lab.db", "--port", "0")
+    with sessions_of(desk / "lab.db"):
+        run.refused(*serve, said="its sessions are run by process")
+    Store(desk / "lab.db").close()
+    run.refused("experiment", "observe", "words.toml", "--store", "lab.db", said="allowed: a detection protocol")
+    assert (desk / "lab.db").exists()
