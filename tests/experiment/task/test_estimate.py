@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.task.estimate import CANNOT_TELL, equality, estimate
+from tactuator.experiment.task.estimate import CANNOT_TELL, estimate
 from tactuator.experiment.task.laws import FREE, LAWS
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Matches, fit, most_telling
 from tactuator.perception.curve import curve
@@ -87,16 +87,6 @@ def test_most_telling__after_a_match_at_one_place__goes_to_another_and_corrects_
     biased = fit(FREE, SETTING, matched(shifted(0.0, 0.0), 400, 6, order_db=3.0))
     at = [most_telling(biased, AMONG, 30.0, 0.0, second, False) for second in (False, True)]
     assert at[0].comparison_db_sl - at[1].comparison_db_sl > 3.0
-
-
-def test_equality__one_pair__finds_its_point_with_an_interval() -> None:
-    rng = np.random.default_rng(8)
-    level = rng.uniform(15.0, 35.0, 200)
-    stronger = level - 20.0 - 6.0 + rng.normal(0.0, 2.0, 200) > 0.0
-    half = np.arange(200) % 2 == 0
-    found = equality(Matches(np.full(200, 250.0), level, np.full(200, 20.0), half, ~half, stronger), SETTING)
-    assert found.above_db.low < 6.0 < found.above_db.high
-    assert found.above_db.value == pytest.approx(6.0, abs=1.0)
 
 
 def test_estimate__tones_of_equal_velocity__are_named_where_the_threshold_curve_is_known() -> None:
