@@ -32,7 +32,10 @@ def test_whole_curve__person_outside_the_prior__stays_inside_the_band(curve_db: 
     assert quality.coverage95 >= 0.80
     assert quality.rms_error_db <= limit_db
     assert (quality.flags.get("chance", 0.0), quality.people) == (0.0, "theirs")
-    guessers = simulate_curve(WholeCurveRule(60), Setting(2, seed=3, guessed=1.0), theirs)
+
+
+def test_whole_curve__guessers__are_flagged() -> None:
+    guessers = simulate_curve(WholeCurveRule(60), Setting(2, seed=3, guessed=1.0))
     assert guessers.flags["chance"] == guessers.flagged == 1.0
 
 
@@ -99,7 +102,7 @@ def by_grid(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean, standard deviation and log evidence of one run by summing over all thresholds at each of its points."""
     points, count = len(covariance), trials.point.shape[1]
-    axis = np.mean(mean_db) + np.linspace(-7.0, 7.0, 141) * np.sqrt(covariance.max())
+    axis = np.mean(mean_db) + np.linspace(-6.0, 6.0, 101) * np.sqrt(covariance.max())
     told = np.zeros((points, axis.size))
     for trial, point in enumerate(trials.point[0]):
         threshold = axis + drift_db * (trial / (count - 1) - 0.5)
