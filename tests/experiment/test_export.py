@@ -5,24 +5,21 @@ import json
 import math
 import shutil
 import subprocess
-from dataclasses import asdict
+from contextlib import closing
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.export_rows import cell
-from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
-from tactuator.experiment.trial import LOUD, SIGNAL
+from tactuator.experiment.store.stored_runs import detection_runs
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, begin, opened_study
 
 STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
@@ -59,16 +56,50 @@ def tidy(store, tmp_path_factory):
 
 def rows(path):
     with path.open() as stream:
-        return list(csv.DictReader(stream))
+        return list(csv.DictReader(stream, delimiter="\t" if path.suffix == ".tsv" else ","))
 
 
-def test_tidy__every_column_of_every_table__is_explained(tidy) -> None:
+def header(path):
+    with path.open() as stream:
+        return next(csv.reader(stream, delimiter="\t" if path.suffix == ".tsv" else ","))
+
+
+def test_export__every_column_of_every_table__is_explained_and_every_trial_there(store, tidy, tmp_path) -> None:
+    """What the Psych-DS validator refuses: a variable in the description that no file has (it found one here)."""
     explained = {(row["table"], row["column"]) for row in rows(tidy / "dictionary.csv") if row["description"]}
-    tables = [path for path in tidy.glob("*.csv") if path.stem != "dictionary"]
-    assert {path.stem for path in tables} == {"trials", "intervals", "events", "subjects", "thresholds"}
-    for path in tables:
-        with path.open() as stream:
-            assert {(path.stem, name) for name in next(csv.reader(stream))} <= explained
+    tables = {path.stem: header(path) for path in tidy.glob("*.csv") if path.stem != "dictionary"}
+    assert set(tables) == {"trials", "intervals", "events", "subjects", "thresholds"}
+    assert {(name, column) for name, columns in tables.items() for column in columns} <= explained
+    count = len(rows(tidy / "trials.csv"))
+    assert export(store, tmp_path / "psych-ds", "psych-ds") == count > 100
+    document = json.loads((tmp_path / "psych-ds" / "dataset_description.json").read_text())
+    files = [*(tmp_path / "psych-ds" / "data").iterdir()]
+    assert {one["name"] for one in document["variableMeasured"]} == {name for path in files for name in header(path)}
+    assert sum(len(rows(path)) for path in files if "description-trials" in path.name) == count
+    assert export(store, tmp_path / "bids", "bids") == count
+    assert sum(len(rows(path)) for path in (tmp_path / "bids").rglob("*_beh.tsv")) == count
+    for path in (tmp_path / "bids").rglob("*_beh.tsv"):
+        assert set(header(path)) <= set(json.loads(path.with_suffix(".json").read_text()))
+    for path in (tmp_path / "bids").rglob("*_events.tsv"):
+        onsets = [float(row["onset"]) for row in rows(path)]
+        assert onsets == sorted(onsets)
+    assert header(tmp_path / "bids" / "participants.tsv") == ["participant_id", "subject_group", "enrolled_utc", "age"]
+    described = json.loads((tmp_path / "bids" / "participants.json").read_text())
+    assert described["age"] == {"Description": "Age", "Units": "year"}
+    found = [json.loads(path.read_text()) for path in sorted((tidy / "settings").iterdir())]
+    assert [(one["version"], one["reason"]) for one in found] == [(1, ""), (2, "subjects")]
+    assert found[0]["protocol"]["procedure"] == {"kind": "quest-plus", "trials": 16}
+
+
+def test_export__format_unknown_or_store_empty__is_refused(store, tmp_path) -> None:
+    with pytest.raises(BadInput, match="tidy, psych-ds, bids"):
+        export(store, tmp_path / "out", "spss")
+    with closing(Store(tmp_path / "lab.db")) as empty:
+        with pytest.raises(BadInput, match="no response"):
+            export(empty, tmp_path / "out", "tidy")
+        with pytest.raises(BadInput, match="no done run"):
+            detection_runs(empty)
+    assert not (tmp_path / "out").exists()
 
 
 def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
@@ -79,6 +110,9 @@ def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
     }
     groups = {row["subject"]: row["subject_group"] for row in rows(tidy / "subjects.csv")}
     assert groups == {"S1": "simulated", "S2": "simulated"}
+    of_sessions = [row for row in rows(tidy / "events.csv") if row["visit"]]
+    assert {row["simulated"] for row in [*rows(tidy / "intervals.csv"), *of_sessions]} == {"simulated"}
+    assert of_sessions
 
 
 def test_tidy__subject_who_took_the_answers_along__is_in_no_table_of_data(tidy) -> None:
@@ -98,13 +132,6 @@ def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy
         if first["trial"] == second["trial"] and first["run"] == second["run"]:
             gap_s = float(second["onset_s"]) - float(first["onset_s"]) - float(first["duration_s"])
             assert gap_s == pytest.approx(0.01, abs=1 / 4000)
-
-
-def test_tidy__settings__are_the_protocol_of_each_version(tidy) -> None:
-    found = [json.loads(path.read_text()) for path in sorted((tidy / "settings").iterdir())]
-    assert [one["version"] for one in found] == [1, 2]
-    assert found[0]["protocol"]["procedure"] == {"kind": "quest-plus", "trials": 16}
-    assert [one["reason"] for one in found] == ["", "subjects"]
 
 
 def test_tidy__words_that_a_spreadsheet_would_execute__are_not(tidy) -> None:
@@ -160,126 +187,25 @@ def test_tidy__thresholds__follow_from_the_exported_trials_and_side_cars_alone(t
         assert shift == pytest.approx(float(row["delivered_db"] or 0.0), abs=1e-9)
 
 
-def test_tidy__simulated_people__every_interval_and_event_says_so(tidy) -> None:
-    assert {row["simulated"] for row in rows(tidy / "intervals.csv")} == {"simulated"}
-    of_sessions = [row for row in rows(tidy / "events.csv") if row["visit"]]
-    assert of_sessions
-    assert {row["simulated"] for row in of_sessions} == {"simulated"}
+ONE_SUBJECT = QUICK[: QUICK.index('[[subject]]\ncode = "S2"')].replace("visits = 2", "visits = 1")
 
 
-CATCH = "[catch]\nloud_share = 0.2\nblank_share = 0.2\n"
-ONE_SUBJECT = QUICK[: QUICK.index('[[subject]]\ncode = "S2"')].replace("visits = 2", "visits = 1") + CATCH
-WHOLE = (
-    ONE_SUBJECT.replace(QUESTS, 'kind = "curve"\ntrials = 20')
-    .replace("frequencies_hz = [30, 90, 210]\n", "")
-    .replace('name = "short"', 'name = "whole"')
-)
-
-
-def runs_of_export(folder):
-    """The runs that are done, put together from the tables and side-cars of an export."""
-
-    def numbers(table, name):
-        return np.array([float(row[name]) if row[name] else math.nan for row in table])
-
-    protocols = {}
-    for path in (folder / "settings").iterdir():
-        settings = json.loads(path.read_text())
-        protocols[settings["study"], str(settings["version"])] = Protocol(**settings["protocol"])
-    done = [row for row in rows(folder / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
-    intervals = rows(folder / "intervals.csv")
-    for number in dict.fromkeys(row["run"] for row in done):
-        trials = [row for row in done if row["run"] == number]
-        first = trials[0]
-        hertz = set(numbers(trials, "frequency_hz"))
-        seen = [row for row in intervals if row["run"] == number]
-        yield StoredRun(
-            SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"], study_id=1),
-            SimpleNamespace(
-                id=int(number), finger=first["finger"], procedure=first["procedure"], curve=first["curve"],
-                frequency_hz=min(hertz), rig=first["rig"], respondent=first["respondent"],
-                rig_simulated=first["rig_simulated"] == "1",
-                band_low_hz=float(first["band_low_hz"]), band_high_hz=float(first["band_high_hz"]),
-            ),
-            protocols[first["study"], first["protocol_version"]],
-            numbers(trials, "frequency_hz"),
-            numbers(trials, "level_db_sl"),
-            numbers(trials, "curve_level_db_re_1um"),
-            np.array([row["correct"] == "1" for row in trials]),
-            StoredIntervals(
-                *(np.array([row["stimulus"] == label for row in seen]) for label in (SIGNAL, LOUD)),
-                numbers(seen, "commanded_db_sl"), numbers(seen, "measured_db_sl"),
-                np.array([row["saturated"] == "1" for row in seen]),
-            ),
-        )  # fmt: skip
-
-
-def test_tidy__whole_table_of_thresholds__is_computed_anew_from_the_export(tmp_path) -> None:
-    """Of staircases, QUEST+ and whole curves with catch trials: every number, bound and flag of the table."""
-    made, place = Store(tmp_path / "lab.db"), apparatus()
-    curve = place.controller.display.channels[0].threshold.curve
-    stairs = ONE_SUBJECT.replace(QUESTS, STAIRS).replace('"short"', '"stairs"')
-    for text in (*(one.replace("[30, 90, 210]", "[210]") for one in (ONE_SUBJECT, stairs)), WHOLE):
-        people = simulated_observers(curve, 1, 3, place.band_hz)
-        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
-    export(made, tmp_path / "tidy", "tidy")
-    made.close()
-    table, found = rows(tmp_path / "tidy" / "thresholds.csv"), thresholds(list(runs_of_export(tmp_path / "tidy")))
-    assert {row["procedure"] for row in table} == {"quest-plus", "up-down", "curve"}
-    assert len(table) == len(found) == 1 + 1 + 28
-    for row, one in zip(table, found, strict=True):
-        values = asdict(one) | {"flags": "|".join(one.flags)}
-        for name in set(values) & set(row):
-            if isinstance(values[name], float) and math.isfinite(values[name]):  # an end that is open is empty
-                assert float(row[name]) == pytest.approx(values[name], abs=1e-9), name
-            elif isinstance(values[name], float | None):
-                assert row[name] == "", name
-            else:
-                assert row[name] == str(values[name]), name
-
-
-@pytest.mark.parametrize("form", ["psych-ds", "bids"])
-def test_export__every_variable_described__stands_in_a_table(store, tmp_path, form) -> None:
-    """What the Psych-DS validator refuses: a variable in the description that no file has (it found one here)."""
-    export(store, tmp_path / form, form)
-    if form == "psych-ds":
-        document = json.loads((tmp_path / form / "dataset_description.json").read_text())
-        described = {one["name"] for one in document["variableMeasured"]}
-        found = set()
-        for path in (tmp_path / form / "data").iterdir():
-            with path.open() as stream:
-                found |= set(next(csv.reader(stream)))
-        assert found == described
-        return
-    for path in (tmp_path / form).rglob("*_events.tsv"):
-        with path.open() as stream:
-            onsets = [float(row["onset"]) for row in csv.DictReader(stream, delimiter="\t")]
-        assert onsets == sorted(onsets)
-    header = (tmp_path / form / "participants.tsv").read_text().splitlines()[0].split("\t")
-    assert header == ["participant_id", "subject_group", "enrolled_utc", "age"]
-    described = json.loads((tmp_path / form / "participants.json").read_text())
-    assert described["age"] == {"Description": "Age", "Units": "year"}
-
-
-@pytest.mark.parametrize("form", ["psych-ds", "bids"])
-def test_export__same_code_in_two_studies__is_two_participants(tmp_path, form) -> None:
+def test_export__same_code_in_two_studies__is_two_participants(tmp_path) -> None:
     made, place = Store(tmp_path / "lab.db"), apparatus()
     curve = place.controller.display.channels[0].threshold.curve
     for name in ("one", "an other"):
         text = ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]")
         people = simulated_observers(curve, 1, 3, place.band_hz)
         run_study(made, parse_protocol(text), text, place, people, ObedientClock())
-    export(made, tmp_path / form, form)
+    for form in ("psych-ds", "bids"):
+        export(made, tmp_path / form, form)
+        files = sorted((tmp_path / form).rglob("*_beh.tsv" if form == "bids" else "*description-trials_data.csv"))
+        assert len(files) >= 2
+        for path in files:
+            assert {row["study"] for row in rows(path)} == {"an other" if "another" in path.name else "one"}
     made.close()
-    if form == "bids":
-        table = (tmp_path / form / "participants.tsv").read_text().splitlines()
-        assert [row.split("\t")[0] for row in table] == ["participant_id", "sub-anotherS1", "sub-oneS1"]
-    files = sorted((tmp_path / form).rglob("*_beh.tsv" if form == "bids" else "*description-trials_data.csv"))
-    assert len(files) >= 2
-    for path in files:
-        with path.open() as stream:
-            studies = {row["study"] for row in csv.DictReader(stream, delimiter="\t" if form == "bids" else ",")}
-        assert studies == {"an other" if "another" in path.name else "one"}
+    participants = [row["participant_id"] for row in rows(tmp_path / "bids" / "participants.tsv")]
+    assert participants == ["sub-anotherS1", "sub-oneS1"]
 
 
 @pytest.mark.soak

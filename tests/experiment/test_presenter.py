@@ -46,8 +46,11 @@ def tones(count=3, samples=2000):
 
 
 def test_present__intervals__are_one_stretch_with_the_protocols_gaps() -> None:
-    rig = Recorder()
-    shown = Presenter(rig).present(tones(), 0.3, 0.25, 0.1)
+    rig, told = Recorder(behind=71), []
+    shown = Presenter(rig, lambda interval, begins: told.append((interval, begins))).present(tones(), 0.3, 0.25, 0.1)
+    assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
+    assert all(0.0 <= one.lamp_late_s < 111 / RATE_HZ for one in shown.intervals)
+    assert any(one.lamp_late_s > 0.0 for one in shown.intervals)
     (played,) = rig.played  # one stream
     assert len(played) == round((0.3 + 3 * 0.5 + 2 * 0.25 + 0.1) * RATE_HZ)
     assert [one.onset_s for one in shown.intervals] == [0.3, 1.05, 1.8]
@@ -57,13 +60,18 @@ def test_present__intervals__are_one_stretch_with_the_protocols_gaps() -> None:
         assert np.array_equal(one.trace.reference, reference)
 
 
-def test_present__watch__is_told_in_order_by_the_rigs_time_and_how_late() -> None:
-    rig, told = Recorder(behind=71), []
-    presenter = Presenter(rig, lambda interval, begins: told.append((interval, begins)))
-    shown = presenter.present(tones(), 0.3, 0.25)
-    assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
-    assert all(0.0 <= one.lamp_late_s < 111 / RATE_HZ for one in shown.intervals)
-    assert any(one.lamp_late_s > 0.0 for one in shown.intervals)
+def test_present__halted_or_of_other_channels__rests_the_rig_within_a_piece_or_is_refused() -> None:
+    rig, asked = Recorder(), []
+    presenter = Presenter(rig, halted=lambda: bool(asked.append(1)) or len(asked) == 5)
+    with pytest.raises(Halted):
+        presenter.present(tones(), 0.3, 0.25)
+    assert (len(asked), rig.rests) == (5, 1)
+    for shape in ((100,), (100, 3)):
+        with pytest.raises(BadInput, match=r"allowed: \(samples, 2\)"):
+            Presenter(Recorder()).present([np.zeros(shape)], 0.1, 0.1)
+    for amiss in ({"level_db_sl": 56.0}, {"tap_s": 0.0}, {"pause_s": -0.1}, {"after_s": 6.0}, {"frequency_hz": np.nan}):
+        with pytest.raises(BadInput, match=r"\[marks\]: .*allowed"):
+            Marks("thumb", **amiss)
 
 
 def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -> None:
@@ -80,30 +88,11 @@ def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -
     shown = Presenter(rig, lambda *edge: told.append((*edge, rig.rows_played))).present(tones(), 0.3, 0.25)
     assert [(interval, at) for interval, begins, at in told if begins] == [(0, 1200), (1, 4208), (2, 7200)]
     assert [one.lamp_late_s for one in shown.intervals] == [0.0, 8 / RATE_HZ, 0.0]
-
-
-def test_present__simulated_rig__stands_at_each_onset_when_the_watch_is_told() -> None:
-    rig = apparatus().rig
-    stands, presenter = [], Presenter(rig)
-    reference = np.zeros((777, len(rig.channels)))
-    presenter.watch = lambda interval, begins: stands.append(rig._ticks)
-    shown = presenter.present([reference, reference], 0.1001, 0.2)
+    simulated = apparatus().rig
+    stands, presenter = [], Presenter(simulated, lambda interval, begins: stands.append(simulated._ticks))
+    shown = presenter.present([np.zeros((777, len(simulated.channels)))] * 2, 0.1001, 0.2)
     assert [stand - shown.rig_tick for stand in stands] == [400, 1177, 1977, 2754]
     assert {one.lamp_late_s for one in shown.intervals} == {0.0}
-
-
-def test_present__halted__rests_the_rig_within_a_piece() -> None:
-    rig, asked = Recorder(), []
-    presenter = Presenter(rig, halted=lambda: bool(asked.append(1)) or len(asked) == 5)
-    with pytest.raises(Halted):
-        presenter.present(tones(), 0.3, 0.25)
-    assert (len(asked), rig.rests) == (5, 1)
-
-
-@pytest.mark.parametrize("shape", [(100,), (100, 3)])
-def test_present__reference_of_other_channels__is_refused(shape) -> None:
-    with pytest.raises(BadInput, match=r"allowed: \(samples, 2\)"):
-        Presenter(Recorder()).present([np.zeros(shape)], 0.1, 0.1)
 
 
 def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_long_one() -> None:
@@ -122,15 +111,6 @@ def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_lon
         assert not felt[onset - 2000 : onset + 400].any()
     assert np.abs(rig.played[0][:, 1]).max() == pytest.approx(10.0, rel=0.02)
     assert shown.lasted_s == pytest.approx(len(rig.played[0]) / RATE_HZ)
-
-
-@pytest.mark.parametrize(
-    "amiss",
-    [{"level_db_sl": 56.0}, {"tap_s": 0.0}, {"pause_s": -0.1}, {"after_s": 6.0}, {"frequency_hz": float("nan")}],
-)
-def test_marks__that_cannot_be__are_refused(amiss) -> None:
-    with pytest.raises(BadInput, match=r"\[marks\]: .*allowed"):
-        Marks("thumb", **amiss)
 
 
 def lag(first, second) -> int:

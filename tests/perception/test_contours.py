@@ -40,13 +40,6 @@ def test_contours__beyond_their_points__hold_the_distance() -> None:
     assert MADE.level_db_sl_at(20.0, [0.0, 2.0]).tolist() == pytest.approx([WAVE[1, 0]] * 2)
 
 
-def test_contours__equal_velocity__lie_off_equal_sensation_level_by_what_griffin_2012_says() -> None:
-    # a tone at 30 Hz is 8.0 dB stronger than one of 100 Hz at the same level, one at 250 Hz 5.0 dB weaker
-    moved = np.array([-8.0, 0.0, 5.0])
-    griffin = Contours("griffin", [30.0, 100.0, 250.0], [20.0, 30.0, 40.0], np.array([[20.0], [30.0], [40.0]]) + moved)
-    assert griffin.level_db_sl_at(30.0, [30.0, 250.0]).tolist() == pytest.approx([22.0, 35.0])
-
-
 @given(
     st.lists(st.floats(0.3, 30.0), min_size=4, max_size=4),
     st.floats(-10.0, 60.0),

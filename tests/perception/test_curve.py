@@ -15,28 +15,16 @@ def made(frequency: list[float], level: list[float]) -> ThresholdCurve:
     return ThresholdCurve("made", np.array(frequency), np.array(level), "synthetic", "a test")
 
 
-@pytest.mark.parametrize(("hz", "level"), [(0.4, 26.0), (10.0, 19.0), (100.0, -4.0), (300.0, -18.0), (400.0, -16.0)])
-def test_bolanowski__points_of_its_file__are_given_back(hz: float, level: float) -> None:
-    assert BOLANOWSKI.level_db_re_1um_at(hz) == pytest.approx(level)
-
-
-def test_bolanowski__between_points__is_linear_in_log_frequency() -> None:
-    middle = np.sqrt(100.0 * 150.0)
-    assert BOLANOWSKI.level_db_re_1um_at(middle) == pytest.approx((-4.0 - 10.5) / 2.0)
-
-
-def test_curve__beyond_its_points__is_held() -> None:
-    assert BOLANOWSKI.level_db_re_1um_at([0.0, 0.1, 2000.0]).tolist() == [26.0, 26.0, -16.0]
+def test_bolanowski__between_points_of_its_file__is_linear_in_log_frequency_and_held_beyond_them() -> None:
+    levels = BOLANOWSKI.level_db_re_1um_at([0.0, 0.1, 0.4, 10.0, 100.0, np.sqrt(100.0 * 150.0), 300.0, 400.0, 2000.0])
+    assert levels == pytest.approx([26.0, 26.0, 26.0, 19.0, -4.0, (-4.0 - 10.5) / 2.0, -18.0, -16.0, -16.0])
+    # facts: 20-25 uV; -18 dB re 1 um = 0.1259 um, times 0.19898 V/mm
+    assert 0.19898 * displacement_mm(0.0, 300.0, BOLANOWSKI) == pytest.approx(25.05e-6, rel=1e-3)
 
 
 def test_morioka_griffin__published_acceleration__becomes_peak_displacement() -> None:
     # 0.023 m/s2 rms at 100 Hz: sqrt(2) 0.023 / (2 pi 100)^2 = 8.239e-8 m = -21.68 dB re 1 um, by hand
     assert curve("morioka-griffin-2006").level_db_re_1um_at(100.0) == pytest.approx(-21.682, abs=1e-3)
-
-
-def test_curve__unknown_name__lists_the_library() -> None:
-    with pytest.raises(BadInput, match="'tadoma' is not in the library; allowed: bolanowski-1988, morioka-griffin"):
-        curve("tadoma")
 
 
 def test_library__every_curve__tells_its_provenance() -> None:
@@ -60,7 +48,9 @@ def test_curve__not_a_curve__is_refused(frequency: list[float], level: list[floa
         made(frequency, level)
 
 
-def test_curve__unknown_provenance__is_refused() -> None:
+def test_curve__of_unknown_name_or_provenance__is_refused_with_what_is_allowed() -> None:
+    with pytest.raises(BadInput, match="'tadoma' is not in the library; allowed: bolanowski-1988, morioka-griffin"):
+        curve("tadoma")
     with pytest.raises(BadInput, match="provenance is 'heard'; allowed: \"measured"):
         ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
 
@@ -68,11 +58,6 @@ def test_curve__unknown_provenance__is_refused() -> None:
 @given(st.floats(-20.0, 60.0), st.floats(0.4, 400.0))
 def test_levels__there_and_back__is_the_same(level: float, hz: float) -> None:
     assert level_db_sl(displacement_mm(level, hz, BOLANOWSKI), hz, BOLANOWSKI) == pytest.approx(level, abs=1e-9)
-
-
-def test_sensor_volts__300_hz_at_threshold__is_twenty_five_microvolts() -> None:
-    # facts: 20-25 uV; -18 dB re 1 um = 0.1259 um, times 0.19898 V/mm
-    assert 0.19898 * displacement_mm(0.0, 300.0, BOLANOWSKI) == pytest.approx(25.05e-6, rel=1e-3)
 
 
 def test_content_hash__same_points__is_the_same() -> None:

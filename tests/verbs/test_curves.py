@@ -15,19 +15,11 @@ MINE = ThresholdCurve(
 )
 
 
-@pytest.fixture
-def mine(tmp_path: Path) -> Path:
-    write_curve(tmp_path / "mine.csv", MINE)
-    return tmp_path / "mine.csv"
-
-
-def test_curves__of_the_library__all_say_where_they_were_felt() -> None:
-    listed = curves()
-    assert tuple(curve.name for curve in listed.curves) == curve_names()
-    assert all(curve.contact.site for curve in listed.curves)
-
-
-def test_curves__with_one_of_ones_own__stand_beside_each_other(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_curves__with_one_of_ones_own__stand_beside_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.csv"
+    write_curve(mine, MINE)
     assert main(["curves", str(mine), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     last = document["curves"][-1]
@@ -36,9 +28,9 @@ def test_curves__with_one_of_ones_own__stand_beside_each_other(mine: Path, capsy
     assert curves().tables()[1] == "none of these was felt at a fingertip: measure your own"
     assert table.rows[-1][:5] == ("mine", "measured", "1 to 300 Hz", "index fingertip", "50 mm²")
     assert table.rows[-1][5] == "not stated"
-
-
-def test_curves__drawn__have_a_line_each(mine: Path, tmp_path: Path) -> None:
     assert [line.label for line in curves([mine]).chart().curves][-1] == "mine (index fingertip, measured)"
     assert main(["curves", str(mine), "--figures", str(tmp_path / "drawn")]) == 0
     assert (tmp_path / "drawn" / "curves.svg").is_file()
+    listed = curves().curves
+    assert tuple(curve.name for curve in listed) == curve_names()
+    assert all(curve.contact.site for curve in listed)

@@ -56,7 +56,7 @@ class Run(FixedTrials):
 '''
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def foreign(install):
     install(GROUP, "weighted", SOURCE, "Keys")
 
@@ -66,8 +66,12 @@ def protocol_text(keys: str) -> str:
     return PROTOCOL[:start] + f'[procedure]\nkind = "weighted"\n{keys}\n' + PROTOCOL[end:]
 
 
-def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(foreign, store) -> None:
+def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> None:
     text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
+    with pytest.raises(BadInput, match="procedure: step_db is 0; allowed: a number, above 0"):
+        parse_protocol(protocol_text("step_db = 0"))
+    with pytest.raises(BadInput, match=r"reversals is not a key that is known; allowed: .*trials, step_db"):
+        parse_protocol(protocol_text("reversals = 4"))
     protocol = parse_protocol(text)
     assert protocol.fresh_run(Playable()).placement().level_db_sl == 20.0
     assert protocol.procedure.typical_trials == 24
@@ -78,37 +82,17 @@ def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(foreign, stor
     assert all(each.own_db_sl is not None for each in found)
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("step_db = 0", r"procedure: step_db is 0; allowed: a number, above 0"),
-        ("trials = 2.5", "procedure: trials is 2.5; allowed: a whole number, 2 or more"),
-        ("reversals = 4", "procedure: reversals is not a key that is known; allowed: .*trials, step_db"),
-    ],
-)
-def test_foreign_procedure__keys_that_it_refuses__are_named(foreign, keys, message) -> None:
-    with pytest.raises(BadInput, match=message):
-        parse_protocol(protocol_text(keys))
-
-
-def test_simulate__foreign_procedure__is_judged_like_any(foreign) -> None:
+def test_simulate__foreign_procedure__is_judged_like_any_and_what_is_none_refused(install) -> None:
     quality = simulate_kind("weighted", Setting(60, lapse=0.0, seed=3), trials=200)
     assert quality.trials_mean == 200.0
     # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point
     assert -1.5 < quality.bias_db < 0.0
     assert abs(quality.refit.bias_db) < 0.3
-    assert simulate_kind("weighted", Setting(20, seed=1)) == simulate_kind("weighted", Setting(20, seed=1))
-
-
-def test_simulate__number_of_trials_or_people_where_there_are_none__is_refused(foreign) -> None:
     with pytest.raises(BadInput, match="--trials 10 with imece2004"):
         simulate_kind("imece2004", Setting(10), trials=10)
     with pytest.raises(BadInput, match="'guess'; allowed: curve, imece2004, quest-plus, up-down, weighted"):
         simulate_kind("guess", Setting(10))
-
-
-def test_procedure__entry_point_of_something_else__is_refused(install) -> None:
-    install(GROUP, "number", "Keys = 4\n", "Keys")
+    install(GROUP, "number", "Keys = 4\n", "Keys", package="second_laboratory")
     with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from ProcedureKeys"):
         simulate_kind("number", Setting(10))
 

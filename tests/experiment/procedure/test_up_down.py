@@ -50,24 +50,19 @@ def test_initial_rule__first_reversal_ends_one_down() -> None:
 def test_simple_up_down__levitts_example__runs_end_where_he_counts_them() -> None:
     # Levitt (1971), figure 4, as remembered: trials 1 to 2 are the first run, 2 to 6 the second, 6 to 8 the third. The
     # text of the paper was not at hand; what is certain is that a run is a series of steps in one direction.
-    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=3, averaged=2, average="mid-runs", start_db_sl=0.0)
+    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=4, averaged=4, average="mid-runs", start_db_sl=0.0)
     run = UpDown(rule)
     turned_at = []
-    for trial, response in enumerate("+----++-", start=1):
+    for trial, response in enumerate("+----++--+", start=1):
         before = len(run.reversal_levels)
         run.record(response == "+")
         turned_at += [trial] * (len(run.reversal_levels) - before)
-    assert turned_at == [2, 6, 8]
-    assert run.levels == [0, -1, 0, 1, 2, 3, 2, 1]
-
-
-def test_mid_runs__every_second_run__is_averaged() -> None:
-    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=4, averaged=4, average="mid-runs")
-    run = track(rule, 0.0, "+----++--+")
+    assert turned_at[:3] == [2, 6, 8]
+    assert run.levels[:8] == [0, -1, 0, 1, 2, 3, 2, 1]
     assert run.reversal_levels == [-1, 3, 1, 3]
     estimate = run.estimate()
     assert estimate is not None
-    assert estimate.level_db_sl == 1.5  # runs two and four: (-1 + 3)/2 and (1 + 3)/2
+    assert estimate.level_db_sl == 1.5  # mid-runs two and four: (-1 + 3)/2 and (1 + 3)/2
 
 
 @pytest.mark.parametrize(
@@ -120,13 +115,9 @@ def test_batch__any_responses__gives_the_single_track(responses: list[bool], ini
         ({"floor_db_sl": 40.0, "ceiling_db_sl": 30.0}, "not below the ceiling"),
         ({"trial_limit": 0}, "trial_limit"),
         ({"average": "mid-runs", "averaged": 1}, "mid-runs of 1"),
+        ({"floor_db_sl": 25.0}, "start_db_sl is 20; allowed: 25 to 55"),
     ],
 )
 def test_rule__nonsense__is_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(BadInput, match=message):
         UpDownRule(**settings)  # type: ignore[arg-type]
-
-
-def test_start__outside_the_limits__is_refused() -> None:
-    with pytest.raises(BadInput, match="start_db_sl is 20; allowed: 25 to 55"):
-        UpDownRule(floor_db_sl=25.0)

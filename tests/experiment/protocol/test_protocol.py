@@ -5,7 +5,6 @@ from itertools import pairwise
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.detection import latin_square, plan_runs
 from tactuator.experiment.protocol.file import parse_protocol, read_any_protocol, read_protocol, read_recognition
 from tactuator.experiment.protocol.study import run_seed
@@ -35,6 +34,11 @@ from tests.experiment.session.recognising import controller, items, opened_appar
         ("skin_temperature_c = 31", "skin_temperature_c = 300", "skin_temperature_c"),
         ("practice_trials = 2", "practise_trials = 2", "practise_trials"),
         ('masking_sound = "pink"', 'masking_sound = "brown"', "masking_sound"),
+        (
+            'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4',
+            'kind = "curve"',
+            "chooses",
+        ),
         ("[study]", "[study", "TOML"),
     ],
 )
@@ -42,18 +46,6 @@ def test_protocol__nonsense__is_refused_by_key(old: str, new: str, message: str)
     assert old in PROTOCOL
     with pytest.raises(BadInput, match=message):
         parse_protocol(PROTOCOL.replace(old, new))
-
-
-def test_protocol__curve_with_frequencies__is_refused() -> None:
-    text = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\n'
-    with pytest.raises(BadInput, match="the procedure chooses"):
-        parse_protocol(text + PROTOCOL[PROTOCOL.index("[conditions]") :])
-
-
-@pytest.mark.parametrize("name", ["missing.toml", "."])
-def test_protocol__file_that_cannot_be_read__is_refused(tmp_path, name: str) -> None:
-    with pytest.raises(BadInput, match="protocol"):
-        read_protocol(tmp_path / name)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 7, 8])
@@ -67,34 +59,14 @@ def test_latin_square__any_size__balances_places_and_successions(count: int) -> 
     assert len(set(successions)) == count * (count - 1)
 
 
-def test_plan__random__is_a_subjects_own_and_repeatable() -> None:
-    protocol = parse_protocol(
-        PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]")
-    )
-    orders = [tuple(run.frequency_hz for run in plan_runs(protocol, subject)) for subject in range(6)]
+def test_plan__of_a_subject__has_practice_first_repeats_and_an_order_and_seeds_of_its_own() -> None:
+    drawn = parse_protocol(PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]"))
+    orders = [tuple(run.frequency_hz for run in plan_runs(drawn, subject)) for subject in range(6)]
     assert len(set(orders)) > 1
-    assert orders[2] == tuple(run.frequency_hz for run in plan_runs(protocol, 2))
-
-
-def test_plan__practice__comes_first_and_repeats_follow() -> None:
-    protocol = parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2"))
-    runs = plan_runs(protocol, 0)
-    assert [run.practice for run in runs] == [True] + 6 * [False]
-    assert [run.position for run in runs] == list(range(7))
-
-
-def test_run_seed__attempt_or_subject__makes_another() -> None:
-    protocol = parse_protocol(PROTOCOL)
-    seeds = {run_seed(protocol, *one) for one in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}
-    assert len(seeds) == 4
-
-
-@pytest.mark.parametrize("kind", ["imece2004", "quest-plus"])
-def test_procedure__named_in_the_file__is_built(kind: str) -> None:
-    start, end = PROTOCOL.index("[procedure]"), PROTOCOL.index("[conditions]")
-    protocol = parse_protocol(PROTOCOL[:start] + f'[procedure]\nkind = "{kind}"\n' + PROTOCOL[end:])
-    placement = protocol.fresh_run(Playable()).placement()
-    assert placement is not None
+    assert orders[2] == tuple(run.frequency_hz for run in plan_runs(drawn, 2))
+    runs = plan_runs(parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2")), 0)
+    assert [(run.practice, run.position) for run in runs] == [(position == 0, position) for position in range(7)]
+    assert len({run_seed(drawn, *place) for place in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}) == 4
 
 
 def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items, controller) -> None:
@@ -118,10 +90,17 @@ def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items,
         (read_any_protocol, PROTOCOL + "[extra]\nx = 1\n", "extra"),
         (read_any_protocol, protocol_text(extra="[session]\nbreak_s = -1\n"), "session.break_s"),
         (read_any_protocol, protocol_text(subjects=("S1", "S1")), "subject codes S1, S1; allowed: each once"),
-        (read_any_protocol, PROTOCOL.replace('"S2"', '"S1"'), "subject codes S1, S1; allowed: each once"),
+        (read_any_protocol, protocol_text().replace('label = "C-index"', 'label = "M-index"'), "item labels"),
+        (read_any_protocol, protocol_text().replace('key = "2"', 'key = "1"'), "keys"),
+        (read_any_protocol, protocol_text("guessing"), "paradigm"),
+        (read_any_protocol, protocol_text().replace("repetitions = 20", "repetitions = 0"), "repetitions"),
+        (read_any_protocol, protocol_text(subjects=("S 1",)), "code"),
     ],
 )
 def test_protocol__of_the_wrong_kind_or_amiss__is_refused_in_one_line(tmp_path, read, text, message) -> None:
+    for unreadable in (tmp_path / "p.toml", tmp_path):
+        with pytest.raises(BadInput, match="protocol"):
+            read(unreadable)
     (tmp_path / "p.toml").write_text(text)
     with pytest.raises(BadInput, match=message) as refusal:
         read(tmp_path / "p.toml")

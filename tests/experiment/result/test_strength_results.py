@@ -30,12 +30,6 @@ MINE = ThresholdCurve(
 )
 
 
-def test_contour_results__a_curve_where_matches_tell_none__is_refused(tmp_path) -> None:
-    observed(tmp_path / "lab.db", HEAD + PAIRS.replace('comparison_fingers = ["thumb"]', "").replace("[100]", "[40]"))
-    with pytest.raises(BadInput, match="three frequencies, on both sides of 100 Hz"):
-        contour_results(tmp_path / "lab.db", curve=MINE)
-
-
 def observed(path, text: str) -> None:
     protocol, store = parse_any_protocol(text), Store(path)
     codes = [subject.code for subject in protocol.subject]
@@ -71,6 +65,9 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
 
 
 def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance_and_no_figure(tmp_path) -> None:
+    observed(tmp_path / "line.db", HEAD + PAIRS.replace('comparison_fingers = ["thumb"]', "").replace("[100]", "[40]"))
+    with pytest.raises(BadInput, match="three frequencies, on both sides of 100 Hz"):
+        contour_results(tmp_path / "line.db", curve=MINE)
     observed(tmp_path / "lab.db", HEAD + PAIRS)
     assert judged(tmp_path / "lab.db").to_dict()["tables"]
     with pytest.raises(BadInput, match="nothing to draw"):
@@ -90,11 +87,8 @@ def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None
     assert (tmp_path / "figures" / "magnitude-estimation.svg").exists()
     with pytest.raises(BadInput, match="no done run of matching"):
         judged(tmp_path / "lab.db", task="matching")
-
-
-def test_results__store_of_no_task__name_what_there_is(tmp_path) -> None:
-    Store(tmp_path / "lab.db").close()
+    Store(tmp_path / "empty.db").close()
     with pytest.raises(BadInput, match="no done run of matching"):
-        contour_results(tmp_path / "lab.db")
+        contour_results(tmp_path / "empty.db")
     with pytest.raises(BadInput, match="the store holds no study; allowed: a study in which tones are judged"):
-        judged(tmp_path / "lab.db")
+        judged(tmp_path / "empty.db")

@@ -49,10 +49,18 @@ def test_tables__information_in_a_language_of_ones_own__has_no_other_word(counts
     assert words_left(information_table(MARKED("results.information"), found, MARKED)) == []
 
 
-def test_tables__thresholds_in_a_language_of_ones_own__have_no_other_word() -> None:
+def test_tables__of_thresholds__have_no_other_word_and_no_digit_or_end_that_is_left_open() -> None:
     table = threshold_table([ONE, replace(ONE, bound=">=")], MARKED)
     assert len(table.notes) == 4
     assert words_left(table) == []
+    one = replace(ONE, refit_db_sl=1.26, refit_low_db_sl=-1.4, refit_high_db_sl=3.9, level_db_re_1um=-7.44)
+    (row,) = threshold_table([one], MARKED).rows
+    assert (row[5], row[7]) == ("1.3", "-7.4")
+    for low, high, told in (
+        (-1.0, np.inf, "≥ -1.0"), (-np.inf, 3.0, "≤ 3.0"), (-1.0, 3.0, "-1.0 to 3.0"), (-np.inf, np.inf, "–"),
+    ):  # fmt: skip
+        (row,) = threshold_table([replace(ONE, refit_low_db_sl=low, refit_high_db_sl=high)], shipped_words("en")).rows
+        assert row[6] == told
 
 
 def test_tables__notch_that_is_not_excluded__is_told_with_the_trials_that_would() -> None:
@@ -65,35 +73,13 @@ def test_tables__notch_that_is_not_excluded__is_told_with_the_trials_that_would(
     assert not any("notch" in note for note in threshold_table([ONE], shipped_words("en")).notes)
 
 
-def test_tables__thresholds__have_no_digit_that_their_interval_leaves_open() -> None:
-    one = replace(ONE, refit_db_sl=1.26, refit_low_db_sl=-1.4, refit_high_db_sl=3.9, level_db_re_1um=-7.44)
-    (row,) = threshold_table([one], MARKED).rows
-    assert row[5] == "1.3"
-    assert row[7] == "-7.4"
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "told"),
-    [(-1.0, np.inf, "≥ -1.0"), (-np.inf, 3.0, "≤ 3.0"), (-1.0, 3.0, "-1.0 to 3.0"), (-np.inf, np.inf, "–")],
-)
-def test_tables__threshold_beyond_what_was_played__has_no_interval_that_ends_there(low, high, told) -> None:
-    one = replace(ONE, refit_low_db_sl=low, refit_high_db_sl=high)
-    (row,) = threshold_table([one], shipped_words("en")).rows
-    assert row[6] == told
-
-
-def test_tables__matrix_and_abx__have_no_other_word() -> None:
-    rng, counts = np.random.default_rng(0), np.array([[9, 1], [2, 8]])
-    one = SubjectResult("9", "recognition", "7", ("1", "2"), counts, None, information(counts, rng))
-    assert words_left(matrix_table(one, MARKED)) == words_left(abx_table(AbxResult("9", "7", 10, 0.9), MARKED)) == []
-
-
-def test_tables__recognition_that_nobody_felt__say_so_and_of_people_do_not() -> None:
+def test_tables__recognition__have_no_other_word_and_say_what_nobody_felt() -> None:
     words, counts = shipped_words("en"), np.array([[9, 1], [2, 8]])
     of_people = SubjectResult(
         "9", "recognition", "7", ("1", "2"), counts, 1.0, information(counts, np.random.default_rng(0))
     )
     abx = AbxResult("9", "7", 10, 0.9)
+    assert words_left(matrix_table(of_people, MARKED)) == words_left(abx_table(abx, MARKED)) == []
     for simulated in (False, True):
         matrix = replace(of_people, simulated=simulated)
         tables = (

@@ -1,5 +1,6 @@
 """What a clinic may trust: who is left out of a group curve, what is clipped, what is called simulated."""
 
+import csv
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from matplotlib.lines import CARETUPBASE
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.confusion import threshold_table
@@ -21,50 +23,28 @@ from tactuator.experiment.result.store_results import (
     psychometric_trials,
     store_results,
 )
-from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, replayed, thresholds
+from tactuator.experiment.result.thresholds import DOUBTFUL, replayed, thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.words import shipped_words
+from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
 from tactuator.verbs.result import plain
-from tests.experiment.session.apparatuses import apparatus
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 LIBRARY = library.curve("bolanowski-1988")
 DEAF = RelativeCurve(np.array([10.0]), np.array([90.0]), "feels nothing")
-TEXT = """
-[study]
-name = "trust"
-seed = 3
-[procedure]
-kind = "up-down"
-start_db_sl = 20
-steps_db = [4, 4, 4, 2]
-reversals = 9
-averaged = 6
-trial_limit = 60
-[conditions]
-fingers = ["index"]
-frequencies_hz = [8, 30, 200]
-[catch]
-loud_share = 0.2
-blank_share = 0.1
-[timing]
-stimulus_s = 0.25
-ramp_s = 0.05
-gap_s = 0.01
-lead_s = 0.01
-feedback_s = 0.0
-[session]
-practice_trials = 0
-[[subject]]
-code = "S1"
-[[subject]]
-code = "S2"
-"""
+TEXT = (
+    PROTOCOL.replace("steps_db = [4, 2]\nreversals = 6\naveraged = 4", "reversals = 9\naveraged = 6\ntrial_limit = 60")
+    .replace("[30, 90, 210]", "[8, 30, 200]")
+    .replace("[circumstances]", "[catch]\nloud_share = 0.2\nblank_share = 0.1\n[circumstances]")
+    .replace("stimulus_s = 0.05\nramp_s = 0.01", "stimulus_s = 0.25\nramp_s = 0.05")
+    .replace("practice_trials = 2", "practice_trials = 0")
+)
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +57,18 @@ def study(tmp_path_factory):
     store.close()
 
 
-def test_thresholds__somebody_who_feels_nothing__are_censored_and_stay_in_the_curve(study) -> None:
-    store, _ = study
+def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_truth_and_censored_in_the_curve(
+    study,
+) -> None:
+    store, observers = study
     found = thresholds(detection_runs(store))
+    for one in found:
+        if one.subject == "S1":
+            truth = float(observers[0].curve.level_db_re_1um_at(one.frequency_hz))
+            assert one.level_db_re_1um == pytest.approx(truth, abs=4.0 * one.sd_db + 0.5)
+            assert not {"chance", "out-of-range", "mains", "attention"} & set(one.flags)
+            assert one.level_low_db_re_1um < one.level_db_re_1um < one.level_high_db_re_1um
+            assert one.point == pytest.approx(0.5 ** (1 / 3), abs=1e-4)
     deaf = [one for one in found if one.subject == "S2"]
     assert len(deaf) == 3
     for one in deaf:
@@ -94,51 +83,35 @@ def test_thresholds__somebody_who_feels_nothing__are_censored_and_stay_in_the_cu
     alone = group_curve([one for one in found if one.subject == "S1"], LIBRARY, (0.4, 300.0))
     assert np.all(group.curve.level_db_re_1um > alone.curve.level_db_re_1um + 5.0)
     assert set(circumstances(group, detection_runs(store))["bound"]) == {">="}
-
-
-@pytest.mark.parametrize("leave_out", [["flagged"], ["S2"]])
-def test_group_curve__somebody_is_left_out__by_the_experimenter_alone(study, leave_out) -> None:
-    found = thresholds(detection_runs(study[0]))
-    alone = group_curve([one for one in found if one.subject == "S1"], LIBRARY, (0.4, 300.0), leave_out[:0])
-    group = group_curve(found, LIBRARY, (0.4, 300.0), leave_out)
-    assert group.curve.level_db_re_1um == pytest.approx(alone.curve.level_db_re_1um)
-    assert {one.subject for one in group.left_out} == {"S2"}
-    assert group.subjects == (0, 1, 1, 1, 0)
-    with pytest.raises(BadInput, match="3 thresholds left out"):
-        group_curve([one for one in found if one.subject == "S2"], LIBRARY, (0.4, 300.0), leave_out)
+    for leave_out in (["flagged"], ["S2"]):  # the experimenter alone leaves somebody out
+        group = group_curve(found, LIBRARY, (0.4, 300.0), leave_out)
+        assert group.curve.level_db_re_1um == pytest.approx(alone.curve.level_db_re_1um)
+        assert {one.subject for one in group.left_out} == {"S2"}
+        assert group.subjects == (0, 1, 1, 1, 0)
+        with pytest.raises(BadInput, match="3 thresholds left out"):
+            group_curve(deaf, LIBRARY, (0.4, 300.0), leave_out)
     with pytest.raises(BadInput, match="S9; allowed: flagged, S1, S2"):
         group_curve(found, LIBRARY, (0.4, 300.0), ["S9"])
-
-
-def test_store_results__somebody_is_flagged__both_curves_are_told(study) -> None:
-    store, _ = study
-    for leave_out, subjects, which in (([], (2, 1), "without"), (["flagged"], (1, 2), "with")):
+    for leave_out, subjects, which in (([], [2, 1], "without"), (["flagged"], [1, 2], "with")):
         told = store_results(store.path, leave_out=leave_out)
         document = json.loads(json.dumps(plain(told.document()), allow_nan=False))
-        counts = [max(point["subjects"] for point in document[name]) for name in ("curve", "curve_beside")]
-        assert tuple(counts) == subjects
+        assert [max(point["subjects"] for point in document[name]) for name in ("curve", "curve_beside")] == subjects
         assert told.beside_is == f"{which} those flagged"
         assert {each["subject"] for each in document["doubtful"]} >= {"S2"}
-        deaf = [one for one in document["thresholds"] if one["subject"] == "S2"]
-        assert {(one["bound"], one["refit_high_db_sl"]) for one in deaf} == {(">=", None)}
-
-
-def test_thresholds__good_subject__unflagged_and_near_the_truth(study) -> None:
-    store, observers = study
-    for one in thresholds(detection_runs(store)):
-        if one.subject == "S1":
-            truth = float(observers[0].curve.level_db_re_1um_at(one.frequency_hz))
-            assert one.level_db_re_1um == pytest.approx(truth, abs=4.0 * one.sd_db + 0.5)
-            assert not {"chance", "out-of-range", "mains", "attention"} & set(one.flags)
-            assert one.level_low_db_re_1um < one.level_db_re_1um < one.level_high_db_re_1um
-            assert one.point == pytest.approx(0.5 ** (1 / 3), abs=1e-4)
+        ends = {(each["bound"], each["refit_high_db_sl"]) for each in document["thresholds"] if each["subject"] == "S2"}
+        assert ends == {(">=", None)}
 
 
 def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
     store, _ = study
     found = thresholds(detection_runs(store))
     assert all(one.simulated for one in found)
-    assert any("simulated" in note for note in threshold_table(found, shipped_words("en")).notes)
+    for stranger, lapse, words in (({"S9": DEAF}, {}, "S9"), ({}, {"S1": 0.5}, "lapse")):
+        with pytest.raises(BadInput, match=words):
+            with_truths(simulated_observers(LIBRARY, 1, seed=5), ("S1",), LIBRARY, stranger, lapse)
+    notes = threshold_table(found, shipped_words("en")).notes
+    assert any("simulated" in note for note in notes)
+    assert any("79.4 % correct" in note for note in notes)
     assert group_curve(found, LIBRARY, (0.4, 300.0)).curve.provenance == "simulated"
     plates = psychometric_trials(detection_runs(store), found)
     plate = psychometric_plate("S1", plates["S1"])
@@ -156,20 +129,18 @@ def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
 def test_figure__doubtful_and_censored_thresholds__are_crossed_have_arrows_and_are_told(study) -> None:
     found = thresholds(detection_runs(study[0]))
     people = person_thresholds(found)
-    assert [one.name for one in people] == ["S1", "S2"]
-    assert people[1].flagged.all()
     plate = thresholds_plate(people, LIBRARY, None)
-    count = sum(bool(DOUBTFUL & set(one.flags)) for one in found)
-    assert f"Crossed: {count} thresholds" in plate.caption
-    beyond = sum(bool(one.bound) for one in found)
+    doubtful, beyond = sum(bool(DOUBTFUL & set(one.flags)) for one in found), sum(bool(one.bound) for one in found)
+    assert f"Crossed: {doubtful} thresholds" in plate.caption
     assert f"Arrows: {beyond} that lie beyond" in plate.caption
-    arrows = [line for line in plate.figure.axes[0].lines if line.get_marker() == CARETUPBASE]
-    drawn = np.concatenate([line.get_xydata() for line in arrows])
-    assert sum(bool(bound) for bound in plate.table["bound"]) == beyond == len(drawn) == 3
-    assert np.all(drawn[:, 1] < plate.figure.axes[0].get_ylim()[1])
-    assert sum(plate.table["flagged"]) == count
-    crosses = [line for line in plate.figure.axes[0].lines if line.get_marker() == "x"]
-    assert sum(line.get_xdata().size for line in crosses) == count
+    axes = plate.figure.axes[0]
+    arrows, crosses = (
+        np.concatenate([line.get_xydata() for line in axes.lines if line.get_marker() == marker])
+        for marker in (CARETUPBASE, "x")
+    )
+    assert sum(bool(bound) for bound in plate.table["bound"]) == beyond == len(arrows) == 3
+    assert np.all(arrows[:, 1] < axes.get_ylim()[1])
+    assert sum(plate.table["flagged"]) == len(crosses) == doubtful
     assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
@@ -183,14 +154,6 @@ def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
     assert both.curve.level_db_re_1um[1:4] == pytest.approx([one.level_db_re_1um + 4.0 for one in felt])
     assert [one.name for one in person_thresholds([*felt, *other])] == ["S1-1", "S1-2"]
     assert set(psychometric_trials(detection_runs(study[0]), felt)) == {"S1"}
-
-
-def test_with_truths__stranger_or_impossible_lapse__is_refused() -> None:
-    drawn = simulated_observers(LIBRARY, 1, seed=5)
-    with pytest.raises(BadInput, match="S9"):
-        with_truths(drawn, ("S1",), LIBRARY, {"S9": DEAF}, {})
-    with pytest.raises(BadInput, match="lapse"):
-        with_truths(drawn, ("S1",), LIBRARY, {}, {"S1": 0.5})
 
 
 @pytest.mark.parametrize(("frequency_hz", "limit_db"), [(298.0, 0.2), (10.0, 1.0)])
@@ -211,11 +174,9 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
     assert float(np.std(errors)) <= limit_db
     assert float(np.mean(stated)) == pytest.approx(float(np.std(errors)), rel=0.5)
     assert abs(float(np.mean(errors))) <= 0.1
-
-
-def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
-    assert np.isnan(delivered_level(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), 10.0, 0.0).offset_db)
-    assert np.isnan(delivered_level(np.array([np.nan]), np.array([0.0]), 100.0, 0.0).offset_db)
+    unknown = delivered_level(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), frequency_hz, 0.0)  # nothing near
+    assert np.isnan(unknown.offset_db) == (frequency_hz < 25.0)
+    assert np.isnan(delivered_level(np.array([np.nan]), np.array([0.0]), frequency_hz, 0.0).offset_db)
 
 
 @pytest.mark.parametrize("mains_hz", [60.0, 50.0, 0.0])
@@ -233,7 +194,69 @@ def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencie
     assert procedure.rule.prior.frequency_hz == pytest.approx(hertz)
 
 
-def test_threshold__is_a_named_point(study) -> None:
-    one = thresholds(detection_runs(study[0]))[0]
-    assert isinstance(one, MeasuredThreshold)
-    assert any("79.4 % correct" in note for note in threshold_table([one], shipped_words("en")).notes)
+@pytest.mark.slow
+def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(store) -> None:
+    """The sensor's hum exceeds the stimulus there; the loud trials show the gain."""
+    codes = [f"D{number}" for number in range(4)]
+    people = "".join(f'[[subject]]\ncode = "{code}"\n' for code in codes)
+    text = (
+        '[study]\nname = "delivered"\nseed = 4\n[procedure]\nkind = "quest-plus"\ntrials = 48\n'
+        f'[conditions]\nfingers = ["index"]\nfrequencies_hz = [298]\n[catch]\nloud_share = 0.2\n{people}'
+    )
+    low = RelativeCurve(np.array([100.0]), np.array([-4.0]), "4 dB below")
+    observers = with_truths(simulated_observers(LIBRARY, 4, seed=1), codes, LIBRARY, dict.fromkeys(codes, low), {})
+    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
+    found = thresholds(detection_runs(store))
+    delivered = np.array([one.delivered_db for one in found])
+    assert len(found) == 4
+    assert max(one.delivered_sd_db for one in found) <= 0.2
+    assert delivered.std(ddof=1) <= 0.3  # four runs of a standard deviation of 0.15 to 0.2
+    assert np.ptp(delivered) > 0.0
+    for one in found:
+        assert one.sd_db == pytest.approx(float(np.hypot(one.refit_sd_db, one.delivered_sd_db)))
+        assert one.level_low_db_re_1um <= float(LIBRARY.level_db_re_1um_at(298.0)) - 4.0 <= one.level_high_db_re_1um
+
+
+def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
+    head = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\ntrials = 60\n'
+    rest = PROTOCOL[PROTOCOL.index("[timing]") : PROTOCOL.rindex("[[subject]]")]
+    text = head + '[conditions]\nfingers = ["index"]\n' + rest
+    observers = simulated_observers(LIBRARY, 1, seed=2)
+    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
+    runs = detection_runs(store)
+    found = thresholds(runs)
+    (drawn,) = psychometric_trials(runs, found)["S1"]
+    assert drawn.whole_curve
+    assert drawn.count.sum() == 60
+    assert drawn.threshold.refit_db_sl == pytest.approx(0.0, abs=2.5)  # curve and function tell the same story
+    plate = psychometric_plate("S1", [drawn])
+    assert "relative to the run's own curve" in plate.caption
+    assert plate.figure.axes[0].get_title().startswith("index, whole curve")
+    truth = observers[0].curve.level_db_re_1um_at([one.frequency_hz for one in found])
+    errors = np.array([one.level_db_re_1um for one in found]) - truth
+    assert float(np.sqrt(np.mean(errors**2))) < 3.5
+    assert found[0].trials == 60
+    assert len(found) == 28  # every frequency at which trials may be put
+    assert all(one.notch_trials is not None and one.notch_trials >= 0 for one in found)
+    assert any(one.notch_trials for one in found)  # sixty trials cannot exclude a notch everywhere
+
+
+def test_group_curve__written__is_read_back_with_what_it_was_measured_under(study, tmp_path) -> None:
+    store, _ = study
+    runs = detection_runs(store)
+    group = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
+    assert group.curve.covers(0.4, 300.0)
+    write_curve(tmp_path / "curve.csv", group.curve, circumstances(group, runs))
+    back = read_curve(tmp_path / "curve.csv")
+    assert back.provenance == back.name == "simulated"
+    assert "nobody felt it" in back.source
+    assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
+    lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
+    row = next(csv.DictReader(lines))
+    assert row["contact_area_mm2"] == "78.5"
+    assert row["subject_group"] == "hearing;hearing-impaired"
+    assert (row["finger"], row["experimenter"], row["masking_sound"], row["preload_n"]) == ("index", "EX", "pink", "")
+    with pytest.raises(BadInput, match="2 measured frequencies"):
+        group_curve([one for one in thresholds(runs) if one.frequency_hz < 100.0], LIBRARY, (0.4, 300.0))
+    with pytest.raises(BadInput, match="4 trials"):
+        refit(np.zeros(4), np.ones(4, dtype=bool))

@@ -1,6 +1,6 @@
 """A recognition study on one simulated finger: its items, its protocol, and a subject's way through it."""
 
-from datetime import UTC, datetime, timedelta
+import tomllib
 
 import pytest
 
@@ -17,42 +17,20 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
 from tactuator.synthesis.design import design_controller
-from tests.experiment.session.apparatuses import nobody, token
+from tests.experiment.session.apparatuses import ObedientClock, nobody, token
+from tests.one_finger import DISPLAY
 
-DISPLAY = {
-    "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
-    "threshold": {"curve": "bolanowski-1988"},
-    "feedback": {"structure": "paper"},
-    "channel": [
-        {
-            "name": "index",
-            "finger": "index",
-            "sensor_gain_v_per_mm": 0.19898,
-            "travel_mm": 12.5,
-            "plant": {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
-        }
-    ],
-}
 SET = WaveformSet(0.125, components=(Component("M", 30.0, 40.0), Component("C", 240.0, 40.0)), fingers=(("index",),))
 LONGER = WaveformSet(0.25, components=(Component("L", 60.0, 40.0),), fingers=(("index",),))
 """One waveform, L-index, that takes twice as long."""
 
 
-class Ticking:
+class Ticking(ObedientClock):
     """A clock that goes on by a second each time it is asked."""
 
-    def __init__(self):
-        self.now = datetime(2026, 1, 1, tzinfo=UTC)
-
     def utc(self):
-        self.now += timedelta(seconds=1)
+        self.wait(1.0)
         return self.now
-
-    def monotonic_s(self):
-        return self.now.timestamp()
-
-    def jump(self, seconds):
-        self.now += timedelta(seconds=seconds)
 
 
 def write_items(controller, folder):
@@ -104,7 +82,7 @@ def scripted_answer(text, block, number):
 
 @pytest.fixture(scope="module")
 def controller():
-    return design_controller(parse_display(DISPLAY))
+    return design_controller(parse_display(tomllib.loads(DISPLAY)))
 
 
 @pytest.fixture(scope="module")

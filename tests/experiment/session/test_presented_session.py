@@ -9,7 +9,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.sound.stream import SoundGap
-from tests.experiment.session.apparatuses import begin, nobody
+from tests.experiment.session.apparatuses import begin, nobody, rows_of
 
 
 @pytest.fixture
@@ -35,40 +35,27 @@ def dry(rig, times, monkeypatch, error=DRY):
     monkeypatch.setattr(rig, "stream", drying)
 
 
-def noted(store):
-    with store.read() as connection:
-        return [(row.kind, row.detail) for row in connection.execute(select(schema.event))]
-
-
 @pytest.mark.parametrize(
-    ("times", "error", "words"),
-    [
-        (1, DRY, "the stream ran dry 240 samples"),
-        (2, DRY, "the stream ran dry"),
-        (1, GAP, "the sound card told of a gap"),
-    ],
+    ("times", "error", "words"), [(2, DRY, "the stream ran dry 240 samples"), (1, GAP, "the sound card told of a gap")]
 )
 def test_present__timing_missed__is_noted_and_the_trial_played_again(
     presented, monkeypatch, times, error, words
 ) -> None:
     dry(presented.session.task.apparatus.rig, times, monkeypatch, error)
     following = presented.present(nobody)
-    assert [kind for kind, _ in noted(presented.session.store)] == ["timing-missed"] * times
-    assert f"trial 0: {words}" in noted(presented.session.store)[0][1]
+    noted = rows_of(presented.session.store, select(schema.event))
+    assert [event.kind for event in noted] == ["timing-missed"] * times
+    assert f"trial 0: {words}" in noted[0].detail
     presented.answer(Answer(following.trial.correct, presented.session.clock.utc()))
-    with presented.session.store.read() as connection:
-        row = connection.execute(select(schema.trial)).one()
-        onsets = connection.execute(select(schema.interval.c.onset_s)).scalars().all()
+    (row,) = rows_of(presented.session.store, select(schema.trial))
+    onsets = [onset for (onset,) in rows_of(presented.session.store, select(schema.interval.c.onset_s))]
     assert row.presentations == times + 1
     length_s = round(2 / 30 * 4000) / 4000  # two periods of 30 Hz, in whole samples
     assert np.allclose(onsets, 0.01 + (length_s + 0.01) * np.arange(3), atol=1e-9)
-
-
-def test_present__stream_dry_again_and_again__is_the_rigs_fault(presented, monkeypatch) -> None:
     dry(presented.session.task.apparatus.rig, 9, monkeypatch)
-    with pytest.raises(StreamDry):
+    with pytest.raises(StreamDry):  # again and again: the rig's fault
         presented.present(nobody)
-    assert len(noted(presented.session.store)) == 3
+    assert len(rows_of(presented.session.store, select(schema.event))) == times + 3
     with pytest.raises(BadInput, match="no trial waits"):
         presented.answer(Answer("1", presented.session.clock.utc()))
 

@@ -1,83 +1,53 @@
-"""Recognition as a session: blocks, introductions, breaks."""
+"""Recognition as a session: blocks, introductions, breaks, what is played and asked, results, respondents."""
+
+import json
 
 import numpy as np
 import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
+from tactuator.experiment.export import export
 from tactuator.experiment.result.confusion import recognition_results
-from tactuator.experiment.store import schema
+from tactuator.experiment.session.presented_session import Respondent
+from tactuator.experiment.store import records, schema
+from tactuator.rig.rig import require_finger_ports
+from tactuator.rig.simulated import SimulatedRig
 from tests.experiment.session.apparatuses import nobody, rows_of
-from tests.experiment.session.recognising import (  # noqa: F401
-    answer,
-    controller,
-    go_on,
-    items,
-    opened,
-    opened_apparatus,
-    protocol_text,
-)
+from tests.experiment.session.recognising import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
 
-
-def test_session__stages__are_consent_introduction_trials_break_introduction_trials(opened) -> None:
-    study, _, _ = opened(protocol_text(test=1, consent="Agreed?"))
-    session = (presented := study.presented()).session
-    seen = []
-    steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
-    while session.stage != "done":
-        seen.append(session.stage)
-        steps.get(session.stage, lambda: answer(presented))()
-    assert seen == ["consent", "introduction", *["trial"] * 3, "break", "introduction", *["trial"] * 3]
-    assert session.upcoming is None
-    assert session.progress == 1.0
-
-
-def test_session__introduction__says_what_the_block_is(opened) -> None:
-    study, _, _ = opened(protocol_text(test=4))
-    presented = study.presented()
-    told = presented.session.upcoming
-    assert told.introduction == "Block 1 of 2: training, 3 trials.\nAfter each answer you are told which was right."
-    go_on(presented, 3)
-    assert presented.session.upcoming.introduction.startswith("Block 2 of 2: test, 12 trials.\nYou are not told")
-
-
-def test_session__trial_before_the_introduction_was_read__is_refused(opened) -> None:
-    study, _, _ = opened(protocol_text())
-    with pytest.raises(BadInput, match="'introduction'"):
-        study.presented().present(nobody)
+TRIALS = ["trial"] * 3
 
 
 @pytest.mark.parametrize(
     ("rules", "stages"),
     [
-        ("break_between_blocks = false", []),
-        ("break_after_trials = 2\nbreak_between_blocks = false", [2, 4]),
-        ("break_after_trials = 2", [2, 3, 5]),
+        ("", ["introduction", *TRIALS, "break", "introduction", *TRIALS]),
+        ("break_between_blocks = false", ["introduction", *TRIALS, "introduction", *TRIALS]),
+        (
+            "break_after_trials = 2",
+            ["introduction", *TRIALS[:2], "break", "trial", "break", "introduction", *TRIALS[:2], "break", "trial"],
+        ),
     ],
 )
-def test_session__break_rules__are_kept(opened, rules, stages) -> None:
-    study, _, _ = opened(protocol_text(test=1, extra=f"[session]\n{rules}\n"))
+def test_session__stages__are_those_of_its_blocks_and_break_rules(opened, rules, stages) -> None:
+    study, _, _ = opened(protocol_text(test=1, consent="Agreed?", extra=f"[session]\n{rules}\n"))
+    with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
+        study.presented("S9")
     session = (presented := study.presented()).session
-    breaks = []
+    seen, introduced = [], []
+    steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while session.stage != "done":
-        if session.stage == "break":
-            breaks.append(session.trials)
-            session.end_break()
-        elif session.stage == "introduction":
-            session.introduce()
-        else:
-            answer(presented)
-    assert breaks == stages
-
-
-def test_session__years_between_two_trials__goes_on_in_the_same_block(opened) -> None:
-    study, _, store = opened(protocol_text())
-    presented = study.presented()
-    go_on(presented, 5)
-    study.clock.jump(3e8)
-    again = study.presented()
-    assert answer(again).number == 2
-    assert [run.attempt for run in rows_of(store, select(schema.run))] == [0, 0]
+        seen.append(session.stage)
+        if session.stage == "introduction":
+            introduced.append(session.upcoming.introduction)
+            with pytest.raises(BadInput, match="'introduction'"):
+                presented.present(nobody)
+        steps.get(session.stage, lambda: answer(presented))()
+    assert seen == ["consent", *stages]
+    assert introduced[0] == "Block 1 of 2: training, 3 trials.\nAfter each answer you are told which was right."
+    assert introduced[1].startswith("Block 2 of 2: test, 3 trials.\nYou are not told")
+    assert (session.upcoming, session.progress) == (None, 1.0)
 
 
 def test_session__feedback__only_in_its_block(opened) -> None:
@@ -111,7 +81,7 @@ def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
 BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
 
 
-def test_tally__after_a_restart__is_what_it_was(opened) -> None:
+def test_session__opened_again_years_later__goes_on_in_the_same_block_with_the_tally_that_it_had(opened) -> None:
     text = protocol_text()
     study, _, store = opened(text)
     presented = study.presented()
@@ -119,13 +89,141 @@ def test_tally__after_a_restart__is_what_it_was(opened) -> None:
     answer(presented, "MC-index")
     before = [(one.state, one.answered, one.correct) for one in presented.session.tally]
     store.close()
-    study, _, _ = opened(text)
-    again = study.presented().session
-    assert [(one.state, one.answered, one.correct) for one in again.tally] == before
-    assert again.course.picture()["counts"] == presented.session.course.picture()["counts"]
+    study, _, store = opened(text)
+    study.clock.jump(3e8)
+    again = study.presented()
+    assert [(one.state, one.answered, one.correct) for one in again.session.tally] == before
+    assert again.session.course.picture()["counts"] == presented.session.course.picture()["counts"]
+    assert answer(again).number == 3
+    assert [run.attempt for run in rows_of(store, select(schema.run))] == [0, 0]
 
 
-def test_session__unknown_subject__is_refused(opened) -> None:
-    study, _, _ = opened(protocol_text())
-    with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
-        study.presented("S9")
+class Listener:
+    """Keeps what was played, and how much of it before each event."""
+
+    def __init__(self, rig):
+        self.rows, self.events, self._play = np.zeros((0, len(rig.channels))), [], type(rig).play
+        rig.play = lambda reference: self.play(rig, reference)
+
+    def play(self, rig, reference):
+        self.rows = np.concatenate([self.rows, reference])
+        return self._play(rig, reference)
+
+    def watch(self, interval, begins):
+        self.events.append((interval, begins, len(self.rows)))
+
+
+@pytest.mark.parametrize(
+    ("paradigm", "prompt", "responses", "intervals"),
+    [
+        ("recognition", "Which one was it?", THREE, ()),
+        ("middle-of-three", "Which one was in the middle?", THREE, ()),
+        ("abx", "Was X like A or like B?", ("A", "B"), ("A", "B", "X")),
+    ],
+)
+def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played_and_asks_the_same(
+    opened, paradigm, prompt, responses, intervals
+) -> None:
+    study, rig, _ = opened(protocol_text(paradigm, training=0, test=3, labels=THREE))
+    presented, question = study.presented(), study.task.question
+    assert (question.prompt, question.intervals) == (prompt, intervals)
+    assert tuple(choice.response for choice in question.choices) == responses
+    keys = [key for choice in question.choices for key in choice.keys]
+    assert len(set(keys)) == len(keys)
+    presented.session.introduce()
+    lengths, onsets, durations = set(), set(), set()
+    for _ in range(9):
+        listener = Listener(rig)
+        following = presented.present(listener.watch)
+        durations.add(sum(study.task.items[label].duration_s for label in following.trial.stimuli))
+        lengths.add(len(listener.rows))
+        start, longest = 0, max(len(item.reference) for item in study.task.items.values())
+        for label in following.trial.stimuli:
+            reference = study.task.items[label].reference
+            assert np.array_equal(listener.rows[start : start + len(reference)], reference)
+            start += round(0.05 * rig.rate_hz) + (longest if paradigm == "abx" else len(reference))
+        onsets.add(tuple(listener.events))
+        presented.answer(records.Answer(following.trial.correct, study.clock.utc()))
+    assert len(durations) > 1
+    assert len(lengths) == 1
+    if paradigm == "abx":  # the only one whose intervals are shown
+        assert len(onsets) == 1
+
+
+def test_results__of_a_session__are_matrix_and_information(opened) -> None:
+    study, _, store = opened(protocol_text(test=4))
+    presented = study.presented()
+    go_on(presented, 3)
+    with pytest.raises(BadInput, match="no answers yet"):
+        study.task.results(store, presented.session.id)
+    go_on(presented, 12)
+    matrix, information = study.task.results(store, presented.session.id)
+    assert matrix.columns[1:] == ("M-index", "C-index", "MC-index")
+    assert [row[1:] for row in matrix.rows] == [("4", "0", "0"), ("0", "4", "0"), ("0", "0", "4")]
+    assert information.rows[0][:2] == ("plug in", f"{np.log2(3):.2f}")
+    assert any("100.0 % correct" in note for note in information.notes)
+
+
+def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> None:
+    study, _, store = opened(protocol_text("abx", training=0, test=1, subjects=("S1", "S2")))
+    presented = study.presented("S2")
+    go_on(presented, 12)
+    (table,) = study.task.results(store, presented.session.id)
+    assert table.rows == (("12", "100.0"),)
+
+
+def test_export__recognition__is_under_its_own_task(opened, tmp_path) -> None:
+    study, _, store = opened(protocol_text(test=1))
+    go_on(study.presented(), 6)
+    of_bids = [f"sub-S1/beh/sub-S1_task-recognition_run-0{run}_beh.{end}" for run in (1, 2) for end in ("tsv", "json")]
+    for form, names in (
+        ("tidy", ["trials.csv"]),
+        ("psych-ds", ["data/subject-S1_task-recognition_description-trials_data.csv"]),
+        ("bids", of_bids),
+    ):
+        assert export(store, tmp_path / form, form) == 6
+        written = {str(path.relative_to(tmp_path / form)) for path in (tmp_path / form).rglob("*") if path.is_file()}
+        assert set(names) <= written
+        assert not any("detection" in name for name in written)
+    assert json.loads((tmp_path / "bids" / of_bids[1]).read_text())["TaskName"] == "recognition"
+
+
+def test_run_session__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
+    told, agreed = [], []
+
+    class Telling(Respondent):
+        def agree(self, consent):
+            assert consent == "Agreed?"
+            return bool(agreed)
+
+        def pause(self):
+            told.append("break")
+
+        def begin(self, following):
+            told.append(following.planned.title)
+
+        def respond(self, trial):
+            told.append("?")
+            return trial.correct
+
+        def learn(self, trial, acknowledged):
+            told.append(acknowledged.right == trial.correct)
+
+    study, _, store = opened(protocol_text(test=1, consent="Agreed?", subjects=("S1", "S2")))
+    assert study.run("S1", Telling()) == 0
+    with store.read() as connection:
+        assert connection.execute(select(schema.run)).all() == []
+        row = records.sessions(connection, study.study.id)[0]
+    assert (row.consented_utc, row.ended) == (None, "declined")
+    agreed.append(True)
+    assert study.run("S2", Telling()) == 6
+    training = [item for _ in range(3) for item in ("?", True)]
+    assert told == ["Block 1 of 2: training", *training, "break", "Block 2 of 2: test", "?", "?", "?"]
+
+
+def test_require_finger_ports__display_that_is_real__is_refused(controller) -> None:
+    rig = SimulatedRig(controller.display)
+    require_finger_ports(rig, "simulated")
+    rig._fingers = ()
+    with pytest.raises(BadInput, match="subjects at board:COM3; allowed: at a rig whose display is simulated"):
+        require_finger_ports(rig, "board:COM3")

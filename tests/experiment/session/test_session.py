@@ -27,9 +27,7 @@ from tests.experiment.session.apparatuses import (
 def stored(store):
     run, trial = schema.run.c, schema.trial.c
     columns = (run.position, run.attempt, trial.number, trial.level_db_sl, schema.response.c.response)
-    with store.read() as connection:
-        rows = connection.execute(select(*columns).select_from(schema.ANSWERED).order_by(trial.id))
-        return [tuple(row) for row in rows]
+    return [tuple(row) for row in rows_of(store, select(*columns).select_from(schema.ANSWERED).order_by(trial.id))]
 
 
 def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path, clock) -> None:
@@ -56,14 +54,13 @@ def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path, cl
 def test_trial__stored__has_levels_labels_times_and_apparatus(store, clock) -> None:
     presented = begin(store, clock)
     answer_one(presented, clock)
+    (trial,), (run,), (response,) = (
+        rows_of(store, select(table)) for table in (schema.trial, schema.run, schema.response)
+    )
+    intervals = rows_of(store, select(schema.interval).order_by(schema.interval.c.position))
     with store.read() as connection:
-        trial = connection.execute(select(schema.trial)).one()
-        intervals = connection.execute(select(schema.interval).order_by(schema.interval.c.position)).all()
-        response = connection.execute(select(schema.response)).one()
-        run = connection.execute(select(schema.run)).one()
         session = records.session(connection, presented.session.id)
-    assert [one.stimulus for one in intervals].count("tone") == 1
-    tone = next(one for one in intervals if one.stimulus == "tone")
+    (tone,) = (one for one in intervals if one.stimulus == "tone")
     assert str(tone.position + 1) == trial.correct_response
     assert tone.commanded_db_sl == trial.level_db_sl == 30.0
     assert tone.measured_db_sl == pytest.approx(30.0, abs=1.5)
@@ -81,27 +78,21 @@ def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(sto
     begin(store, clock, trials=5)
     clock.jump(gap_s)  # the machine was off: the monotonic clock knows nothing of it
     answer_one(begin(store, clock), clock)
-    with store.read() as connection:
-        runs = connection.execute(
-            select(schema.run).where(schema.run.c.position == 1).order_by(schema.run.c.attempt)
-        ).all()
+    runs = rows_of(store, select(schema.run).where(schema.run.c.position == 1).order_by(schema.run.c.attempt))
     assert [run.attempt for run in runs] == attempts
-    assert [run.state for run in runs] == (["running"] if len(attempts) == 1 else ["restarted", "running"])
+    assert [run.state for run in runs] == ["restarted", "running"][-len(attempts) :]
 
 
-def test_long_pause__within_one_process__restarts_by_the_monotonic_clock(store, clock) -> None:
+def test_pause__by_the_monotonic_clock__restarts_and_a_clock_set_back_is_noted_and_loses_nothing(store, clock) -> None:
     presented = begin(store, clock, trials=4)
-    clock.jump(-3600.0)  # set back by an hour: nothing is restarted for that
+    clock.jump(-3600.0)
     assert answer_one(presented, clock) == (1, 2)
+    clock.jump(-7200.0)
+    assert answer_one(begin(store, clock), clock) == (1, 3)
+    assert [row.kind for row in rows_of(store, select(schema.event))] == ["clock-jump"]
+    presented = begin(store, clock)
     clock.passed_s += 601.0
     assert answer_one(presented, clock) == (1, 0)
-
-
-def test_resume__clock_set_back__is_noted_and_loses_nothing(store, clock) -> None:
-    begin(store, clock, trials=4)
-    clock.jump(-7200.0)
-    assert answer_one(begin(store, clock), clock) == (1, 2)
-    assert [row.kind for row in rows_of(store, select(schema.event))] == ["clock-jump"]
 
 
 def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store, clock) -> None:
@@ -111,10 +102,7 @@ def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store, clock)
         connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")  # of the pooled connection: no page more
     acknowledged = []
     with pytest.raises(StoreFault, match="full"):
-        while True:
-            if presented.session.stage == "break":
-                presented.session.end_break()
-            acknowledged.append(answer_one(presented, clock))
+        everything(presented, clock, lambda *at: acknowledged.append(answer_one(*at)))
     assert [(row[0], row[2]) for row in stored(store)] == acknowledged
     if presented.pending is not None:
         stands = presented.pending[0]
@@ -141,36 +129,21 @@ def test_answer__database_locked__is_told_and_may_come_again(store, clock) -> No
     assert len(stored(store)) == 1
 
 
-def test_answer__sent_again__is_acknowledged_again_and_stored_once(store, clock) -> None:
-    presented = begin(store, clock)
+def test_answer__amiss_or_sent_again__is_refused_or_acknowledged_again_and_stored_once(store, clock) -> None:
+    presented, other = begin(store, clock), begin(store, clock, subject=1)
+    with pytest.raises(BadInput, match="no trial waits"):
+        presented.answer(records.Answer("1", clock.utc()))
     run = presented.present(nobody).run
+    for response in ("0", "4", "", "left"):
+        with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
+            presented.answer(records.Answer(response, clock.utc()))
+    assert stored(store) == []
     first = presented.answer(records.Answer("1", clock.utc()))
     again = presented.session.already(run, 0)
     assert again is not None
     assert (again.correct, again.again) == (first.correct, True)
-    assert presented.session.already(run, 1) is None
+    assert presented.session.already(run, 1) is other.session.already(run, 0) is None
     assert len(stored(store)) == 1
-
-
-def test_already__another_sessions_run__is_nothing(store, clock) -> None:
-    mine, other = begin(store, clock), begin(store, clock, subject=1)
-    run = mine.present(nobody).run
-    mine.answer(records.Answer("1", clock.utc()))
-    assert other.session.already(run, 0) is None
-
-
-@pytest.mark.parametrize("response", ["0", "4", "", "left"])
-def test_answer__not_allowed__is_refused_and_nothing_stored(store, response, clock) -> None:
-    presented = begin(store, clock)
-    presented.present(nobody)
-    with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
-        presented.answer(records.Answer(response, clock.utc()))
-    assert stored(store) == []
-
-
-def test_answer__without_a_trial__is_refused(store, clock) -> None:
-    with pytest.raises(BadInput, match="no trial waits"):
-        begin(store, clock).answer(records.Answer("1", clock.utc()))
 
 
 def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store, clock) -> None:
@@ -187,11 +160,8 @@ def test_give_up_run__goes_on_with_the_next_and_marks_it(store, clock) -> None:
     presented.give_up_run()
     assert answer_one(presented, clock) == (2, 0)
     with store.read() as connection:
-        assert [run.state for run in records.latest_runs(connection, presented.session.id)] == [
-            "done",
-            "stopped",
-            "running",
-        ]
+        runs = records.latest_runs(connection, presented.session.id)
+    assert [run.state for run in runs] == ["done", "stopped", "running"]
     with pytest.raises(BadInput, match="no trial waits"):
         presented.answer(records.Answer("1", clock.utc()))
 
@@ -202,12 +172,6 @@ def test_replay__store_changed_by_hand__is_refused(store, clock) -> None:
         connection.execute(schema.trial.update().where(schema.trial.c.number == 2).values(level_db_sl=3.0))
     with pytest.raises(BadInput, match="does not replay"):
         begin(store, clock)
-
-
-def test_subjects__latin_square__have_orders_of_their_own(store, clock) -> None:
-    orders = [[run.frequency_hz for run in begin(store, clock, subject=one).session.runs] for one in (0, 1)]
-    assert orders[0][1:] != orders[1][1:]
-    assert sorted(orders[0][1:]) == sorted(orders[1][1:]) == [30.0, 90.0, 210.0]
 
 
 def test_consent__asked_for__comes_before_the_first_trial(store, clock) -> None:

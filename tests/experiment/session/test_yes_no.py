@@ -53,14 +53,7 @@ def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_h
 
 def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(store, clock) -> None:
     assert result(store, clock, 0.5)[1] == ("attention",)
-
-
-def test_yes_no__question__has_two_answers_and_tells_no_interval() -> None:
     protocol = parse_protocol(YES_NO)
-    assert protocol.paradigm.responses == ("1", "0")
-    assert protocol.paradigm.guess == 0.02
-
-
-def test_held__with_several_intervals__is_refused() -> None:
+    assert (protocol.paradigm.responses, protocol.paradigm.guess) == (("1", "0"), 0.02)
     with pytest.raises(BadInput, match="held with 3 intervals; allowed: with one interval"):
         parse_protocol(YES_NO.replace("intervals = 1", "intervals = 3\nheld = true"))

@@ -22,11 +22,7 @@ def test_observer__many_trials__follows_psi_about_its_own_curve(level_db: float,
         felt[target] = threshold + level_db
         hits += observer.respond(felt, 10.0, rng) == target
     assert hits / 4000 == pytest.approx(float(model.probability(level_db)), abs=0.03)
-
-
-def test_observer__nothing_felt__guesses_every_interval_alike() -> None:
-    observer, rng = Observer("x", CURVE), np.random.default_rng(0)
-    picks = [observer.respond(np.full(3, -200.0), 10.0, rng) for _ in range(3000)]
+    picks = [observer.respond(np.full(3, -200.0), 10.0, rng) for _ in range(3000)]  # nothing is felt
     assert np.bincount(picks, minlength=3) / 3000 == pytest.approx(np.full(3, 1.0 / 3.0), abs=0.035)
 
 
@@ -51,11 +47,6 @@ def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: W
 def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float]) -> None:
     with pytest.raises(BadInput, match=rf"{next(iter(settings))} .*allowed: 0 "):
         Psychometric(Weibull(), **settings)
-
-
-@pytest.mark.parametrize(
-    "make", [lambda: Weibull(0.0), lambda: Logistic(-1.0), lambda: MaxOfM(1), lambda: MaxOfM(3, 0.0)]
-)
-def test_shape__nonsense__is_refused(make: object) -> None:
-    with pytest.raises(BadInput):
-        make()  # type: ignore[operator]
+    for shape, amiss in ((Weibull, (0.0,)), (Logistic, (-1.0,)), (MaxOfM, (1,)), (MaxOfM, (3, 0.0))):
+        with pytest.raises(BadInput):
+            shape(*amiss)

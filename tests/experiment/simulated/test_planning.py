@@ -1,13 +1,13 @@
 """The plan of a study against oracles of its own: an integral over the spread's distribution, and simulated studies."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import integrate, stats
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.simulated.planning import PlannedStudy, measured_spread, plan_study
 from tests.experiment.result.test_tables import ONE
 
@@ -64,39 +64,27 @@ def test_plan__studies_of_that_size__find_the_effect_as_often_as_it_says(design:
     assert found.subjects_in_all == GROUPS[design] * found.subjects
 
 
-def test_power__any_effect_and_number__is_a_probability_that_rises() -> None:
-    for effect_db in (0.1, 1.0, 8.0, 40.0):
-        power = PlannedStudy(effect_db, 4.5).power_of(np.arange(2, 3000, 7), 20.0)
-        assert np.all((power >= 0.05 - 1e-9) & (power <= 1.0))
-        assert np.all(np.diff(power) >= -1e-9)
-
-
 def test_plan__too_little_time_or_too_small_an_effect__is_refused() -> None:
     with pytest.raises(BadInput, match="8 runs of 60 trials take 34 min; allowed: 20 min or less"):
         plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 60.0)
     with pytest.raises(BadInput, match=r"effect of 0\.01 dB"):
         plan_study(PlannedStudy(0.01, 9.0), 1.0, 48.0)
     assert plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 150.0, whole_curve=True).repeats == 1
-
-
-def pilot(people: int, spread_db: float, error_db: float, seed: int) -> list[MeasuredThreshold]:
-    rng = np.random.default_rng(seed)
-    made = []
-    for hertz in (10.0, 50.0, 250.0):
-        levels = rng.normal(5.0, spread_db, people) + rng.normal(0.0, error_db, people)
-        made += [
-            MeasuredThreshold(
-                **{**vars(ONE), "subject": f"S{number}", "frequency_hz": hertz, "level_db_re_1um": level,
-                   "sd_db": error_db}
-            )
-            for number, level in enumerate(levels)
-        ]  # fmt: skip
-    return made
+    for effect_db in (0.1, 1.0, 8.0, 40.0):
+        power = PlannedStudy(effect_db, 4.5).power_of(np.arange(2, 3000, 7), 20.0)
+        assert np.all((power >= 0.05 - 1e-9) & (power <= 1.0))
+        assert np.all(np.diff(power) >= -1e-9)
 
 
 def test_measured_spread__of_a_pilot__is_that_of_the_people_without_their_errors() -> None:
-    spread, people = measured_spread(pilot(400, 4.0, 3.0, seed=2))
+    levels = np.random.default_rng(2).normal(5.0, math.hypot(4.0, 3.0), (3, 400))  # people of 4 dB, errors of 3
+    pilot = [
+        replace(ONE, subject=f"S{number}", frequency_hz=hertz, level_db_re_1um=level, sd_db=3.0)
+        for hertz, row in zip((10.0, 50.0, 250.0), levels, strict=True)
+        for number, level in enumerate(row)
+    ]
+    spread, people = measured_spread(pilot)
     assert people == 400
     assert spread == pytest.approx(4.0, rel=0.06)
     with pytest.raises(BadInput, match="no two were measured alike"):
-        measured_spread(pilot(1, 4.0, 3.0, seed=2))
+        measured_spread(pilot[::400])

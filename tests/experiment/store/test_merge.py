@@ -17,7 +17,7 @@ from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store, opened_store
 from tactuator.verbs.store import merge, verify
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, everything, opened_study
 from tests.experiment.store.killing_stations import answers, killed
 from tests.postgres import PostgresServer
 
@@ -37,6 +37,7 @@ def site(path: Path, subject: int, trials: int) -> Path:
 
 def test_merge__of_two_sites__has_every_answer_once_however_often(tmp_path) -> None:
     sites = [str(site(tmp_path / f"{name}.db", subject, 5)) for subject, name in enumerate("ab")]
+    alone = shutil.copy(sites[1], tmp_path / "alone.db")
     out = tmp_path / "c.db"
     result = merge(sites, str(out))
     assert (result.holds, min(result.rows.values()) > 5 * 4) == (True, True)
@@ -45,19 +46,24 @@ def test_merge__of_two_sites__has_every_answer_once_however_often(tmp_path) -> N
     assert set(merge([*sites, *sites], str(out)).rows.values()) == {0}
     assert len(answers(out)) == 10
     assert verify(out).holds
+    with closing(Store(sites[1])) as store:
+        opened_study(store, ObedientClock(), SHORT).correct("S1", Correction(group="unknown"), "wrong", "Ada")
+    (conflict,) = merge(sites, str(tmp_path / "d.db")).conflicts
+    assert conflict.what == "subject S1: subject_group is 'hearing' there and 'unknown' here"
+    with closing(sqlite3.connect(alone)) as plain, plain:
+        plain.execute("UPDATE subject SET subject_group = 'unknown' WHERE code = 'S1'")
+    with pytest.raises(BadInput, match=r"alone.db: row 1 of subject was altered; allowed: a sound store"):
+        merge([alone], str(tmp_path / "e.db"))
+    assert not (tmp_path / "e.db").exists()
 
 
 def test_merge__of_a_store_that_went_on__brings_what_is_new(tmp_path) -> None:
     path, out, clock = tmp_path / "a.db", tmp_path / "c.db", ObedientClock()
     with opened_store(path) as store:
-        presented = begin(store, clock, SHORT)
-        while presented.session.stage != "done":
-            if presented.session.stage == "break":
-                clock.wait(300.0)
-                presented.session.end_break()
-            answer_one(presented, clock)
-            if presented.session.trials % 9 == 0:
-                merge([str(path)], str(out))
+        for trials in (9, 9):
+            begin(store, clock, SHORT, trials=trials)
+            merge([str(path)], str(out))
+        everything(begin(store, clock, SHORT), clock)
         opened_study(store, clock, SHORT).correct("S1", Correction(group="unknown"), "typing error", "Ada")
     merge([str(path)], str(out))
     assert sorted(answers(out)) == sorted(answers(path))
@@ -73,23 +79,6 @@ def test_merge__visit_begun_at_both__is_told_and_the_first_stays(tmp_path) -> No
     assert [conflict.what for conflict in result.conflicts] == ["subject S1, visit 1 was begun in two stores"]
     assert not result.holds
     assert sorted(answers(tmp_path / "c.db")) == sorted(answers(sites[0]))
-
-
-def test_merge__another_group_for_one_subject__is_told(tmp_path) -> None:
-    a, b = (site(tmp_path / f"{name}.db", subject, 1) for subject, name in enumerate("ab"))
-    with closing(Store(b)) as store:
-        opened_study(store, ObedientClock(), SHORT).correct("S1", Correction(group="unknown"), "wrong", "Ada")
-    (conflict,) = merge([str(a), str(b)], str(tmp_path / "c.db")).conflicts
-    assert conflict.what == "subject S1: subject_group is 'hearing' there and 'unknown' here"
-
-
-def test_merge__of_an_altered_store__is_refused(tmp_path) -> None:
-    path = site(tmp_path / "a.db", 0, 1)
-    with closing(sqlite3.connect(path)) as plain, plain:
-        plain.execute("UPDATE subject SET subject_group = 'unknown' WHERE code = 'S1'")
-    with pytest.raises(BadInput, match=r"a.db: row 1 of subject was altered; allowed: a sound store"):
-        merge([str(path)], str(tmp_path / "c.db"))
-    assert not (tmp_path / "c.db").exists()
 
 
 def test_merge__older_copy_that_went_another_way__is_refused(tmp_path) -> None:
@@ -144,13 +133,10 @@ def test_stations__server_lost_in_between__share_every_answer_once(tmp_path, ser
         assert export(store, tmp_path / "out", "tidy") == 4
 
 
-def test_server__that_is_not_there__is_refused_in_one_line() -> None:
+@pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])
+def test_server__that_is_not_there_or_another_program_or_an_echo__is_refused_in_one_line(answer: bytes) -> None:
     with pytest.raises(BadInput, match="allowed: a PostgreSQL database that is there and lets one in"):
         Store("postgresql://lab@127.0.0.1:9/nothing")
-
-
-@pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])
-def test_server__that_is_another_program_or_an_echo__is_refused_in_one_line(answer: bytes) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
 
         def speak() -> None:

@@ -34,7 +34,7 @@ def recorder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def recorded(recorder: Path, folder: Path, durable: str) -> list[Asked]:
-    """What two sessions ask of the disk."""
+    """What two sessions ask of the disk, or one where nothing waits for it."""
     folder.mkdir()
     (folder / "lab").mkdir()
     log = folder / "log"

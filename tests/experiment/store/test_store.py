@@ -5,6 +5,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 
 import pytest
 from sqlalchemy import inspect
@@ -12,7 +13,7 @@ from sqlalchemy import inspect
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
-from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin, opened_study
+from tests.experiment.session.apparatuses import answer_one, begin, opened_study
 
 
 @pytest.mark.parametrize(("durable", "waits"), [(True, 2), (False, 0)])
@@ -26,29 +27,29 @@ def test_store__new__has_the_latest_schema_in_wal_mode_and_waits_for_the_disk_or
     store.close()
 
 
-@pytest.mark.parametrize("version", [schema.VERSION - 1, schema.VERSION + 1])
-def test_store__of_another_version__is_refused(tmp_path, version) -> None:
-    store = Store(tmp_path / "lab.db")
-    with store.begin() as connection:
-        connection.exec_driver_sql(f"UPDATE schema_version SET version = {version}")
-    store.close()
-    with pytest.raises(BadInput, match=f"version {version}"):
-        Store(tmp_path / "lab.db")
-
-
-def test_store__another_programs_database__is_refused(tmp_path) -> None:
-    other = sqlite3.connect(tmp_path / "other.db")
-    other.execute("CREATE TABLE cats (name TEXT)")
-    other.close()
+def test_store__that_is_not_there_or_of_something_else__is_refused(tmp_path) -> None:
+    for name in ("nowhere/lab.db", "lab.db"):
+        with pytest.raises(BadInput, match="is not there"):
+            Store(tmp_path / name, must_exist=True)
+    with pytest.raises(BadInput, match="folder"):
+        Store(tmp_path / "nowhere" / "lab.db")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "text.db").write_text("trial,response\n" * 500)
+    with pytest.raises(BadInput, match="not a database"):
+        Store(tmp_path / "text.db")
+    with closing(sqlite3.connect(tmp_path / "other.db")) as other:
+        other.execute("CREATE TABLE cats (name TEXT)")
     with pytest.raises(BadInput, match="cats"):
         Store(tmp_path / "other.db")
-
-
-def test_store__not_a_database__is_refused(tmp_path) -> None:
-    path = tmp_path / "lab.db"
-    path.write_text("trial,response\n" * 500)
-    with pytest.raises(BadInput, match="not a database"):
-        Store(path)
+    (tmp_path / "copy.db").touch()
+    with pytest.raises(BadInput, match=r"holds no table; allowed: .*lacks its copy.db-wal"):
+        Store(tmp_path / "copy.db", must_exist=True)
+    for version in (schema.VERSION - 1, schema.VERSION + 1):
+        Store(tmp_path / f"{version}.db").close()
+        with closing(sqlite3.connect(tmp_path / f"{version}.db")) as plain, plain:
+            plain.execute(f"UPDATE schema_version SET version = {version}")
+        with pytest.raises(BadInput, match=f"version {version}"):
+            Store(tmp_path / f"{version}.db")
 
 
 def test_store__damaged__is_refused(tmp_path) -> None:
@@ -60,35 +61,17 @@ def test_store__damaged__is_refused(tmp_path) -> None:
                 "INSERT INTO event (at_utc, who, kind, detail) VALUES ('2026', '', 'note', ?)", (f"{number}" * 40,)
             )
     store.close()
-    content = bytearray(path.read_bytes())
+    sound = path.read_bytes()
+    content = bytearray(sound)
     for offset in range(4096 * 24, len(content), 512):
         content[offset : offset + 64] = b"\xff" * 64
     path.write_bytes(bytes(content))
     with pytest.raises(BadInput, match=r"damaged|malformed"):
         Store(path)
-
-
-def test_store__damaged_where_sqlite_quotes_it__is_refused(tmp_path) -> None:
-    # SQLite's message holds the bytes, which are no text
-    path = tmp_path / "lab.db"
-    Store(path).close()
-    content = path.read_bytes()
-    assert b"CREATE TABLE event" in content
-    path.write_bytes(content.replace(b"CREATE TABLE event", b"CREATE TABL\xcc event"))
-    with pytest.raises(BadInput, match="allowed: a sound SQLite database"):
+    assert b"CREATE TABLE event" in sound
+    path.write_bytes(sound.replace(b"CREATE TABLE event", b"CREATE TABL\xcc event"))
+    with pytest.raises(BadInput, match="allowed: a sound SQLite database"):  # SQLite's message holds the bytes: no text
         Store(path)
-
-
-@pytest.mark.parametrize("name", ["nowhere/lab.db", "lab.db"])
-def test_store__must_exist_and_does_not__is_refused(tmp_path, name) -> None:
-    with pytest.raises(BadInput, match="is not there"):
-        Store(tmp_path / name, must_exist=True)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_store__folder_missing__is_refused(tmp_path) -> None:
-    with pytest.raises(BadInput, match="folder"):
-        Store(tmp_path / "nowhere" / "lab.db")
 
 
 def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_path, monkeypatch, caplog) -> None:
@@ -106,20 +89,7 @@ def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_pa
     assert not caplog.records
 
 
-def test_lock__second_holder__is_refused_in_one_line_and_let_in_after(tmp_path) -> None:
-    store = tmp_path / "lab.db"
-    with sessions_of(store):
-        with pytest.raises(
-            BadInput, match=rf"lab.db: its sessions are run by process {os.getpid()} on .*one at a time"
-        ):
-            sessions_of(store).__enter__()
-        with sessions_of(tmp_path / "other.db"):
-            pass
-    with sessions_of(store):
-        pass
-
-
-def test_lock__holder_killed__is_free(tmp_path) -> None:
+def test_lock__second_holder__is_refused_in_one_line_and_let_in_after_the_first_or_its_kill(tmp_path) -> None:
     store = tmp_path / "lab.db"
     held = subprocess.Popen(
         [sys.executable, "-c", f"from tactuator.experiment.store.store import sessions_of\n"
@@ -131,6 +101,13 @@ def test_lock__holder_killed__is_free(tmp_path) -> None:
         sessions_of(store).__enter__()
     held.kill()
     held.communicate()
+    with sessions_of(store):
+        with pytest.raises(
+            BadInput, match=rf"lab.db: its sessions are run by process {os.getpid()} on .*one at a time"
+        ):
+            sessions_of(store).__enter__()
+        with sessions_of(tmp_path / "other.db"):
+            pass
     with sessions_of(store):
         pass
 
@@ -148,42 +125,28 @@ def test_lock__disk_without_room_for_its_name__holds_and_leaves_nothing(tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def left(folder) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, BadInput("no"), None])
-def test_opened_store__no_study_was_begun__is_taken_away(tmp_path, error) -> None:
-    def leave() -> None:
-        with opened_store(tmp_path / "lab.db"):
-            if error is not None:
-                raise error
-
-    if error is None:
-        leave()
-    else:
-        with pytest.raises(type(error) if isinstance(error, BadInput) else error):
-            leave()
-    assert left(tmp_path) == []
-
-
-def test_opened_store__interrupted_before_anybody_came__keeps_the_study_whose_links_are_given_out(tmp_path) -> None:
-    with pytest.raises(KeyboardInterrupt), opened_store(tmp_path / "lab.db") as store:
-        opened_study(store, ObedientClock())
-        raise KeyboardInterrupt
-    assert left(tmp_path) == ["lab.db"]
-
-
-def test_opened_store__refused_after_an_answer__keeps_it(tmp_path, clock) -> None:
-    with pytest.raises(BadInput), opened_store(tmp_path / "lab.db") as store:
-        answer_one(begin(store, clock), clock)
-        raise BadInput("no")
-    assert left(tmp_path) == ["lab.db"]
-
-
-def test_opened_store__was_there_before__is_left_as_it_is(tmp_path) -> None:
-    (tmp_path / "lab.db").touch()
-    with pytest.raises(BadInput), opened_store(tmp_path / "lab.db") as store:
-        opened_study(store, ObedientClock())
-        raise BadInput("no")
-    assert left(tmp_path) == ["lab.db"]
+@pytest.mark.parametrize(
+    ("error", "before"),
+    [
+        *((error, "nothing") for error in (KeyboardInterrupt, RuntimeError, BadInput)),
+        (BadInput, "a store"),
+        (KeyboardInterrupt, "a study"),  # its links are given out
+        (BadInput, "an answer"),
+    ],
+)
+def test_opened_store__that_ends_with_an_error__is_taken_away_where_nothing_was_begun(
+    tmp_path, clock, error, before
+) -> None:
+    path = tmp_path / "lab.db"
+    if before == "a store":
+        path.touch()
+    with pytest.raises(error), opened_store(path) as store:
+        if before in ("a store", "a study"):
+            opened_study(store, clock)
+        if before == "an answer":
+            answer_one(begin(store, clock), clock)
+        raise error("no")
+    assert [each.name for each in tmp_path.iterdir()] == ["lab.db"] * (before != "nothing")
+    with opened_store(tmp_path / "other.db"):
+        pass
+    assert not (tmp_path / "other.db").exists()

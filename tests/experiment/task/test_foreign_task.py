@@ -6,6 +6,7 @@ from tactuator.experiment.session.studies import open_session, open_study, task_
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.task.task_keys import GROUP
 from tests.experiment.session.apparatuses import apparatus
+from tests.experiment.session.test_judging_task import HEAD
 
 SOURCE = '''
 from typing import Annotated
@@ -57,23 +58,7 @@ class Run:
     def record(self, trial, response):
         self.answered += 1
 '''
-PROTOCOL = """
-[study]
-name = "rough"
-seed = 1
-[task]
-kind = "roughness"
-trials = 6
-[session]
-practice_trials = 2
-[timing]
-stimulus_s = 0.1
-ramp_s = 0.02
-gap_s = 0.02
-lead_s = 0.02
-[[subject]]
-code = "S1"
-"""
+PROTOCOL = HEAD + '[task]\nkind = "roughness"\ntrials = 6\n'
 
 
 class Rough(Respondent):

@@ -1,5 +1,9 @@
 """Tasks as state machines: what they ask, that they replay, that they end, and what they refuse."""
 
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,9 +14,10 @@ from tactuator.experiment.simulated.strength_people import StrengthPerson
 from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, estimate, parse_task
+from tactuator.experiment.task.task_keys import Place, estimate, parse_task
 from tactuator.experiment.trial import Timing
 from tactuator.experiment.words import shipped_words
+from witnesses.strength.people import JNDS, discriminated
 
 PLACE = Place(Playable(), Timing())
 TASKS = {
@@ -39,16 +44,12 @@ def played(document: dict, seed: int = 1, most: int = 2000):
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_task__any_answers__ends_and_replays_to_the_same_trials(name: str) -> None:
+def test_task__any_answers__ends_and_replays_and_every_language_has_its_question_titles_and_keys(name: str) -> None:
     trials, run = played(TASKS[name])
     assert run.progress == pytest.approx(1.0)
     again, _ = played(TASKS[name])
     assert [trial for trial, _ in trials] == [trial for trial, _ in again]
     assert all(len(trial.stimuli) == len(trial.tones) for trial, _ in trials)
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_task__in_every_language__has_question_titles_and_keys(name: str) -> None:
     keys = parse_task(TASKS[name])
     for words in map(shipped_words, ("en", "de", "fr")):
         asked = keys.asked(words)
@@ -74,17 +75,17 @@ def test_matching__order_and_standard__are_balanced_and_levels_comfortable(name:
 
 def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -> None:
     keys = MatchingKeys(finger="index", method="pairs", comparisons_hz=(40.0,), levels_db_sl=(20.0, 30.0))
-    run, trials = keys.begin(0, PLACE, (3,)), []
-    rng = np.random.default_rng(4)
-    while (trial := run.trial(len(trials))) is not None:
-        felt = [tones[0].level_db_sl - 5.0 * (tones[0].frequency_hz == 40.0) + rng.normal() for tones in trial.tones]
-        response = trial.responses[int(np.argmax(felt))]
-        run.record(trial, response)
-        trials.append(Answered.of(trial, response))
-    found = keys.equality(AnsweredRun("S", "index", 40.0, tuple(trials)))
+
+    def stronger(trial, felt, rng) -> str:
+        at_40_hz = [tones[0].frequency_hz == 40.0 for tones in trial.tones]
+        return trial.responses[int(np.argmax(felt - 5.0 * np.array(at_40_hz) + rng.normal(size=2)))]
+
+    run = answered(keys, 0, SimpleNamespace(answer=stronger), (3, 4))
+    found = keys.equality(run)
     assert found.above_db.value == pytest.approx(5.0, abs=0.7)
+    assert found.above_db.low < 5.0 < found.above_db.high
     assert abs(found.order_db.value) < 0.6
-    assert keys.results((AnsweredRun("S", "index", 40.0, tuple(trials)),), shipped_words("de"))[0].rows
+    assert keys.results((run,), shipped_words("de"))[0].rows
 
 
 def test_discrimination__the_changed_interval__differs_by_what_was_placed() -> None:
@@ -110,30 +111,25 @@ def test_discrimination__the_changed_interval__differs_by_what_was_placed() -> N
 
 def test_magnitudes__a_power_function_in_any_modulus__gives_its_exponent() -> None:
     keys = EstimationKeys(finger="index", frequencies_hz=(40.0, 250.0), repeats=2)
-    rng, runs = np.random.default_rng(2), []
-    for subject, modulus in (("A", 0.1), ("B", 300.0)):
-        run, trials = keys.begin(0, PLACE, (ord(subject),)), []
-        while (trial := run.trial(len(trials))) is not None:
-            tone = trial.tones[0][0]
-            exponent = {40.0: 0.9, 250.0: 0.45}[tone.frequency_hz]
-            response = f"{modulus * 10.0 ** (exponent * tone.level_db_sl / 20.0) * np.exp(rng.normal(0.0, 0.05)):.4g}"
-            run.record(trial, response)
-            trials.append(Answered.of(trial, response))
-        runs.append(AnsweredRun(subject, "index", None, tuple(trials)))
+
+    def estimated(trial, felt, rng, modulus) -> str:
+        exponent = {40.0: 0.9, 250.0: 0.45}[trial.tones[0][0].frequency_hz]
+        return f"{modulus * 10.0 ** (exponent * felt[0] / 20.0) * np.exp(rng.normal(0.0, 0.05)):.4g}"
+
+    people = [SimpleNamespace(answer=partial(estimated, modulus=modulus)) for modulus in (0.1, 300.0)]
+    runs = [replace(answered(keys, 0, each, (at, 2)), subject=f"S{at}") for at, each in enumerate(people)]
     low, high = magnitudes(runs)
     assert (low.exponent.value, high.exponent.value) == pytest.approx((0.9, 0.45), abs=0.03)
     assert low.exponent.low < 0.9 < low.exponent.high
     assert low.mean[-1] / low.mean[0] == pytest.approx(10.0 ** (0.9 * 2.0), rel=0.15)
-
-
-@pytest.mark.parametrize("response", ["0", "-1", "inf", "nan", "strong", ""])
-def test_estimate__no_number_above_zero__is_refused(response: str) -> None:
-    with pytest.raises(BadInput, match="allowed: a number above 0"):
-        estimate(response)
-
-
-def test_estimate__a_comma__is_a_decimal_point() -> None:
-    assert estimate("2,5") == 2.5
+    chart = keys.chart(runs, shipped_words("en"))
+    marks, line = chart.curves[:2]
+    assert chart.log_y
+    assert marks.label.startswith("40 Hz: exponent 0.")
+    slope = np.polyfit(line.x * np.log(10.0) / 20.0, np.log(line.y), 1)[0]
+    assert (slope, marks.y[0]) == pytest.approx((low.exponent.value, low.mean[0]))
+    below, above = marks.half
+    assert np.all((below > 0.0) & (above > below))
 
 
 @pytest.mark.parametrize(
@@ -152,49 +148,23 @@ def test_estimate__a_comma__is_a_decimal_point() -> None:
 def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) -> None:
     with pytest.raises(BadInput, match=message):
         parse_task(document)
+    assert estimate("2,5") == 2.5
+    for response in ("0", "-1", "inf", "nan", "strong", ""):
+        with pytest.raises(BadInput, match="allowed: a number above 0"):
+            estimate(response)
 
 
-@pytest.mark.parametrize(("of", "jnd", "within"), [("frequency", 25.0, 3.0), ("gap", 20.0, 2.5), ("order", 60.0, 8.0)])
-def test_difference__of_a_psychometric_function_written_here__is_found(of: str, jnd: float, within: float) -> None:
-    fingers = ("index", "thumb") if of == "order" else ("index",)
-    keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
-    # d' at which the largest of three normals, or of two, is the shifted one in 79.37 %
-    others, d_prime = {"order": (1, 1.1588)}.get(of, (2, 1.6314))
-    rng, found = np.random.default_rng(3), []
-    for seed in range(20):
-        run, trials = keys.begin(0, PLACE, (seed,)), []
-        while (trial := run.trial(len(trials))) is not None:
-            shift = d_prime * 10.0 ** (trial.placement.level_db_sl / 20.0) / jnd
-            right = shift + rng.normal() > rng.normal(size=others).max()
-            response = trial.correct if right else next(r for r in trial.responses if r != trial.correct)
-            run.record(trial, response)
-            trials.append(Answered((), trial.placement.level_db_sl, response, bool(right)))
-        found.append(keys.difference(AnsweredRun("S", "index", 100.0, tuple(trials))).jnd.value)
-    assert np.mean(found) == pytest.approx(jnd, abs=within)
+@pytest.mark.parametrize(("of", "level", "jnds", "unit", "most"), JNDS[2::2] + JNDS[5:])
+def test_difference__of_the_witness_s_people__is_found(of, level, jnds, unit, most) -> None:
+    """A sample of `witnesses.strength.people`: 20 people, twice the bound."""
+    mean, _, held = discriminated(of, level, jnds[1], unit, 20, deaf=False, seed=77)
+    assert abs(mean) <= 2.0 * most
+    assert held >= 0.8
 
 
-@pytest.mark.parametrize(("of", "jnd"), [("gap", 12.0), ("order", 75.0)])
-def test_difference__put_into_a_simulated_person__comes_out(of: str, jnd: float) -> None:
-    fingers = ("index", "thumb") if of == "order" else ("index",)
-    keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
-    person = StrengthPerson("sensation-level", lambda hertz, level: level, gap_jnd_ms=jnd, order_jnd_ms=jnd)
-    found = [keys.difference(answered(keys, 0, person, (seed, 3))).jnd for seed in range(40)]
-    assert np.mean([each.value for each in found]) == pytest.approx(jnd, rel=0.12)
-    assert np.mean([each.low <= jnd <= each.high for each in found]) >= 0.85
-
-
-def test_magnitudes__drawn__are_on_a_logarithmic_axis_with_the_line_of_the_exponent() -> None:
-    keys = EstimationKeys(finger="index", frequencies_hz=(40.0, 250.0))
-    person = StrengthPerson("sensation-level", lambda hertz, level: level, exponent=0.8)
-    runs = (answered(keys, 0, person, (1,)),)
-    chart = keys.chart(runs, shipped_words("en"))
-    assert chart.log_y
-    marks, line = chart.curves[:2]
-    assert marks.label.startswith("40 Hz: exponent 0.")
-    slope = np.polyfit(line.x * np.log(10.0) / 20.0, np.log(line.y), 1)[0]
-    assert slope == pytest.approx(magnitudes(runs)[0].exponent.value)
-    logs = np.log([trial.number for trial in runs[0].trials])
-    first = [trial.level_db_sl == 10.0 and trial.tones[0].frequency_hz == 40.0 for trial in runs[0].trials]
-    assert marks.y[0] == pytest.approx(np.exp(logs[first].mean() - logs.mean()))
-    below, above = marks.half
-    assert np.all((below > 0.0) & (above > below))
+def test_difference__put_into_a_simulated_person__comes_out() -> None:
+    for of, fingers, jnd in (("gap", ("index",), 12.0), ("order", ("index", "thumb"), 75.0)):
+        keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
+        person = StrengthPerson("sensation-level", lambda hertz, level: level, gap_jnd_ms=jnd, order_jnd_ms=jnd)
+        values = [keys.difference(answered(keys, 0, person, (seed, 3))).jnd.value for seed in range(20)]
+        assert np.mean(values) == pytest.approx(jnd, rel=0.15)
