@@ -23,8 +23,14 @@ def filled(lengths, capacity=200, seed=0):
 @given(
     st.lists(st.integers(0, 90), min_size=1, max_size=12), st.integers(0, 400), st.integers(1, 400), st.integers(1, 50)
 )
-def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows(lengths, start, length, columns):
+def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows_and_what_is_held_has_no_gap(
+    lengths, start, length, columns
+):
     samples, every = filled(lengths)
+    held = samples.rows(0, samples.end)
+    assert samples.lost == 0
+    assert len(held) >= min(len(every), 200)
+    np.testing.assert_array_equal(held, every[len(every) - len(held) :])
     window = samples.window(start, start + length, columns)
     assert len(window.low) <= columns
     assert window.first % window.step == 0
@@ -33,16 +39,6 @@ def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows(lengths, s
         assert len(rows) == window.step
         np.testing.assert_array_equal(low, rows.min(axis=0))
         np.testing.assert_array_equal(high, rows.max(axis=0))
-
-
-@settings(max_examples=40)
-@given(st.lists(st.integers(0, 90), min_size=1, max_size=12))
-def test_rows__of_all_that_is_held__are_the_newest_without_a_gap(lengths):
-    samples, every = filled(lengths)
-    held = samples.rows(0, samples.end)
-    assert samples.lost == 0
-    assert len(held) >= min(len(every), 200)
-    np.testing.assert_array_equal(held, every[len(every) - len(held) :])
 
 
 def test_rows__that_are_missing_were_there_or_have_another_shape__are_no_number_or_refused():

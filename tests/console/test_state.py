@@ -27,19 +27,15 @@ def designed(tmp_path_factory):
     return folder / "controller.json", state, state.designed(FILE, "index")
 
 
-def test_saved__as_it_was_designed__is_the_file_of_design(designed):
+def test_design__saved_and_shown__is_the_file_of_design_with_the_figures_that_design_and_check_print(designed):
     path, state, shape = designed
     assert controller_text(state.controller(FILE, {"index": shape})) == path.read_text()
-
-
-def test_figures__of_a_design__are_those_that_design_and_check_print(designed):
-    path, state, shape = designed
     controller = read_controller(path)
-    found = channel_figures(state.plants(FILE, "index"), state.channel_of(FILE, "index", shape))
-    assert found["design"] == [list(row) for row in design_rows(controller.channels)]
+    figures = channel_figures(state.plants(FILE, "index"), state.channel_of(FILE, "index", shape))
+    assert figures["design"] == [list(row) for row in design_rows(controller.channels)]
     objectives = whole_verdict(controller).objectives
     rows = [[*finding_row(one), one.remark] for objective in objectives for one in objective.worst()]
-    assert found["verdict"]["rows"] == rows
+    assert figures["verdict"]["rows"] == rows
 
 
 def test_figures__of_a_shape_through_an_address_or_in_another_process__are_the_same(designed):

@@ -39,7 +39,7 @@ def test_console_rig__two_streams__are_those_of_the_rig_alone_and_the_scope_sees
         for name in ("reference", "command_v", "position_v", "saturated"):
             both = (np.concatenate([getattr(each, name) for each in of]) for of in (ours, theirs))
             assert np.array_equal(*both), name
-        assert rig.rows_played == 113
+        assert (rig.rows_played, rig.began_at) == (113, alone.began_at)
     host.until(lambda: len(host.rows) == 226)
     position = np.concatenate([each.position_v for each in theirs]).astype(np.float32)
     assert np.array_equal(host.rows[113:, 6:], position)

@@ -80,7 +80,7 @@ def test_simulated_people__store_on_a_server__answer_as_with_a_file(tmp_path, mo
     monkeypatch.chdir(tmp_path)
     place = postgres.database("observe")
     write_controller(Path("controller.json"), controller())
-    Path("protocol.toml").write_text(ONE)
+    Path("protocol.toml").write_text(ONE.replace("[30, 90, 210]", "[30]"))
     for store in (place, "own.db"):
         given = ["protocol.toml", "--store", store, "--controller", "controller.json", "--seed", "3"]
         assert main(["experiment", "observe", *given]) == 0

@@ -62,4 +62,6 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
         with joined(client, "operator") as operator:
             operator.send_json({"type": "give-up-run"})
             now = until(socket, "stage")
+        session = lab.opened(1).session
     assert (now["stage"], now["introduction"]) == ("trial", "")
+    assert (session.held, session.upcoming.position) == (None, 1)

@@ -97,7 +97,7 @@ def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undis
 
 
 def test_page__before_each_answer__is_the_same_whatever_was_played(serve, page) -> None:
-    text = protocol_text(training=0, test=3, labels=LABELS)
+    text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
     subject = opened(page, server, text)
     seen: set[str] = set()
@@ -231,7 +231,7 @@ new MutationObserver((changes) => {
 
 
 def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -> None:
-    text = protocol_text(training=0, test=3, labels=LABELS)
+    text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
     operator = browser.new_page()
     errors = watch_errors(operator)
@@ -239,9 +239,9 @@ def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -
     subject = opened(page, server, text)
     while len(subject.acknowledged) < 5:
         subject.act()
-    operator.locator("#run", has_text="of 12 trials").wait_for()
+    operator.locator("#run", has_text="of 8 trials").wait_for()
     assert operator.locator("#confusion td").count() == 16
-    operator.locator("#runs td", has_text="of 12").wait_for()
+    operator.locator("#runs td", has_text="of 8").wait_for()
     finish(subject)
     operator.locator("#sessions td", has_text="done").wait_for()
     operator.locator("[data-results=S1]").click()

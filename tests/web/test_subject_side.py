@@ -27,24 +27,18 @@ def events(lab):
         return [row.kind for row in connection.execute(select(schema.event).order_by(schema.event.c.id))]
 
 
-def test_consent__given__is_stored_with_version_and_text(make) -> None:
+def test_consent__given__is_stored_with_version_and_text_and_declined_ends_the_session_with_nothing(make) -> None:
     lab = make(PROTOCOL.replace('consent = "', 'consent_version = "2026-03"\nconsent = "'))
-    with at_page(lab) as socket:
+    with at_pages(lab, "S1", "S2") as (socket, other):
         begun(socket)
-        row = session(lab)
+        stage(other, "consent")
+        other.send_json({"type": "decline"})
+        assert stage(other, "ended")["ended"] == "declined"
+        row, refused = session(lab), session(lab, 1)
     assert (row.consent_version, len(row.consent_sha256), row.protocol_version_id) == ("2026-03", 64, lab.study.version)
-
-
-def test_consent__declined__ends_the_session_with_nothing_recorded(make) -> None:
-    lab = make()
-    with at_page(lab) as socket:
-        stage(socket, "consent")
-        socket.send_json({"type": "decline"})
-        assert stage(socket, "ended")["ended"] == "declined"
-    row = session(lab)
-    assert (row.ended, row.consented_utc, events(lab)) == ("declined", None, ["declined"])
+    assert (refused.ended, refused.consented_utc, events(lab)) == ("declined", None, ["declined"])
     with lab.store.read() as connection:
-        assert connection.execute(select(schema.run)).all() == []
+        assert {run.session_id for run in connection.execute(select(schema.run))} == {row.id}
 
 
 def test_stop_for_today_and_pause__while_a_trial_waits__play_it_again_after(make) -> None:
