@@ -39,6 +39,12 @@ def step(page, words):
     page.locator(f".tour a:has-text('{words}')").press("Enter")
 
 
+def entered(page, selector, there):
+    """Press Enter on what the tests of its view reach by Tab."""
+    page.locator(selector).press("Enter")
+    page.wait_for_selector(there)
+
+
 def chosen(page, selector, path):
     """Choose a file where a person would choose it; the dialogue itself is none of the page's."""
     tab_to(page, selector)
@@ -71,18 +77,18 @@ def test_tour__walked_by_keyboard__gives_the_files_of_its_own_commands(browser, 
 
 def measured(page, lab):
     """Measure, by the loops that were shaped, what a file plays live until then; stay through other views and slips."""
-    pressed(page, "#to-scope", "#live:not([disabled])")
-    pressed(page, "#live", "#rig-mode:has-text('live')")
+    entered(page, "#to-scope", "#live:not([disabled])")
     page.locator("#wave").select_option("file")
     page.set_input_files("#wave-file", lab / "reference.wav")
     page.wait_for_selector(".drop .name:has-text('reference.wav')")
-    pressed(page, "#play", "#wave-now:has-text('file at')")
-    pressed(page, "#to-response", "#needs:has-text('ends what plays live')")
+    entered(page, "#live", "#rig-mode:has-text('live')")
+    entered(page, "#play", "#wave-now:has-text('file at')")
+    entered(page, "#to-response", "#needs:has-text('ends what plays live')")
     pressed(page, "#measure", "#measured:has-text('What played live was stopped.'):has-text('points: measured')")
     page.evaluate(AXE)
     assert faults(page, {}) == []
     for link, there in (("#to-loop", ".tiles[aria-busy=false]"), ("#to-response", "#measured:has-text(': measured')")):
-        pressed(page, link, there)
+        entered(page, link, there)
     assert page.locator(".measured .factor input:not([type])").input_value().startswith("1: free, 30 dB SL, loops of")
     page.locator("#level").fill("")
     page.locator("#frequencies").fill("one, 10")
