@@ -8,11 +8,10 @@ from tests.console.pages import console_with
 
 
 @pytest.fixture(scope="module")
-def console(request, controller, tmp_path_factory):
-    """A console with a simulated rig, or a module's own `RIG`, the folder of its stores, and a controller's file."""
+def console(controller, tmp_path_factory):
+    """A console with a simulated rig, the folder of its stores, and a controller's file."""
     folder = tmp_path_factory.mktemp("console")
-    rig = getattr(request.module, "RIG", "simulated")
-    with console_with(ConsoleState(folder=folder), rig, controller.display, 2) as client:
+    with console_with(ConsoleState(folder=folder), "simulated", controller.display, 2) as client:
         client.file = folder / "controller.json"
         write_controller(client.file, controller)
         yield client

@@ -39,7 +39,7 @@ def console_with(state: ConsoleState, rig: str, display: Any, seed: int = 0) -> 
 def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True) -> Iterator[Any]:
     """Yield an empty page; errors of its scripts, and those that the browser logged, fail the test at its end.
 
-    The scope's pictures come five times a second: to draw them is most of what a browser does.
+    The scope's pictures come twice a second: to draw them is most of what a browser does.
     """
     context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
     page = context.new_page()
@@ -49,7 +49,7 @@ def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True
     if also_logged:
         page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rig_connection, "FRAMES_HZ", 5.0)
+        patch.setattr(rig_connection, "FRAMES_HZ", 2.0)
         yield page
     assert [one for one in complaints if not one.startswith(REFUSED)] == []
     context.close()

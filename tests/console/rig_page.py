@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import threading
 import time
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
 from websockets.sync.client import connect
 
+from tactuator.console import rig_orders
+from tactuator.console.rig_worker import RigWorker
 from tactuator.console.scope import HEADER
 from tests.console.pages import TOKEN, dropped
 from tests.web.labs import begun, until
@@ -113,3 +116,48 @@ def rows(path):
         return connection.execute(query).fetchall()
     finally:
         connection.close()
+
+
+class Ordered:
+    """A worker of the rig on a thread of this process, and all that it has told: the server's side of its process."""
+
+    def __init__(self, display, spec="simulated"):
+        self.display, self.status, self.told, self.news = display, rig_orders.RigStatus(), [], threading.Condition()
+        self.presented = lambda told: None
+        self.worker = RigWorker(spec, display, 5, self._tell)
+        self.thread = threading.Thread(target=self.worker.run, daemon=True)
+        self.thread.start()
+        self.until(lambda: self.of(rig_orders.RigStatus))
+
+    def _tell(self, told):
+        with self.news:
+            self.told.append(told)
+            if isinstance(told, rig_orders.RigStatus):
+                self.status = told
+            elif isinstance(told, rig_orders.Presented):
+                self.presented(told)
+            self.news.notify_all()
+
+    def order(self, *given):
+        for each in given:
+            self.worker.order(each)
+
+    def until(self, reached):
+        with self.news:
+            assert self.news.wait_for(reached, timeout=20.0), self.status
+
+    def of(self, kind):
+        return [each for each in self.told if isinstance(each, kind)]
+
+    @property
+    def rows(self):
+        width = 3 * len(self.display.channels)
+        pieces = self.of(rig_orders.Piece)
+        rows = [np.frombuffer(each.content, np.float32).reshape(-1, width) for each in pieces]
+        assert [each.first for each in pieces] == np.cumsum([0, *map(len, rows)])[:-1].tolist()
+        return np.concatenate(rows) if rows else np.zeros((0, width), np.float32)
+
+    def quit(self):
+        self.order(rig_orders.QuitOrder())
+        self.thread.join(timeout=20.0)
+        assert not self.thread.is_alive()

@@ -1,14 +1,13 @@
-"""The console in a real Chromium, by keyboard alone: a loop is designed, changed, undone, kept, checked and saved."""
+"""The loop's handles in a real Chromium, by keyboard: changed, undone, kept, refused; and a page without its token."""
 
 import json
 from urllib.parse import parse_qs
 
 import pytest
 
-from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
-from tests.console.pages import ONE, TOKEN, console_page, pressed, tab_to
+from tests.console.pages import ONE, TOKEN, console_page, go, pressed, tab_to
 from tests.web.server import served
 
 SETTLED = ".tiles[aria-busy=false]"
@@ -37,26 +36,9 @@ def gain_text(page):
     return page.locator(".handle.gain").get_attribute("aria-valuetext")
 
 
-@pytest.mark.slow
-def test_loop__by_keyboard_alone__is_designed_changed_and_saved_as_check_judges_it(page, tmp_path):
-    to_the_loop(page)
-    assert "token" not in page.url
-    pressed(page, "button.first", "code:has-text('tactuator design')")
-    page.wait_for_selector(SETTLED)
-    page.keyboard.press("Tab")
-    page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "Check and save"
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#save:focus")
-    with page.expect_download() as download:
-        page.keyboard.press("Enter")
-    download.value.save_as(tmp_path / "saved.json")
-    assert main(["design", str(tmp_path / "display.toml"), "--out", str(tmp_path / "designed.json"), "--json"]) == 0
-    assert (tmp_path / "saved.json").read_bytes() == (tmp_path / "designed.json").read_bytes()
-
-
 def test_handles__by_keyboard__change_what_they_say_and_undo_takes_it_back(page):
     to_the_loop(page)
+    assert "token" not in page.url
     before, said = shape(page), gain_text(page)
     tab_to(page, ".handle.gain")
     page.keyboard.press("ArrowUp")
@@ -77,25 +59,36 @@ def test_handles__by_keyboard__change_what_they_say_and_undo_takes_it_back(page)
     page.reload()
     page.wait_for_selector(SETTLED)
     assert shape(page) == before
-
-
-@pytest.mark.slow
-def test_mark__of_the_curve_by_keyboard__rises_by_half_a_decibel(page):
-    to_the_loop(page)
     mark = page.locator("[aria-label^='Point of the curve at 20 Hz']")
-    before = float(mark.get_attribute("aria-valuenow"))
+    level_db = float(mark.get_attribute("aria-valuenow"))
     mark.focus()
     page.keyboard.press("ArrowUp")
     page.keyboard.press("ArrowRight")
     page.wait_for_selector(SETTLED)
-    assert float(mark.get_attribute("aria-valuenow")) == pytest.approx(before + 0.5, abs=0.11)
+    assert float(mark.get_attribute("aria-valuenow")) == pytest.approx(level_db + 0.5, abs=0.11)
     assert shape(page)["factors"][-1]["kind"] == "lead"
 
 
 @pytest.mark.slow
-def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
+def test_value__typed_at_a_handle__is_its_own_and_one_out_of_range_is_told_and_nothing_is_lost(page):
     to_the_loop(page)
     before = shape(page)
+    for handle, value, there in (
+        (".handle >> nth=1", "7.5", ".handle:not(.gain)[aria-valuetext*='7.5']"),
+        ("[aria-label^='Point of the curve at 20 Hz']", "-6", "[aria-label^='Point'][aria-valuenow='-6.0']"),
+    ):
+        page.locator(handle).focus()
+        page.keyboard.press("Enter")
+        page.keyboard.type(value)
+        page.keyboard.press("Enter")
+        page.wait_for_selector(there)
+        page.wait_for_selector(SETTLED)
+    typed = shape(page)
+    assert (typed["factors"][1], typed["factors"][2]) == ({"kind": "zero", "hz": 7.5}, before["factors"][2])
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+        page.wait_for_selector(SETTLED)
+    assert shape(page) == before
     page.locator("#gain").fill("900")
     page.keyboard.press("Enter")
     page.wait_for_selector("#banner:has-text('gain_db is 900; allowed: -200 to 200')")
@@ -122,6 +115,8 @@ def test_page__with_another_token__says_which_address_to_open(browser, tmp_path)
         made.wait_for_selector("#banner:has-text('no valid token')")
         made.evaluate("(hash) => { location.hash = hash; }", f"token={TOKEN}")  # the right one, pasted
         made.wait_for_selector("body[data-ready=start]")
+        go(made, "scope")
+        made.wait_for_selector("code:has-text('--rig simulated')")  # how to begin it with a rig
         with tabs.expect_page() as opened:
             made.locator("#to-display").click(modifiers=["Control"])
         opened.value.wait_for_selector("body[data-ready=display] h1")

@@ -29,7 +29,7 @@ def record(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def found(record):
     state = ConsoleState()
     key, other = dropped(state, record), dropped(state, record, "unseen.csv")
@@ -38,34 +38,28 @@ def found(record):
     return look, request.answer(state)
 
 
-def test_look__of_a_record__guesses_its_columns_and_tells_its_rate(found):
-    look = found[0]
+def test_record_of_a_simulated_motor__is_looked_at_holds_its_truth_and_its_command_writes_the_same_bytes(
+    found, record, tmp_path, monkeypatch, capsys
+):
+    look, model = found
     assert (look["input"], look["output"]) == ("drive", "encoder")
     assert look["columns"] == ["time_s", "drive", "encoder"]
     assert look["rate_hz"] == pytest.approx(1000.0)
-
-
-def test_model__of_a_simulated_motor__holds_its_truth(found):
-    response = found[1]["response"]
-    frequency = np.array(response["frequency_hz"])
-    true = 20.0 * np.log10(np.abs(signal.freqs(NUM, DEN, 2.0 * np.pi * frequency)[1]))
+    response = model["response"]
+    true = 20.0 * np.log10(np.abs(signal.freqs(NUM, DEN, 2.0 * np.pi * np.array(response["frequency_hz"]))[1]))
     off = np.abs(np.array(response["magnitude_db"]) - true)
     assert np.mean(off <= np.array(response["band_db"]) + 1e-3) > 0.9
-    assert [one["poles"] for one in found[1]["tried"] if one["taken"]] in ([], [2])
-
-
-def test_command__that_is_shown__writes_the_same_bytes(found, record, tmp_path, monkeypatch, capsys):
+    assert [one["poles"] for one in model["tried"] if one["taken"]] in ([], [2])
     shutil.copy(record, tmp_path / "bench.csv")
     shutil.copy(record, tmp_path / "unseen.csv")
     monkeypatch.chdir(tmp_path)
-    assert found[1]["command"] == (
+    assert model["command"] == (
         "tactuator identify bench.csv --order 2 --hold zero-order --validate unseen.csv --out model.json"
     )
-    main(shlex.split(found[1]["command"])[1:])
-    assert (tmp_path / "model.json").read_text() == found[1]["text"]
+    main(shlex.split(model["command"])[1:])
+    assert (tmp_path / "model.json").read_text() == model["text"]
     printed = capsys.readouterr().out
-    poles = {row[0]: row[1] for row in found[1]["rows"]}["poles (Hz)"]
-    assert poles in printed
+    assert {row[0]: row[1] for row in model["rows"]}["poles (Hz)"] in printed
     assert "on unseen.csv" in printed
 
 
@@ -99,34 +93,23 @@ def test_response__dropped__gives_the_model_that_the_command_writes_and_its_depa
     assert all(value in printed for _, value, _ in found["rows"])
     with pytest.raises(BadInput, match="one response by itself"):
         IdentifyModel(record=key, validate_on=(key,)).answer(state)
-
-
-def test_model__of_a_file_that_went__says_to_drop_it_again():
     with pytest.raises(BadInput, match="drop it again"):
-        IdentifyModel(record="no such key").answer(ConsoleState())
+        IdentifyModel(record="no such key").answer(state)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["record", "response"])
 def test_identify__by_keyboard_alone__takes_what_is_chosen_and_saves_what_the_command_writes(
-    browser, record, tmp_path, monkeypatch, kind
+    browser, record, tmp_path, monkeypatch
 ):
-    path = tmp_path / "bench.csv"
-    response_file(path) if kind == "response" else shutil.copy(record, path)
     with console_page(browser) as page:
         go(page, "identify")
         tab_to(page, "input[type=file]")
-        page.locator("input[type=file]").set_input_files(path)
+        page.locator("input[type=file]").set_input_files(shutil.copy(record, tmp_path / "bench.csv"))
         page.wait_for_selector("a.save")
-        if kind == "record":
-            pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
-        else:
-            tab_to(page, "#order")
-            page.keyboard.press("3")
-            page.wait_for_selector(".command code:has-text('--order 3')")
+        pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
         saved = saved_by(page, "a.save", tmp_path / "saved.json")
         command = page.locator(".command code").inner_text()
     monkeypatch.chdir(tmp_path)
-    assert ("--zeros" if kind == "record" else "--order 3") in command
+    assert "--zeros" in command
     main(shlex.split(command)[1:])
     assert saved.read_bytes() == (tmp_path / "model.json").read_bytes()

@@ -67,7 +67,7 @@ def test_frame__steps__are_those_of_python_control(on, place):
         assert np.allclose(found["steps"][name]["curves"][place], wanted[: on.time_s.size], atol=2e-4), name
 
 
-@pytest.mark.parametrize("gain_db", range(4, 46, 3))
+@pytest.mark.parametrize("gain_db", [4, 16, 22, 31, 43])
 def test_frame__crossed__agrees_with_the_exact_margins(on, gain_db):
     system = replace(SHAPE, gain_db=float(gain_db)).system(on.display.rate_hz)
     found = frame(on, system)

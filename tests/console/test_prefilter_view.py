@@ -1,20 +1,18 @@
 """The view Prefilter and curve: the fit is the design's own, and what is saved is what the shown command writes."""
 
 import shlex
-import shutil
 
 import numpy as np
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.console.prefilter_view import PersonalCurve, PrefilterFitted, PrefilterSaved
+from tactuator.console.prefilter_view import PrefilterFitted, PrefilterSaved
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
-from tactuator.io.shipped import EXAMPLES
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tests.console.pages import ONE, console_page, dropped, go, pressed, saved_by, tab_to
+from tests.console.pages import ONE, console_page, go, pressed, tab_to
 
 FIT = {"display": FILE, "channel": "index"}
 
@@ -68,50 +66,24 @@ def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain
     assert 20.0 * np.log10(given_um)[0] == pytest.approx(wanted_db, abs=1.0)
 
 
-@pytest.mark.slow
-def test_save__with_a_personal_curve__is_what_the_shown_command_writes(state, tmp_path, monkeypatch):
-    shutil.copy(EXAMPLES / "curve.csv", tmp_path / "curve.csv")
-    key = dropped(state, EXAMPLES / "curve.csv")
-    assert PersonalCurve(file=key).answer(state)["name"] == "S1"
-    found = PrefilterSaved(display=FILE, file=key).answer(state)
-    monkeypatch.chdir(tmp_path)
-    main(shlex.split(found["command"])[1:])
-    assert (tmp_path / "personal.json").read_text() == found["text"]
-
-
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
+def test_fit__of_a_curve_that_is_none__is_refused_in_words(state):
+    for points, words in (
         ([[1.0, 0.0], [0.5, 0.0], [300.0, 0.0]], "out of order"),
         ([[0.4, 0.0], [0.4, 1.0], [300.0, 0.0]], "stands twice"),
         ([[10.0, 0.0], [20.0, 0.0], [30.0, 0.0]], "covers"),
-    ],
-)
-def test_fit__of_a_curve_that_is_none__is_refused_in_words(state, points, words):
-    with pytest.raises(BadInput, match=words):
-        PrefilterFitted(**FIT, points=points).answer(state)
+    ):
+        with pytest.raises(BadInput, match=words):
+            PrefilterFitted(**FIT, points=points).answer(state)
 
 
 @pytest.mark.slow
-def test_prefilter__by_keyboard_alone__moves_a_point_adds_a_pole_and_saves_what_the_command_writes(
-    browser, state, tmp_path, monkeypatch
-):
+def test_prefilter__by_keyboard_alone__moves_a_point_back_and_adds_a_pole(browser, state):
     with console_page(browser, state.path(FILE)) as page:
         go(page, "prefilter", display=FILE)
         page.wait_for_selector("#error:has-text('Greatest error')")
         pressed(page, "#more", "#poles:has-text('5')")
         tab_to(page, "[aria-label='Threshold at 20 Hz']")
         before = float(page.evaluate("document.activeElement.getAttribute('aria-valuenow')"))
-        page.keyboard.press("Shift+ArrowDown")
-        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.5:.1f}']")
-        page.keyboard.press("ArrowUp")
-        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.0:.1f}']")
-        page.keyboard.press("Control+z")
-        page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before - 2.5:.1f}']")
-        pressed(page, "#design", "a[download='curve.csv']")
-        saved = saved_by(page, "a[download='personal.json']", tmp_path / "saved.json")
-        saved_by(page, "a[download='curve.csv']", tmp_path / "curve.csv")
-        line = page.locator(".panel .command code").inner_text()
-    monkeypatch.chdir(tmp_path)
-    main(shlex.split(line)[1:])
-    assert saved.read_bytes() == (tmp_path / "personal.json").read_bytes()
+        for key, by in (("Shift+ArrowDown", -2.5), ("ArrowUp", -2.0), ("Control+z", -2.5)):
+            page.keyboard.press(key)
+            page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before + by:.1f}']")

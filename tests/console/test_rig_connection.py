@@ -12,8 +12,6 @@ from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import write_controller
-from tactuator.io.record import read_record
-from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
 from tests.console.pages import TOKEN, dropped
 from tests.console.rig_page import Page
@@ -102,41 +100,27 @@ def test_single_shot__waits_for_the_trigger_and_then_stands(live):
     assert len(live.frames) == 1
 
 
-def test_record__of_what_is_shown__is_one_that_identify_reads(console, live, tmp_path):
-    live.until(lambda: console.host.samples.end > 4000)
-    end = console.host.samples.end
-    answer = live.ask("save", channel="thumb", span_s=0.5, end=end)
-    assert (answer["samples"], answer["name"]) == (2000, "thumb.csv")
-    (tmp_path / "thumb.csv").write_text(answer["text"])
-    record = read_record(tmp_path / "thumb.csv")
-    rows = console.host.samples.rows(end - 2000, end)
-    assert record.rate_hz == pytest.approx(4000.0)
-    np.testing.assert_allclose(record.command, rows[:, 4], rtol=1e-6)
-    np.testing.assert_allclose(record.position, rows[:, 7], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
+def test_request__that_cannot_be_met__is_refused_in_words(live):
+    wave = {"do": "wave", "level_db_sl": 1.0, "channels": ["index"]}
+    for asked, words in (
         ("no json", "allowed: a request of the console's page"),
-        ({"id": 7, "do": "explode"}, "allowed: a request"),
-        ({"id": 7, "do": "look", "span_s": 0.0, "columns": 10}, "span_s"),
-        ({"id": 7, "do": "look", "span_s": 1.0, "columns": 10**6}, "columns"),
-        ({"id": 7, "do": "wave", "kind": "tone", "level_db_sl": "loud", "channels": ["index"]}, "level_db_sl"),
-        ({"id": 7, "do": "touch", "channel": "toe", "load": None}, "'toe' is not described"),
-        ({"id": 7, "do": "touch", "channel": "index", "load": "elbow"}, "'elbow' is not described"),
-        ({"id": 7, "do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
-        ({"id": 7, "do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),
-        ({"id": 7, "do": "controller", "source": "file", "file": "../../etc"}, "drop it again"),
-        ({"id": 7, "do": "controller", "source": "loops"}, "allowed: file"),
-        ({"id": 7, "do": "wave", "kind": "file", "level_db_sl": 1.0, "channels": ["index"]}, "drop it again"),
-    ],
-)
-def test_request__that_cannot_be_met__is_refused_in_words(live, asked, words):
-    live.socket.send(asked if isinstance(asked, str) else json.dumps(asked))
-    while not live.others or "error" not in live.others[-1]:
-        live.take()
-    assert words in live.others[-1]["error"]
+        ({"do": "explode"}, "allowed: a request"),
+        ({"do": "look", "span_s": 0.0, "columns": 10}, "span_s"),
+        ({"do": "look", "span_s": 1.0, "columns": 10**6}, "columns"),
+        ({**wave, "kind": "tone", "level_db_sl": "loud"}, "level_db_sl"),
+        ({**wave, "kind": "file"}, "drop it again"),
+        ({**wave, "kind": "tone", "level_db_sl": 99.0}, "-60 to 55 dB SL"),  # by the rig itself
+        ({"do": "touch", "channel": "toe", "load": None}, "'toe' is not described"),
+        ({"do": "touch", "channel": "index", "load": "elbow"}, "'elbow' is not described"),
+        ({"do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
+        ({"do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),
+        ({"do": "controller", "source": "file", "file": "../../etc"}, "drop it again"),
+        ({"do": "controller", "source": "loops"}, "allowed: file"),
+    ):
+        live.others.clear()
+        live.socket.send(asked if isinstance(asked, str) else json.dumps({"id": 7, **asked}))
+        live.until(lambda: any({"error", "refused"} & each.keys() for each in live.others))
+        assert words in str(live.others[-1])
 
 
 def test_controller__with_a_curve_of_its_own__levels_are_over_that_curve(console, live, controller, tmp_path):
@@ -151,11 +135,6 @@ def test_controller__with_a_curve_of_its_own__levels_are_over_that_curve(console
     assert both[0] - both[1] == pytest.approx(6.0)
 
 
-def test_wave__that_the_rig_refuses__is_told_to_whoever_has_the_controls(live):
-    live.ask("wave", kind="tone", level_db_sl=99.0, channels=["index"])
-    live.until(lambda: any("-60 to 55 dB SL" in one.get("refused", "") for one in live.others))
-
-
 def closed_with(client, path, token, **more):
     with connect(f"ws://127.0.0.1:{client.port}{path}", **more) as socket, pytest.raises(ConnectionClosed) as closed:
         socket.send(token)
@@ -163,23 +142,13 @@ def closed_with(client, path, token, **more):
     return closed.value.rcvd.code
 
 
-@pytest.mark.parametrize("path", ["/ws", "/ws/rig", "/ws/study"])
-def test_connection__without_the_token_or_of_another_site__is_closed(console, path):
-    assert closed_with(console, path, "another") == CLOSE_FORBIDDEN
-    assert closed_with(console, path, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
-
-
-def test_connection__to_a_console_without_a_rig__is_told_so():
+def test_connection__without_token_of_another_site_or_without_a_rig__is_closed_and_told_why(console):
+    for path in ("/ws", "/ws/rig", "/ws/study"):
+        assert closed_with(console, path, "another") == CLOSE_FORBIDDEN
+        assert closed_with(console, path, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
     with served(build_console(ConsoleState(), TOKEN)) as client:
         assert [closed_with(client, path, TOKEN) for path in ("/ws/rig", "/ws/study")] == [CLOSE_ABSENT] * 2
         assert client.get("/s/token-S1").status == 404
-
-
-@pytest.mark.slow
-def test_console__with_a_rig_that_cannot_be_opened__ends_with_its_reason(capsys):
-    named = str(EXAMPLES / "display.toml")
-    assert main(["console", named, "--rig", "board:socket://127.0.0.1:1", "--port", "0"]) == 3
-    assert "one where a board listens" in capsys.readouterr().err
 
 
 def test_console__with_a_rig_and_no_display__is_refused(capsys):

@@ -49,24 +49,20 @@ def test_spectrum__of_two_tones__stands_at_their_levels_over_the_threshold(contr
     assert found.level_db_sl == pytest.approx(10.0 * np.log10(10.0**2.0 + 10.0**-0.5), abs=0.05)
 
 
-def test_levels__of_nothing__are_the_floor_and_the_offset_of_the_command_its_mean(controller):
-    rows = np.zeros((RATE, 9), np.float32)
+def test_levels__of_nothing__are_the_floor_and_of_less_than_a_second_or_with_a_gap_none(controller):
+    rows, levels = np.zeros((RATE, 9), np.float32), Levels(controller.display)
     rows[:, 3:6] = [0.1, -0.2, 0.3]
     rows[:, 6:] = 1.5  # a sensor's offset is no level
-    found = Levels(controller.display).of_rows(rows)
-    assert [one.level_db_sl for one in found] == [-120.0] * 3
-    assert [one.command_mean_v for one in found] == pytest.approx([0.1, -0.2, 0.3])
-    assert all(one.tone_db_sl is None for one in found)
-    assert [one.tone_db_sl for one in Levels(controller.display).of_rows(rows, 2.3)] == [-120.0] * 3
-
-
-def test_levels__of_less_than_a_second_or_with_a_gap__are_none(controller):
-    levels, samples = Levels(controller.display), ScopeSamples(3, 10 * RATE)
-    samples.add(0, np.zeros((RATE - 1, 9), np.float32))
-    assert levels.of(samples) is None
-    samples.add(RATE, np.zeros((10, 9), np.float32))
+    quiet = levels.of_rows(rows)
+    assert [each.level_db_sl for each in quiet] == [-120.0] * 3
+    assert [each.command_mean_v for each in quiet] == pytest.approx([0.1, -0.2, 0.3])
+    assert [each.tone_db_sl for each in quiet] == [None] * 3
+    assert [each.tone_db_sl for each in levels.of_rows(rows, 2.3)] == [-120.0] * 3
+    samples = ScopeSamples(3, 10 * RATE)
+    for first, count in ((0, RATE - 1), (RATE, 10)):
+        samples.add(first, rows[:count])
+        assert levels.of(samples) is None
     assert samples.lost == 1
-    assert levels.of(samples) is None
 
 
 def test_process_that_holds_a_rig__imports_no_web_server():

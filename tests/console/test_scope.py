@@ -23,8 +23,14 @@ def filled(lengths, capacity=200, seed=0):
 @given(
     st.lists(st.integers(0, 90), min_size=1, max_size=12), st.integers(0, 400), st.integers(1, 400), st.integers(1, 50)
 )
-def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows(lengths, start, length, columns):
+def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows_and_what_is_held_has_no_gap(
+    lengths, start, length, columns
+):
     samples, every = filled(lengths)
+    held = samples.rows(0, samples.end)
+    assert samples.lost == 0
+    assert len(held) >= min(len(every), 200)
+    np.testing.assert_array_equal(held, every[len(every) - len(held) :])
     window = samples.window(start, start + length, columns)
     assert len(window.low) <= columns
     assert window.first % window.step == 0
@@ -35,35 +41,17 @@ def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows(lengths, s
         np.testing.assert_array_equal(high, rows.max(axis=0))
 
 
-@settings(max_examples=40)
-@given(st.lists(st.integers(0, 90), min_size=1, max_size=12))
-def test_rows__of_all_that_is_held__are_the_newest_without_a_gap(lengths):
-    samples, every = filled(lengths)
-    held = samples.rows(0, samples.end)
-    assert samples.lost == 0
-    assert len(held) >= min(len(every), 200)
-    np.testing.assert_array_equal(held, every[len(every) - len(held) :])
-
-
-def test_window__of_all_that_is_held__begins_at_most_two_columns_late():
-    samples, _ = filled([50] * 8, capacity=4000)
-    window = samples.window(0, 400, 10)
-    assert (window.first, window.step, len(window.low)) == (0, 48, 8)
-
-
-def test_rows__that_are_missing__are_counted_and_stand_as_no_number():
+def test_rows__that_are_missing_were_there_or_have_another_shape__are_no_number_or_refused():
     samples, every = filled([40])
+    for first, shape in ((39, (5, 3)), (40, (5, 2)), (40, (5,))):
+        with pytest.raises(BadInput, match="from 40 on"):
+            samples.add(first, np.zeros(shape, np.float32))
     samples.add(47, every[:10])
     assert (samples.lost, samples.end) == (7, 57)
     assert np.all(np.isnan(samples.rows(40, 47)))
     np.testing.assert_array_equal(samples.rows(47, 57), every[:10])
-
-
-@pytest.mark.parametrize(("first", "shape"), [(39, (5, 3)), (40, (5, 2)), (40, (5,))])
-def test_rows__that_were_there_or_of_another_shape__are_refused(first, shape):
-    samples, _ = filled([40])
-    with pytest.raises(BadInput, match="from 40 on"):
-        samples.add(first, np.zeros(shape, np.float32))
+    window = filled([50] * 8, capacity=4000)[0].window(0, 400, 10)
+    assert (window.first, window.step, len(window.low)) == (0, 48, 8)  # at most two columns late
 
 
 def sampled(values):
@@ -74,22 +62,17 @@ def sampled(values):
     return samples
 
 
-@pytest.mark.parametrize(("edge", "quarter"), [("rising", 0), ("falling", 2)])
-def test_trigger__on_a_sine__stands_at_its_last_crossing(edge, quarter):
-    time = np.arange(1000)
-    samples = sampled(np.sin(2.0 * np.pi * (time - 0.5) / 100.0))
-    found = newest_crossing(samples, Trigger(2, 0.0, edge), 0, 1000)
-    assert found == 901 + 25 * quarter
+def test_trigger__on_a_sine__stands_at_its_last_crossing_or_nowhere():
+    samples = sampled(np.sin(2.0 * np.pi * (np.arange(1000) - 0.5) / 100.0))
+    for edge, quarter in (("rising", 0), ("falling", 2)):
+        assert newest_crossing(samples, Trigger(2, 0.0, edge), 0, 1000) == 901 + 25 * quarter
+    for level in (2.0, -2.0, float("inf")):
+        assert newest_crossing(samples, Trigger(2, level), 0, 1000) is None
 
 
 def test_trigger__in_noise_about_the_level__passes_once_in_each_period():
     noise = 0.008 * np.random.default_rng(1).standard_normal(4000)
     samples = sampled(-np.cos(2.0 * np.pi * np.arange(4000) / 2000.0) + noise)
-    found = {newest_crossing(samples, Trigger(2, 0.0), 1400, stop) for stop in range(2400, 2700)}
-    assert len(found) == 2
-    assert None in found
-
-
-@pytest.mark.parametrize("level", [2.0, -2.0, float("inf")])
-def test_trigger__at_a_level_that_is_not_reached__is_none(level):
-    assert newest_crossing(sampled(np.sin(np.arange(500) / 7.0)), Trigger(2, level), 0, 500) is None
+    crossings = {newest_crossing(samples, Trigger(2, 0.0), 1400, stop) for stop in range(2400, 2700)}
+    assert len(crossings) == 2
+    assert None in crossings

@@ -27,35 +27,26 @@ def designed(tmp_path_factory):
     return folder / "controller.json", state, state.designed(FILE, "index")
 
 
-def test_saved__as_it_was_designed__is_the_file_of_design(designed):
+def test_design__saved_and_shown__is_the_file_of_design_with_the_figures_that_design_and_check_print(designed):
     path, state, shape = designed
     assert controller_text(state.controller(FILE, {"index": shape})) == path.read_text()
-
-
-def test_figures__of_a_design__are_those_that_design_and_check_print(designed):
-    path, state, shape = designed
     controller = read_controller(path)
-    found = channel_figures(state.plants(FILE, "index"), state.channel_of(FILE, "index", shape))
-    assert found["design"] == [list(row) for row in design_rows(controller.channels)]
+    figures = channel_figures(state.plants(FILE, "index"), state.channel_of(FILE, "index", shape))
+    assert figures["design"] == [list(row) for row in design_rows(controller.channels)]
     objectives = whole_verdict(controller).objectives
     rows = [[*finding_row(one), one.remark] for objective in objectives for one in objective.worst()]
-    assert found["verdict"]["rows"] == rows
+    assert figures["verdict"]["rows"] == rows
 
 
-def test_figures__of_a_shape_that_came_through_an_address__print_the_same(designed):
+def test_figures__of_a_shape_through_an_address_or_in_another_process__are_the_same(designed):
     _, state, shape = designed
+    plants, channel = state.plants(FILE, "index"), state.channel_of(FILE, "index", shape)
+    figures = channel_figures(plants, channel)
     gone = LoopShape(shape.gain_db + 1e-13, shape.factors)  # not the one that is remembered
-    own = state.channel_of(FILE, "index", gone)
-    found = channel_figures(state.plants(FILE, "index"), own)
-    assert found == channel_figures(state.plants(FILE, "index"), state.channel_of(FILE, "index", shape))
-
-
-def test_figures__computed_in_another_process__are_the_same(designed):
-    _, state, shape = designed
-    given = state.plants(FILE, "index"), state.system(FILE, "index", shape), state.known(FILE, "index", shape)
-    own, found = pickle.loads(pickle.dumps(settled_figures(*pickle.loads(pickle.dumps(given)))))
-    assert found == channel_figures(given[0], state.channel_of(FILE, "index", shape))
-    assert own.document() == state.channel_of(FILE, "index", shape).document()
+    assert channel_figures(plants, state.channel_of(FILE, "index", gone)) == figures
+    given = plants, state.system(FILE, "index", shape), state.known(FILE, "index", shape)
+    there, computed = pickle.loads(pickle.dumps(settled_figures(*pickle.loads(pickle.dumps(given)))))
+    assert (computed, there.document()) == (figures, channel.document())
 
 
 def test_saved__after_a_drag__is_judged_by_check_as_on_the_page(designed, tmp_path, capsys):
@@ -83,13 +74,11 @@ def test_start__has_every_example_and_a_stable_loop_for_each():
                 state.first_shape(key, channel.name).system(state.display(key).rate_hz)
 
 
-@pytest.mark.parametrize("key", ["file", "example:../../secret.toml", "example:README.md", "/etc/passwd", ""])
-def test_display__by_a_key_that_is_none__is_refused(key):
-    with pytest.raises(BadInput, match="allowed"):
-        ConsoleState().display(key)
-
-
-def test_controller__with_a_channel_missing__names_it(designed):
-    _, state, _ = designed
+def test_display__by_a_key_that_is_none__is_refused(designed):
+    for key in ("file", "example:../../secret.toml", "example:README.md", "/etc/passwd", ""):
+        with pytest.raises(BadInput, match="allowed"):
+            ConsoleState().display(key)
+    with pytest.raises(BadInput, match="not on the server any more"):
+        ConsoleState().display("text:0123")
     with pytest.raises(BadInput, match="'index' has no loop yet"):
-        state.controller(FILE, {})
+        designed[1].controller(FILE, {})

@@ -96,45 +96,36 @@ def test_export__of_a_store__is_what_the_command_writes(console, studies, protoc
     assert ours == theirs
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"store": "../up.db"}, "store"),
-        ({"store": "/etc/passwd"}, "store"),
-        ({"protocol": "nothing"}, "drop it again"),
-        ({"protocol": "example:../../display.toml"}, "drop it again"),
-        ({"protocol": "example:display.toml"}, "drop it again"),
-        ({"text": "[study]\nname = 3"}, "allowed"),
-        ({"text": PROTOCOL.replace('["index"]', '["toe"]')}, "finger 'toe' is not on the display"),
-        ({"text": PROTOCOL.replace('seed = 7', 'seed = 7\nlanguage = "xx"\nlanguage_file = "own.toml"')}, "own.toml"),
-        ({"amend": "x" * 500}, "amend"),
-        ({"files": ["gone"]}, "drop it again"),
-        ({"store": None}, "allowed: a request of the console's page"),
-    ],
-)  # fmt: skip
 def test_study__that_cannot_begin__is_refused_in_words_and_leaves_rig_and_folder_as_they_were(
-    console, studies, protocol, tmp_path, change, words
+    console, studies, protocol, tmp_path
 ):
-    more = {"protocol": protocol, "store": "refused.db", **change}
-    if "text" in more:
-        (tmp_path / "bad.toml").write_text(more.pop("text"))
-        more["protocol"] = dropped(console.state, tmp_path / "bad.toml")
-    with loaded(console) as page:
-        told = studies.ask("begin", **more)["error"]
-        assert words in told
-        assert "\n" not in told
-        assert str(console.state.uploads.folder()) not in told
-        page.until(lambda: page.standing["controls"] == "nobody")
-    assert studies.study == {"open": None}
-    assert not [one for one in console.folder.iterdir() if one.name.startswith("refused")]
+    def written(text):
+        (tmp_path / "bad.toml").write_text(text)
+        return {"protocol": dropped(console.state, tmp_path / "bad.toml")}
 
-
-def test_study__whose_store_or_rig_another_has__is_refused(console, studies, protocol):
+    strange = PROTOCOL.replace("seed = 7", 'seed = 7\nlanguage = "xx"\nlanguage_file = "own.toml"')
     with loaded(console) as page:
+        for change, words in (
+            ({"store": "../up.db"}, "store"),
+            ({"store": "/etc/passwd"}, "store"),
+            ({"store": None}, "allowed: a request of the console's page"),
+            ({"protocol": "nothing"}, "drop it again"),
+            ({"protocol": "example:../../display.toml"}, "drop it again"),
+            ({"protocol": "example:display.toml"}, "drop it again"),
+            ({"files": ["gone"]}, "drop it again"),
+            ({"amend": "x" * 500}, "amend"),
+            (written("[study]\nname = 3"), "allowed"),
+            (written(PROTOCOL.replace('["index"]', '["toe"]')), "finger 'toe' is not on the display"),
+            (written(strange), "own.toml"),
+        ):
+            said = studies.ask("begin", **{"protocol": protocol, "store": "refused.db", **change})["error"]
+            assert (words in said, "\n" in said, str(console.state.uploads.folder()) in said) == (True, False, False)
+            page.until(lambda: page.standing["controls"] == "nobody")
+        assert studies.study == {"open": None}
+        assert not [each for each in console.folder.iterdir() if each.name.startswith("refused")]
         with sessions_of(console.folder / "busy.db"):
-            assert (
-                "its sessions are run by process" in studies.ask("begin", protocol=protocol, store="busy.db")["error"]
-            )
+            said = studies.ask("begin", protocol=protocol, store="busy.db")["error"]
+            assert "its sessions are run by process" in said
         page.ask("take")
         assert "another page has the controls" in studies.ask("begin", protocol=protocol, store=STORE)["error"]
         page.ask("give")

@@ -5,7 +5,7 @@ import pytest
 from tests.console.pages import address_of, opened_page, pressed, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.labs import begun, until
+from tests.web.study import ASKED
 
 
 @pytest.mark.slow
@@ -14,8 +14,13 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
     bad.write_text(PROTOCOL.replace("seed = 7", "sed = 7"))
     good.write_text(PROTOCOL.replace("[30, 90, 210]", "[30, 90]"))
     with opened_page(browser, f"{address_of(console)}&view=experiment", "experiment") as page:
+        page.wait_for_selector("#needs:has-text('needs a controller, loaded above and a protocol')")
         page.set_input_files("#controller-file", console.file)
-        page.wait_for_selector("#loaded:not(:has-text('none'))")
+        page.wait_for_selector("#needs:has-text('needs a protocol')")
+        tab_to(page, "#protocol")
+        page.keyboard.press("ArrowDown")  # a study of the package
+        page.wait_for_selector("#about-protocol:has-text('subjects S1')")
+        assert page.locator("#needs").inner_text() == ""
         tab_to(page, "#protocol-file")
         page.set_input_files("#protocol-file", good)
         page.wait_for_selector("#about-protocol:has-text('detection, language en, subjects S1, S2. no curve: ')")
@@ -28,12 +33,16 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         assert faults(page, {}) == []
         pressed(page, "#begin", "#study:has-text('short')")
         pressed(page, "[data-start='S1']", "#state:has-text('running')")
-        link = page.locator("#sessions a").first.get_attribute("href").removeprefix("/s/")
-        with console.websocket_connect(f"/ws/subject/{link}") as subject:
-            asked = begun(subject)
-            subject.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": "2"})
-            until(subject, "ack")
-            page.wait_for_selector("#track circle")
+        tab_to(page, "#sessions a")
+        with page.context.expect_page() as opened:
+            page.keyboard.press("Enter")
+        for _ in range(2):  # consent, and what the run is
+            opened.value.wait_for_selector("#go:visible")
+            opened.value.keyboard.press("Enter")
+            opened.value.wait_for_timeout(100)
+        opened.value.wait_for_selector(ASKED)
+        opened.value.keyboard.press("1")
+        page.wait_for_selector("#track circle")
         assert faults(page, {}) == []
         tab_to(page, "#export")
         with page.expect_download() as download:

@@ -1,6 +1,5 @@
 """The console's rig as an experiment sees it: it plays what the rig alone would, stops at once, and tells of faults."""
 
-import threading
 import time
 from types import SimpleNamespace
 
@@ -9,48 +8,21 @@ import pytest
 
 from tactuator.console import rig_orders
 from tactuator.console.rig_session import Controls, Page
-from tactuator.console.rig_worker import RigWorker
 from tactuator.console.study import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.presenter import Halted, Presenter
 from tactuator.experiment.session.task import Apparatus
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
-
-
-class Host:
-    """The server's side of a worker on a thread of this process."""
-
-    def __init__(self, display, seed=5):
-        self.display, self.status, self.rows = display, rig_orders.RigStatus(), []
-        self.presented = lambda told: None
-        self.worker = RigWorker("simulated", display, seed, self._take)
-        self.order = self.worker.order
-        self.thread = threading.Thread(target=self.worker.run, daemon=True)
-        self.thread.start()
-
-    def _take(self, told):
-        if isinstance(told, rig_orders.RigStatus):
-            self.status = told
-        elif isinstance(told, rig_orders.Presented):
-            self.presented(told)
-        elif isinstance(told, rig_orders.Piece):
-            self.rows.append(np.frombuffer(told.content, np.float32).reshape(-1, 9))
-
-    def until(self, reached):
-        end = time.monotonic() + 20.0
-        while not reached():
-            assert time.monotonic() < end, self.status
-            time.sleep(0.005)
+from tests.console.rig_page import Ordered
 
 
 @pytest.fixture
 def host(controller):
-    made = Host(controller.display)
-    made.until(lambda: made.status.touch)
-    yield made
-    made.order(rig_orders.QuitOrder())
-    made.thread.join(timeout=20.0)
+    worker = Ordered(controller.display)
+    worker.until(lambda: worker.status.touch)
+    yield worker
+    worker.quit()
 
 
 def wave(count, seed=1):
@@ -63,26 +35,21 @@ def test_console_rig__two_streams__are_those_of_the_rig_alone_and_the_scope_sees
     alone.load(controller)
     for seed in (1, 2):
         blocks = [wave(80, seed), wave(33, seed + 7)]
-        found = list(rig.stream(blocks))
-        expected = list(alone.stream(blocks))
+        ours, theirs = list(rig.stream(blocks)), list(alone.stream(blocks))
         for name in ("reference", "command_v", "position_v", "saturated"):
-            ours, theirs = (np.concatenate([getattr(one, name) for one in of]) for of in (found, expected))
-            assert np.array_equal(ours, theirs), name
-        assert rig.rows_played == 113
-    host.until(lambda: sum(map(len, host.rows)) == 226)
-    assert np.array_equal(np.concatenate(host.rows)[113:, 6:], theirs_position(expected))
+            both = (np.concatenate([getattr(each, name) for each in of]) for of in (ours, theirs))
+            assert np.array_equal(*both), name
+        assert (rig.rows_played, rig.began_at) == (113, alone.began_at)
+    host.until(lambda: len(host.rows) == 226)
+    position = np.concatenate([each.position_v for each in theirs]).astype(np.float32)
+    assert np.array_equal(host.rows[113:, 6:], position)
     assert isinstance(rig, Rig)
     place = Apparatus(rig, controller, "simulated")
-    assert place.simulated
     record = place.record("index")
-    assert (record["rig_simulated"], record["speed"]) == (True, 1.0)
+    assert (place.simulated, record["rig_simulated"], record["speed"]) == (True, True, 1.0)
 
 
-def theirs_position(traces):
-    return np.concatenate([one.position_v for one in traces]).astype(np.float32)
-
-
-def test_console_rig__halted_in_a_trial__is_at_rest_and_plays_the_next(host, controller):
+def test_console_rig__halted_in_a_trial_or_before_it__is_at_rest_and_plays_the_next(host, controller):
     rig = ConsoleRig(host)
     rig.load(controller)
     began = time.monotonic()
@@ -92,24 +59,21 @@ def test_console_rig__halted_in_a_trial__is_at_rest_and_plays_the_next(host, con
     assert time.monotonic() - began < 9.0  # of ten seconds that would have been played
     assert host.status.mode == "idle"
     assert len(rig.play(wave(50))) == 50
-
-
-def test_console_rig__halted_before_it_begins__plays_nothing(host, controller):
-    rig = ConsoleRig(host)
-    rig.load(controller)
-    host.until(lambda: host.status.loaded)
     host.worker._halt.set()  # as by an order to rest that is still under way
     assert len(rig.play(wave(400))) == 0
     rig.rest()
     assert len(rig.play(wave(50))) == 50
 
 
-def test_console_rig__whose_rig_fails_or_has_gone__says_why(host, controller, monkeypatch):
+def test_console_rig__whose_rig_or_process_fails_or_has_gone__says_why_and_plays_on_once_it_can(
+    host, controller, monkeypatch
+):
     rig = ConsoleRig(host)
     with pytest.raises(BadInput, match="no controller is loaded"):
         rig.play(wave(10))
     rig.load(controller)
-
+    host.presented(None)  # as it is told of a process that has ended between streams; the rig was opened anew since
+    assert len(rig.play(wave(50))) == 50
     for error in (DeviceFault("the wire is cut"), TimingMissed("a gap")):
 
         def broken(self, blocks, error=error):
@@ -140,13 +104,6 @@ def test_console_rig__whose_process_ends_in_a_stream__is_a_fault_and_rest_return
         rig.play(wave(10))
     host.status = rig_orders.RigStatus(mode="gone")
     rig.rest()
-
-
-def test_console_rig__whose_process_ended_between_streams__plays_on_the_next_one(host, controller):
-    rig = ConsoleRig(host)
-    rig.load(controller)
-    host.presented(None)  # as it is told of a process that has ended; the rig was opened anew since
-    assert len(rig.play(wave(50))) == 50
 
 
 def test_controls__of_an_experiment__are_no_pages_until_it_is_over():

@@ -1,12 +1,9 @@
 """The console on a touch screen: what a mouse drags, a fingertip drags, and beside it a fingertip scrolls the page."""
 
-from contextlib import contextmanager
-
 import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
-from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, address_of, go
 from tests.console.test_chromium import ONE, SETTLED, gain_text, shape
 from tests.web.server import served
@@ -15,9 +12,11 @@ LEAST_PX = 24
 """The least size of what is touched, WCAG 2.2, criterion 2.5.8."""
 
 
-@contextmanager
-def phone(browser, display):
-    """Yield a console on a phone's screen, and a fingertip's drag: where it began, and by how much it scrolled."""
+@pytest.fixture
+def phone(browser, tmp_path):
+    """A console on a phone's screen, and a fingertip's drag: where it began, and by how much it scrolled."""
+    display = tmp_path / "display.toml"
+    display.write_text(ONE)
     with served(build_console(ConsoleState(display), TOKEN)) as client:
         context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
         page = context.new_page()
@@ -58,34 +57,25 @@ def level_db(page, point):
 
 
 @pytest.mark.slow
-def test_handles_marks_and_points__under_a_fingertip__follow_it_and_the_page_stays(browser, tmp_path):
-    path = tmp_path / "display.toml"
-    path.write_text(ONE)
-    with phone(browser, path) as (page, drag):
-        go(page, "loop", display="file")
-        page.wait_for_selector(SETTLED)
-        before, said = gain_db(page), gain_text(page)
-        box, scrolls = drag(".handle.gain", 0, 40)
-        assert min(box["width"], box["height"]) >= LEAST_PX
-        page.wait_for_selector(f".handle.gain:not([aria-valuetext='{said}'])")
-        page.wait_for_selector(SETTLED)
-        assert gain_db(page) > before + 8.0
-        assert not scrolls
-        assert not drag("[aria-label^='Point of the curve at 20 Hz']", 25, 0)[1]
-        page.wait_for_function("location.hash.includes('lead')")
-        go(page, "prefilter", display="file")
-        page.wait_for_selector("#error:has-text('Greatest error')")
-        point = "[aria-label='Threshold at 20 Hz']"
-        before = level_db(page, point)
-        assert not drag(point, 0, 60)[1]
-        page.wait_for_selector(f"{point}:not([aria-valuenow='{before:.1f}'])")
-        page.wait_for_selector("#error[aria-busy=false]")
-        assert level_db(page, point) > before + 5.0
-
-
-@pytest.mark.slow
-def test_chart__under_a_fingertip_beside_its_curve__lets_the_page_scroll(browser, tmp_path):
-    with phone(browser, EXAMPLES / "display.toml") as (page, drag):
-        go(page, "loop", display="file")
-        page.wait_for_selector(SETTLED)
-        assert drag("svg.nichols .axis", 0, 200)[1] > 100.0
+def test_handles_marks_and_points__under_a_fingertip__follow_it_and_the_page_stays(phone):
+    page, drag = phone
+    go(page, "loop", display="file")
+    page.wait_for_selector(SETTLED)
+    before, said = gain_db(page), gain_text(page)
+    box, scrolls = drag(".handle.gain", 0, 40)
+    assert min(box["width"], box["height"]) >= LEAST_PX
+    page.wait_for_selector(f".handle.gain:not([aria-valuetext='{said}'])")
+    page.wait_for_selector(SETTLED)
+    assert gain_db(page) > before + 8.0
+    assert not scrolls
+    assert drag("svg.nichols .axis", 0, 200)[1] > 100.0  # beside the curve it scrolls
+    assert not drag("[aria-label^='Point of the curve at 20 Hz']", 25, 0)[1]
+    page.wait_for_function("location.hash.includes('lead')")
+    go(page, "prefilter", display="file")
+    page.wait_for_selector("#error:has-text('Greatest error')")
+    point = "[aria-label='Threshold at 20 Hz']"
+    before = level_db(page, point)
+    assert not drag(point, 0, 60)[1]
+    page.wait_for_selector(f"{point}:not([aria-valuenow='{before:.1f}'])")
+    page.wait_for_selector("#error[aria-busy=false]")
+    assert level_db(page, point) > before + 5.0

@@ -6,11 +6,14 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactuator.cli.main import main
 from tactuator.console.state import FILE, ConsoleState
+from tactuator.io.reference import open_reference
 from tests.console.pages import address_of, console_with, pressed, saved_by, tab_to, watched_page
+from tests.console.test_accessibility_chromium import AXE, faults
 
 START = Path(__file__).parents[2] / "src/tactuator/console/static/start.js"
 TOUR = re.findall(r'^  \["[^"]+", (?:null|"(\w+)"), "([^"]+)"\],$', START.read_text("utf-8"), flags=re.MULTILINE)
@@ -36,6 +39,12 @@ def step(page, words):
     page.locator(f".tour a:has-text('{words}')").press("Enter")
 
 
+def entered(page, selector, there):
+    """Press Enter on what the tests of its view reach by Tab."""
+    page.locator(selector).press("Enter")
+    page.wait_for_selector(there)
+
+
 def chosen(page, selector, path):
     """Choose a file where a person would choose it; the dialogue itself is none of the page's."""
     tab_to(page, selector)
@@ -53,12 +62,41 @@ def test_tour__walked_by_keyboard__gives_the_files_of_its_own_commands(browser, 
         page.goto(address_of(client))
         page.wait_for_selector("body[data-ready=start]")
         walked(page, lab, mine)
+        assert client.host.status.wave is None
+        played = client.host.samples.rows(0, client.host.samples.end)[:, 0]
+    asked = np.concatenate([block[:, 0] for block in open_reference(mine / "reference.wav").blocks()])
+    begin = int(np.flatnonzero(played)[-1]) - int(np.flatnonzero(asked)[-1])
+    assert np.array_equal(played[begin : begin + asked.size], asked.astype(np.float32))
     made = sorted(path.name for path in mine.iterdir())
     assert made == sorted([*FILES, "reference.json"])
     different = [name for name in made if not filecmp.cmp(mine / name, lab / name, shallow=False)]
     assert different == []
     os.chdir(mine)
     assert main(["design", "mine.toml", "--out", "mine.json"]) == 0  # as it is, with no load to design for
+
+
+def measured(page, lab):
+    """Measure, by the loops that were shaped, what a file plays live until then; stay through other views and slips."""
+    entered(page, "#to-scope", "#live:not([disabled])")
+    page.locator("#wave").select_option("file")
+    page.set_input_files("#wave-file", lab / "reference.wav")
+    page.wait_for_selector(".drop .name:has-text('reference.wav')")
+    entered(page, "#live", "#rig-mode:has-text('live')")
+    entered(page, "#play", "#wave-now:has-text('file at')")
+    entered(page, "#to-response", "#needs:has-text('ends what plays live')")
+    pressed(page, "#measure", "#measured:has-text('What played live was stopped.'):has-text('points: measured')")
+    page.evaluate(AXE)
+    assert faults(page, {}) == []
+    for link, there in (("#to-loop", ".tiles[aria-busy=false]"), ("#to-response", "#measured:has-text(': measured')")):
+        entered(page, link, there)
+    assert page.locator(".measured .factor input:not([type])").input_value().startswith("1: free, 30 dB SL, loops of")
+    page.locator("#level").fill("")
+    page.locator("#frequencies").fill("one, 10")
+    page.locator("#measure").click()
+    assert page.locator(".wrong").all_inner_texts() == [
+        "empty; allowed: -60 to 55",
+        "“one” is no number above 0; allowed: frequencies in Hz, commas between",
+    ]
 
 
 FILES = ["controller.json", "felt.wav", "mine.toml", "model.json", "personal.json", "reference.wav", "response.csv"]
@@ -83,6 +121,8 @@ def walked(page, lab, mine):
         pressed(page, "button.first", "#standing:has-text('as designed')")
     pressed(page, "#check", "#save:focus")
     saved_by(page, "#save", mine / "controller.json")
+    pressed(page, "#to-scope", "#levels small:has-text('nothing is played')")
+    pressed(page, "#use-loops", "#loaded:has-text('loops of')")
     step(page, "Fit the prefilter")
     page.wait_for_selector("#error:has-text('Greatest error')")
     chosen(page, "main input[type=file]", lab / "curve.csv")
@@ -91,13 +131,12 @@ def walked(page, lab, mine):
     pressed(page, "#design", "a[download='personal.json']")
     saved_by(page, "a[download='personal.json']", mine / "personal.json")
     step(page, "Measure its response")
-    page.wait_for_selector("#controller-file")
-    page.set_input_files("#controller-file", mine / "controller.json")
-    page.wait_for_selector("#measure:not([disabled])")
-    pressed(page, "#measure", "#measured:has-text('points: measured')")
+    measured(page, lab)
     saved_by(page, "#save-response", mine / "response.csv")
     step(page, "Render speech")
     chosen(page, "main input[type=file]", lab / "speech.wav")
     page.wait_for_selector("button.saving")
     for name in ("reference.wav", "reference.json", "felt.wav"):
         saved_by(page, f"[data-name='{name}']", mine / name)
+    pressed(page, "#play-reference", "#playing:has-text('It plays')")
+    page.wait_for_selector("#rig-mode:has-text('at rest')")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.io.display import parse_display
 from tools.pages.blocks import commands, read_page
@@ -46,25 +45,15 @@ def test_page__typed_in_order__does_what_it_says(page, examples, tmp_path):
     run_page(page_text(page), str(page.relative_to(ROOT)), folder)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_page__every_block__says_its_language(page):
-    blocks = read_page(page_text(page))[0]
-    assert [(block.line, block.language) for block in blocks if block.language not in LANGUAGES] == []
-
-
-def test_pages__blocks_that_are_not_run__are_few_and_say_why():
-    blocks = [(page.name, block) for page in PAGES for block in read_page(page_text(page))[0]]
-    left_out = [(name, block.marks["not run"]) for name, block in blocks if "not run" in block.marks]
-    assert [name for name, reason in left_out if len(reason.split()) < 3] == []
-    run = [block for _, block in blocks if block.runs]
-    assert len(left_out) <= 0.25 * (len(run) + len(left_out))
-
-
-@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "cli"], ids=lambda page: page.stem)
-def test_page__commands_in_plain_fences__are_blocks_that_run(page):
-    for block in read_page(page_text(page))[0]:
-        if block.language not in ("sh", "python"):
-            assert not [line for line in commands(block.text) if re.match(r"(\$ )?(tactuator|make) [a-z]", line)]
+def test_pages__every_block__says_its_language_and_runs_its_commands_or_says_why_not():
+    blocks = [(page.stem, block) for page in PAGES for block in read_page(page_text(page))[0]]
+    assert [(page, block.line) for page, block in blocks if block.language not in LANGUAGES] == []
+    plain = [block for page, block in blocks if page != "cli" and block.language not in ("sh", "python")]
+    lines = [line for block in plain for line in commands(block.text)]
+    assert [line for line in lines if re.match(r"(\$ )?(tactuator|make) [a-z]", line)] == []
+    reasons = [block.marks["not run"] for _, block in blocks if "not run" in block.marks]
+    assert [reason for reason in reasons if len(reason.split()) < 3] == []
+    assert len(reasons) <= sum(block.runs for _, block in blocks) / 3
 
 
 def parsed(text: str) -> str:
@@ -89,21 +78,12 @@ def test_pages__every_file_they_show__is_one_that_the_program_takes():
     assert {("display", "display"), ("experiments", "protocol"), ("open-loop", "part")} <= set(shown)
 
 
-@pytest.mark.parametrize("text", ["[study]\nname = 'x'\ncolour = 'red'\n", "[[channel]]\nname = 'x'\n"])
-def test_parsed__file_with_a_fault__is_refused(text):
-    with pytest.raises(BadInput):
-        parsed(text)
-
-
 @pytest.mark.parametrize(
     ("page", "words"),
     [
         ("```sh\ntactuator design no-such.toml --out c.json\n```\n", "ended with status 2, not 0"),
-        ("```sh\ntactuator desing display.toml\n```\n", "ended with status 2, not 0"),
-        ("```sh\ntactuator design display.toml --colour red\n```\n", "ended with status 2, not 0"),
         ("<!-- exit 1 -->\n```sh\ntrue\n```\n", "ended with status 0, not 1"),
         ("```sh\ngrep --quiet absent display.toml | false\n```\n", "ended with status 1, not 0"),
-        ("text\n\n```python\nimport tactuator\ntactuator.no_such_name\n```\n", "no attribute 'no_such_name'"),
         ("```python\nvalue = 1\n```\n\n```python\nraise KeyError(value)\n```\n", "line 6"),
         ("<!-- figure: missing.svg | A picture -->\n", "no file missing.svg to show"),
         ("<!-- serves -->\n```sh\ntactuator --version\n```\n", "ended with status"),

@@ -1,16 +1,14 @@
-"""A session whose server is killed again and again while its protocol is amended, in pieces if need be.
+"""A session whose server is killed again and again while its protocol is amended.
 
-`python -m tests.web.killing FOLDER KILLS SECONDS` kills until there were so many kills or so many seconds have passed.
-Called again with the same folder it goes on from there, and after the last kill it finishes the session.
+`python -m tests.web.killing FOLDER KILLS` kills so often, then finishes the session and compares.
 """
 
 import json
 import random
 import sys
 import threading
-import time
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,7 @@ from tests.web.study import Server, started
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace("break_after_trials = 20", "break_after_trials = 100000")
 LONG = ONE.replace("reversals = 6", "reversals = 240").replace("averaged = 4", "averaged = 230")
-LONG = LONG.replace("resume_within_s = 600", "resume_within_s = 80000")  # a piece may come hours after another
+LONG = LONG.replace("resume_within_s = 600", "resume_within_s = 80000")  # on a busy machine
 
 
 class Client:
@@ -80,26 +78,12 @@ class Killing:
     seed: int
     kills: int = 0
     versions: int = 1
-    server: Server = field(init=False)
-    client: Client = field(init=False)
-    link: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Start the server, or start it again where the folder has a session that was left."""
-        left = self.folder / "killing.json"
-        if not left.exists():
-            self.server = started(self.folder, self.first, controller())
-            self.client = Client(self.server, parse_protocol(self.first))
-            self.link = self._link()
-            return
-        state = json.loads(left.read_text())
-        self.kills, self.versions, self.link = state["kills"], state["versions"], state["link"]
-        names = ("protocol.toml", "lab.db", "controller.json")
-        self.server = Server(*(self.folder / name for name in names), port=state["port"])
+        """Start the server."""
+        self.server = started(self.folder, self.first, controller())
         self.client = Client(self.server, parse_protocol(self.first))
-        self.client.acknowledged = [(run, number) for run, number in state["acknowledged"]]
-        self.server.start()
-        assert self._link() == self.link
+        self.link = self._link()
 
     def _link(self) -> str:
         return self.server.addresses["subject S1"].rsplit("/", 1)[1]
@@ -121,12 +105,6 @@ class Killing:
             self.server.start()
             self.server.more = ()
             assert self._link() == self.link
-
-    def leave(self) -> None:
-        """Kill the server and write down where the session stands, to go on later."""
-        self.server.kill()
-        state = {"kills": self.kills, "versions": self.versions, "link": self.link, "port": self.server.port}
-        (self.folder / "killing.json").write_text(json.dumps({**state, "acknowledged": self.client.acknowledged}))
 
     def compare(self) -> int:
         """Hold the store against what was acknowledged and against the undisturbed session; S1's answers there."""
@@ -185,28 +163,21 @@ def undisturbed(path: Path, text: str) -> list[tuple[Any, ...]]:
     return of_first(path)[3]
 
 
-def kills_across_amendments(
-    folder: Path, text: str, kills: int, every: int, seed: int, seconds: float = 1e9
-) -> tuple[int, Killing]:
-    """Kill until there were `kills` kills, the session is over, or time is up; then compare. S1's answers there.
-
-    After the last kill the session is finished first; where time was up it is left.
-    """
-    end, killing = time.monotonic() + seconds, Killing(folder, text, every, seed)
+def kills_across_amendments(folder: Path, text: str, kills: int, every: int, seed: int) -> tuple[int, Killing]:
+    """Kill until there were `kills` kills or the session is over, finish it, and compare. S1's answers there."""
+    killing = Killing(folder, text, every, seed)
     try:
-        while killing.kills < kills and not killing.client.done and time.monotonic() < end:
+        while killing.kills < kills and not killing.client.done:
             killing.kill()
-        if killing.kills >= kills:
-            killing.client.answers(10**9)
+        killing.client.answers(10**9)
     finally:
-        killing.leave()
+        killing.server.kill()
     return killing.compare(), killing
 
 
 if __name__ == "__main__":
     place = Path(sys.argv[1])
     place.mkdir(parents=True, exist_ok=True)
-    answers, so_far = kills_across_amendments(place, LONG, int(sys.argv[2]), 10, 6, float(sys.argv[3]))
-    acknowledged = len(so_far.client.acknowledged)
-    told = f"{so_far.kills} kills, {so_far.versions} versions; {acknowledged} answers acknowledged, {answers} stored, "
-    sys.stdout.write(f"{told}none lost or doubled, all as undisturbed; over: {so_far.client.done}\n")
+    answers, so_far = kills_across_amendments(place, LONG, int(sys.argv[2]), 10, 6)
+    counts = f"{so_far.kills} kills, {so_far.versions} versions; {len(so_far.client.acknowledged)} answers acknowledged"
+    sys.stdout.write(f"{counts}, {answers} stored, none lost or doubled; over: {so_far.client.done}\n")

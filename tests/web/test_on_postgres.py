@@ -12,9 +12,7 @@ from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.io.controller import write_controller
 from tactuator.verbs.store import verify
-from tests.experiment.session.apparatuses import PROTOCOL
-from tests.experiment.session.apparatuses import controller as paper_controller
-from tests.experiment.session.recognising import controller, items, protocol_text  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, controller
 from tests.experiment.store.killing_stations import answers
 from tests.postgres import PostgresServer
 from tests.web.killing import Client
@@ -35,7 +33,7 @@ def postgres() -> Iterator[PostgresServer]:
 def serving(folder: Path, *more: str) -> Iterator[Server]:
     """`experiment serve` with those options, killed at the end."""
     (folder / "protocol.toml").write_text(ONE)
-    write_controller(folder / "controller.json", paper_controller())
+    write_controller(folder / "controller.json", controller())
     server = Server(folder / "protocol.toml", folder / "own.db", folder / "controller.json", more=more)
     server.start()
     try:
@@ -78,22 +76,13 @@ def test_serve__shared_store_on_a_server__gets_every_answer_of_the_station(tmp_p
     assert verify(place).holds
 
 
-@pytest.mark.parametrize("verb", ["observe", "recognise"])
-def test_simulated_people__store_on_a_server__answer_as_with_a_file(
-    tmp_path, monkeypatch, postgres, verb, items, controller
-) -> None:
+def test_simulated_people__store_on_a_server__answer_as_with_a_file(tmp_path, monkeypatch, postgres) -> None:
     monkeypatch.chdir(tmp_path)
-    place = postgres.database(verb)
-    write_controller(Path("controller.json"), controller)
-    if verb == "observe":
-        text, more = ONE, ["--seed", "3"]
-    else:
-        for path in Path(items).iterdir():
-            Path(path.name).symlink_to(path)
-        text, more = protocol_text(), ["--scripted-error", "0.2"]
-    Path("protocol.toml").write_text(text)
+    place = postgres.database("observe")
+    write_controller(Path("controller.json"), controller())
+    Path("protocol.toml").write_text(ONE.replace("[30, 90, 210]", "[30]"))
     for store in (place, "own.db"):
-        command = ["experiment", verb, "protocol.toml", "--store", store, "--controller", "controller.json", *more]
-        assert main(command) == 0
+        given = ["protocol.toml", "--store", store, "--controller", "controller.json", "--seed", "3"]
+        assert main(["experiment", "observe", *given]) == 0
     assert said(place) == said("own.db") != []
     assert verify(place).holds

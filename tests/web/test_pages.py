@@ -9,7 +9,7 @@ from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access.mutating import defects, hear_all
-from tests.web.labs import TOKEN, agreed, begun, client, joined, make_lab, response_count, until  # noqa: F401
+from tests.web.labs import TOKEN, begun, client, joined, make_lab, response_count, until  # noqa: F401
 
 
 @pytest.fixture
@@ -17,134 +17,53 @@ def lab(make_lab):
     return make_lab(lambda store: opened_study(store, ObedientClock()))
 
 
-@pytest.mark.parametrize(
-    ("path", "status"),
-    [
-        ("/", 200),
-        ("/s/token-S1", 200),
-        ("/s/token-S9", 404),
-        ("/operator", 200),
-        ("/static/subject.js", 200),
-        ("/static/app.py", 404),
-        ("/static/..%2Fapp.py", 404),
-        ("/static/%2e%2e%2fapp.css", 404),
-        ("/static/%00.css", 404),
-        (f"/static/{'9' * 5000}.css", 404),
-        ("/docs", 404),
-        ("/openapi.json", 404),
-    ],
-)
-def test_page__asked_for__is_given_or_not(client, caplog, monkeypatch, path, status) -> None:
+def test_page__asked_for__is_given_or_not_and_every_part_comes_from_this_server(client, caplog, monkeypatch) -> None:
     hear_all(monkeypatch)
-    answer = client.get(path)
-    assert answer.status == status
-    assert defects(caplog) == []
-    if not path.startswith(("/docs", "/open")) and "%" not in path:
+    for path in ("/", "/s/token-S1", "/operator", "/static/subject.js"):
+        answer = client.get(path)
+        assert (answer.status, "style=" in answer.text, "http" in answer.text) == (200, False, False), path
         assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+    foreign = ("app.py", "..%2Fapp.py", "%2e%2e%2fapp.css", "%00.css", f"{'9' * 5000}.css")
+    for path in ("/s/token-S9", "/docs", "/openapi.json", *(f"/static/{name}" for name in foreign)):
+        assert client.get(path).status == 404, path
+    assert defects(caplog) == []
 
 
-@pytest.mark.parametrize("path", ["/s/token-S1", "/operator"])
-def test_page__every_part__comes_from_this_server(client, path) -> None:
-    text = client.get(path).text
-    assert "http" not in text
-    assert "style=" not in text
+def test_subject__trial_answered__is_acknowledged_once_it_is_stored_and_not_where_the_store_fails(
+    client, lab, monkeypatch
+) -> None:
+    def full(*args: object) -> None:
+        raise StoreFault("lab.db: database or disk is full")
 
-
-def test_subject__trial_answered__is_acknowledged_after_it_is_stored(client, lab) -> None:
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         asked = begun(socket)
-        assert response_count(lab) == 0
-        socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": "2"})
+        message = {"type": "answer", "run": asked["run"], "number": asked["number"], "response": "1"}
+        with monkeypatch.context() as broken:
+            broken.setattr(records, "save_answer", full)
+            socket.send_json(message)
+            assert "full" in until(socket, "fault")["detail"]
+        assert (response_count(lab), lab.fault) == (0, "lab.db: database or disk is full")
+        socket.send_json(message)
         acknowledged = until(socket, "ack")
-        assert response_count(lab) == 1
+        assert (response_count(lab), lab.fault) == (1, None)
         assert (acknowledged["run"], acknowledged["number"]) == (asked["run"], asked["number"])
         assert acknowledged["right"] in ("1", "2", "3")
         assert until(socket, "answer-now")["number"] == asked["number"] + 1
 
 
-def test_subject__intervals__are_told_in_order(client) -> None:
-    with client.websocket_connect("/ws/subject/token-S1") as socket:
-        agreed(socket)
-        seen = []
-        while (message := socket.receive_json())["type"] != "answer-now":
-            if message["type"] == "interval":
-                seen.append((message["interval"], message["on"]))
-        assert seen == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
-
-
-def test_subject__lost_acknowledgement__answer_sent_again_counts_once(client, lab) -> None:
-    with client.websocket_connect("/ws/subject/token-S1") as socket:
-        asked = begun(socket)
-        message = {"type": "answer", "run": asked["run"], "number": asked["number"], "response": "1"}
-        socket.send_json(message)
-        first = until(socket, "ack")
-    with client.websocket_connect("/ws/subject/token-S1") as socket:
-        until(socket, "stage")
-        socket.send_json(message)
-        assert until(socket, "ack")["right"] == first["right"]
-        assert response_count(lab) == 1
-        socket.send_json({"type": "ready", "stage": "trial"})
-        assert until(socket, "answer-now")["number"] == 1
-
-
-def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab, monkeypatch) -> None:
-    with client.websocket_connect("/ws/subject/token-S1") as socket:
-        asked = begun(socket)
-        message = {"type": "answer", "run": asked["run"], "number": 0, "response": "1"}
-
-        def full(*args: object) -> None:
-            raise StoreFault("lab.db: database or disk is full")
-
-        with monkeypatch.context() as broken:
-            broken.setattr(records, "save_answer", full)
-            socket.send_json(message)
-            assert "full" in until(socket, "fault")["detail"]
-            assert response_count(lab) == 0
-        assert lab.fault == "lab.db: database or disk is full"
-        socket.send_json(message)
-        until(socket, "ack")
-        assert response_count(lab) == 1
-        assert lab.fault is None
-
-
-def test_connection__unknown_link__is_closed(client) -> None:
-    with client.websocket_connect("/ws/subject/token-S9") as socket, pytest.raises(ConnectionClosed) as closed:
-        socket.receive_json()
-    assert closed.value.rcvd.code == CLOSE_ABSENT
-
-
-@pytest.mark.parametrize("said", ["", "wrong", "token-S1", "ü"])
-def test_operator__wrong_token__is_closed(client, said) -> None:
-    with client.websocket_connect("/ws/operator") as socket, pytest.raises(ConnectionClosed) as closed:
-        socket.send_text(said)
-        socket.receive_json()
-    assert closed.value.rcvd.code == CLOSE_FORBIDDEN
-
-
-@pytest.mark.parametrize(("path", "code"), [("/ws/operator", CLOSE_FORBIDDEN), ("/ws/subject/token-S1", CLOSE_ABSENT)])
-def test_connection__from_another_sites_page__is_closed(client, path, code) -> None:
-    with (
-        client.websocket_connect(path, origin="http://elsewhere.example") as socket,
-        pytest.raises(ConnectionClosed) as closed,
+def test_connection__of_no_link_a_wrong_token_or_another_sites_page__is_closed(client) -> None:
+    elsewhere = "http://elsewhere.example"
+    for path, said, origin, code in (
+        ("subject/token-S9", None, None, CLOSE_ABSENT),
+        ("subject/token-S1", TOKEN, elsewhere, CLOSE_ABSENT),
+        ("operator", TOKEN, elsewhere, CLOSE_FORBIDDEN),
+        *(("operator", wrong, None, CLOSE_FORBIDDEN) for wrong in ("", "wrong", "token-S1", "ü")),
     ):
-        socket.send_text(TOKEN)
-        socket.receive_json()
-    assert closed.value.rcvd.code == code
-
-
-def test_operator__start_pause_stop__are_obeyed_and_shown(client, lab) -> None:
-    lab.auto_start = False
-    with joined(client, "operator") as socket:
-        first = until(socket, "snapshot")
-        assert (first["control"], first["active"]) == (True, None)
-        assert [one["subject"] for one in first["sessions"]] == ["S1", "S2"]
-        session = first["sessions"][0]["id"]
-        socket.send_json({"type": "start", "session": session})
-        assert _until(socket, lambda shot: shot["active"] == session)
-        socket.send_json({"type": "pause"})
-        assert _until(socket, lambda shot: shot["paused"])
-        socket.send_json({"type": "stop"})
-        assert _until(socket, lambda shot: shot["active"] is None)
+        with client.websocket_connect(f"/ws/{path}", origin) as socket, pytest.raises(ConnectionClosed) as closed:
+            if said is not None:
+                socket.send_text(said)
+            socket.receive_json()
+        assert closed.value.rcvd.code == code, (path, said)
 
 
 def _until(socket, wanted) -> bool:
@@ -167,19 +86,16 @@ def test_operator__second__looks_on_until_control_is_taken(client) -> None:
         assert _until(first, lambda shot: not shot["control"])
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ({"type": "start"}, "without a session"),
-        ({"type": "start", "session": 99}, "not of this study"),
-        ({"type": "give-up-run"}, "no session is at the rig"),
-        ({"type": "explode"}, "command"),
-    ],
-)
-def test_operator__nonsense__is_refused(client, command, message) -> None:
+def test_operator__nonsense__is_refused(client) -> None:
     with joined(client, "operator") as socket:
-        socket.send_json(command)
-        assert message in until(socket, "refused")["message"]
+        for command, message in (
+            ({"type": "start"}, "without a session"),
+            ({"type": "start", "session": 99}, "not of this study"),
+            ({"type": "give-up-run"}, "no session is at the rig"),
+            ({"type": "explode"}, "command"),
+        ):
+            socket.send_json(command)
+            assert message in until(socket, "refused")["message"]
 
 
 def test_operator__clock_jumps__is_noted(client, lab) -> None:

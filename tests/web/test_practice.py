@@ -2,9 +2,7 @@
 
 from sqlalchemy import select
 
-from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.web.labs import TOKEN, answer, at_page, joined, make, make_lab, stage, until  # noqa: F401
@@ -52,21 +50,6 @@ def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> 
     assert [tuple(row) for row in rows] == [(0, "restarted"), (1, "done")]
 
 
-def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
-    lab = make(PRACTISES, auto_start=False)
-    presented = lab.study.session(lab.sessions[0])
-    presented.give_consent()
-    held = PresentedSession(presented)
-    presented.introduce()
-    for _ in range(3):
-        following = held.present(lambda interval, begins: None)
-        wrong = next(one for one in "123" if one != following.trial.correct)
-        held.answer(Answer(wrong, lab.clock.utc()))
-    assert presented.held is not None
-    held.give_up_run()
-    assert (presented.held, presented.upcoming.position) == (None, 1)
-
-
 def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_instead(make) -> None:
     lab = make(PRACTISES, auto_start=False)
     lab.start(1)
@@ -79,4 +62,6 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
         with joined(client, "operator") as operator:
             operator.send_json({"type": "give-up-run"})
             now = until(socket, "stage")
+        session = lab.opened(1).session
     assert (now["stage"], now["introduction"]) == ("trial", "")
+    assert (session.held, session.upcoming.position) == (None, 1)

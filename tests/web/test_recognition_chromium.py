@@ -2,6 +2,7 @@
 
 import json
 import re
+from itertools import permutations
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from tests.experiment.session.recognising import controller, items, protocol_tex
 from tests.web.study import ASKED, Server, Subject, asked, finish, kills_and_finish, page, start, visible, watch_errors  # noqa: F401
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
+SIDES = (("x", "width"), ("y", "height"))
 PHONE, LAPTOP = {"width": 360, "height": 640}, {"width": 1280, "height": 720}
 
 
@@ -66,7 +68,7 @@ def begin(page: Page) -> None:
 
 @pytest.mark.slow
 def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(serve, page, capsys) -> None:
-    text = protocol_text(training=1, test=6, labels=LABELS, consent="You may stop at any time.")
+    text = protocol_text(training=1, test=3, labels=LABELS, consent="You may stop at any time.")
     server = serve(text)
     subject = opened(page, server, text)
     visible(page, "Before we begin")
@@ -77,7 +79,7 @@ def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undis
     page.reload()  # in mid-trial: what was played and not answered is played again
     begin(page)
     assert page.locator("body").get_attribute("data-trial") == stands
-    assert kills_and_finish(server, subject, 3, seed=4) == 3
+    assert kills_and_finish(server, subject, 1, seed=4) == 1
     rows = stored(server.store)
     assert rows == planned(text)
     acknowledged = {(run - 1, number) for run, number in subject.acknowledged}
@@ -90,22 +92,12 @@ def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undis
         if block == 1:
             counts[LABELS.index(correct)][LABELS.index(response)] += 1
     assert result["matrix"] == counts
-    assert result["trials"] == 24
+    assert result["trials"] == 12
     assert 0.5 < result["estimates"]["plug_in"]["bits"] < 2.0
 
 
-@pytest.mark.soak
-def test_session__server_killed_fifty_times__stores_every_trial_once(serve, page) -> None:
-    text = protocol_text(training=5, test=25, labels=LABELS)
-    server = serve(text)
-    subject = opened(page, server, text)
-    visible(page, "Which one was it?")
-    assert kills_and_finish(server, subject, 50, seed=5) == 50
-    assert stored(server.store) == planned(text)
-
-
 def test_page__before_each_answer__is_the_same_whatever_was_played(serve, page) -> None:
-    text = protocol_text(training=0, test=3, labels=LABELS)
+    text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
     subject = opened(page, server, text)
     seen: set[str] = set()
@@ -122,10 +114,10 @@ def _told(page: Page) -> str:
     return re.sub(r'"(number|shownAt)":[\d.]+', "", html)
 
 
-def test_feedback__in_training__says_what_was_right(serve, page) -> None:
-    text = protocol_text(training=1, test=1, labels=LABELS).replace("feedback_s = 0.0", "feedback_s = 1.0")
-    server = serve(text)
-    opened(page, server, text)
+def test_training__feedback_then_a_break_of_its_time__and_what_comes(serve, page) -> None:
+    text = protocol_text(training=1, test=1, labels=LABELS, extra="[session]\nbreak_s = 1\n")
+    server = serve(text.replace("feedback_s = 0.0", "feedback_s = 0.5"))
+    subject = opened(page, server, text)
     begin(page)
     first, second = planned(text)[0][2], planned(text)[1][2]
     wrong = next(label for label in LABELS if label != first)
@@ -137,33 +129,26 @@ def test_feedback__in_training__says_what_was_right(serve, page) -> None:
     assert page.locator(".choice.right, .choice.wrong").count() == 0
     page.keyboard.press(str(1 + LABELS.index(second)))
     visible(page, "Right")
-
-
-def test_break__between_blocks__lasts_its_time_and_shows_what_comes(serve, page) -> None:
-    text = protocol_text(training=1, test=1, labels=LABELS, extra="[session]\nbreak_s = 1\n")
-    server = serve(text)
-    subject = opened(page, server, text)
     while not page.locator("#status").inner_text().startswith("Time for a break"):
         subject.act()
     go = page.locator("#go")
-    assert go.is_disabled()
-    assert go.inner_text() == "Go on in 1 s"
+    assert (go.is_disabled(), go.inner_text()) == (True, "Go on in 1 s")
     page.keyboard.press("Enter")  # too early: nothing comes of it
     page.locator("#go:enabled").wait_for()
     page.keyboard.press("Enter")
-    begin_text = page.locator("#text", has_text="Block 2 of 2: test, 4 trials.")
-    begin_text.wait_for()
-    begin(page)
-    finish(subject)
-    assert stored(server.store)[4:] == planned(text)[4:]
+    page.locator("#text", has_text="Block 2 of 2: test, 4 trials.").wait_for()
 
 
-def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serve, page) -> None:
-    text = protocol_text(training=0, test=2, labels=LABELS)
-    server = serve(text)
+def test_keyboard__tab_and_arrows__reach_every_response_by_its_role_and_the_focus_shows(serve, page) -> None:
+    server = serve(text := protocol_text(training=0, test=2, labels=LABELS))
     page.set_viewport_size(LAPTOP)
     opened(page, server, text)
+    visible(page, "Which one was it?")
+    assert page.locator("#text").evaluate("one => one === document.activeElement")  # what is read first; Enter begins
     begin(page)
+    group = page.get_by_role("group", name="Responses").get_by_role("button").all()
+    assert [one.locator(".label").inner_text() for one in group] == list(LABELS)
+    assert [one.get_attribute("aria-keyshortcuts") for one in group] == ["1", "2", "3", "4"]
     page.keyboard.press("Tab")
     focused = page.locator(":focus")
     assert focused.get_attribute("class") == "choice"
@@ -180,21 +165,6 @@ def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serv
     assert [row[3] for row in stored(server.store)] == [LABELS[1], LABELS[0]]
 
 
-def test_page__roles__name_what_it_shows(serve, page) -> None:
-    text = protocol_text(training=0, test=1, labels=LABELS)
-    server = serve(text)
-    opened(page, server, text)
-    visible(page, "Which one was it?")
-    assert page.locator("#text").evaluate("one => one === document.activeElement")  # what is read first; Enter begins
-    begin(page)
-    group = page.get_by_role("group", name="Responses")
-    assert [one.locator(".label").inner_text() for one in group.get_by_role("button").all()] == list(LABELS)
-    assert page.get_by_role("status").get_attribute("aria-live") == "polite"
-    assert page.get_by_role("progressbar", name="Progress").count() == 1
-    shortcuts = [one.get_attribute("aria-keyshortcuts") for one in group.get_by_role("button").all()]
-    assert shortcuts == ["1", "2", "3", "4"]
-
-
 def many(count: int) -> str:
     """A protocol with as many labels, of the same files."""
     text = protocol_text(training=0, test=1, labels=[f"word-{number}" for number in range(count)])
@@ -206,8 +176,8 @@ def _file_and_key(found: re.Match[str]) -> str:
     return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
 
 
-@pytest.mark.parametrize("count", [*(pytest.param(few, marks=pytest.mark.slow) for few in (2, 3, 9)), 12, 30])
-def test_responses__two_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
+@pytest.mark.parametrize("count", [12, 30])
+def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
     server = serve(many(count))
     page.set_viewport_size(LAPTOP)
     page.goto(server.addresses["subject S1"])
@@ -226,13 +196,11 @@ def test_responses__two_to_thirty__fit_phone_and_laptop(serve, page, count) -> N
         assert page.evaluate(
             "[...document.querySelectorAll('.choice')].every((one) => one.scrollWidth <= one.clientWidth)"
         )
-        for one, other in ((a, b) for a in boxes for b in boxes if a is not b):
-            apart_x = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
-            apart_y = one["y"] + one["height"] <= other["y"] or other["y"] + other["height"] <= one["y"]
-            assert apart_x or apart_y
+        for one, other in permutations(boxes, 2):  # the one is left of the other or above it, or the other way round
+            assert any(a[at] + a[of] <= b[at] for a, b in ((one, other), (other, one)) for at, of in SIDES)
 
 
-def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve, browser, capsys) -> None:
+def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve, browser) -> None:
     text = protocol_text("abx", training=1, test=1)
     server = serve(text)
     context = browser.new_context(viewport=PHONE, has_touch=True)
@@ -249,14 +217,9 @@ def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve,
     page.locator("body[data-trial='1/1']").wait_for()
     assert [row[3] for row in stored(server.store)] == ["B"]
     finish(subject)
-    rows = stored(server.store)
-    assert rows[1:] == planned(text)[1:]
+    assert stored(server.store)[1:] == planned(text)[1:]
     assert errors == []
     context.close()
-    capsys.readouterr()
-    assert main(["experiment", "information", "--store", str(server.store), "--json"]) == 0
-    (result,) = json.loads(capsys.readouterr().out)["abx"]
-    assert (result["trials"], result["share_correct"]) == (12, 0.75)
 
 
 LAMPS = """
@@ -267,25 +230,8 @@ new MutationObserver((changes) => {
 """
 
 
-@pytest.mark.slow
-def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, page, browser) -> None:
-    text = protocol_text(training=0, test=2, labels=LABELS)
-    server = serve(text)
-    first, second = page, browser.new_page()
-    opened(first, server, text)
-    begin(first)
-    subject = opened(second, server, text)
-    visible(first, "opened in another tab")
-    assert first.locator(ASKED).count() == 0
-    begin(second)
-    assert second.locator("body").get_attribute("data-trial") == "1/0"
-    finish(subject)
-    assert stored(server.store) == planned(text)
-    second.close()
-
-
 def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -> None:
-    text = protocol_text(training=0, test=3, labels=LABELS)
+    text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
     operator = browser.new_page()
     errors = watch_errors(operator)
@@ -293,15 +239,9 @@ def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -
     subject = opened(page, server, text)
     while len(subject.acknowledged) < 5:
         subject.act()
-    operator.locator("#run", has_text="of 12 trials").wait_for()
-    cells = operator.locator("#confusion td")
-    assert cells.count() == 16
-    operator.locator("#runs td", has_text="of 12").wait_for()
-    operator.locator("[data-command=pause]").click()
-    operator.locator("#state", has_text="paused").wait_for()
-    while not page.locator("#status").inner_text().startswith("Please wait"):
-        subject.act()
-    operator.locator("[data-command=resume]").click()
+    operator.locator("#run", has_text="of 8 trials").wait_for()
+    assert operator.locator("#confusion td").count() == 16
+    operator.locator("#runs td", has_text="of 8").wait_for()
     finish(subject)
     operator.locator("#sessions td", has_text="done").wait_for()
     operator.locator("[data-results=S1]").click()

@@ -60,18 +60,6 @@ def planned(text, block):
     return block_trials(parse_recognition(text), 0, block)
 
 
-def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
-    with at_page(make(protocol_text(labels=THREE))) as socket:
-        hello = until(socket, "hello")
-        assert hello["prompt"] == "Which one was it?"
-        offered = [
-            {"response": label, "keys": [key], "codes": [f"Digit{key}", f"Numpad{key}"]}
-            for label, key in zip(THREE, "123", strict=True)
-        ]
-        assert (hello["choices"], hello["intervals"]) == (offered, [])
-        assert "training, 3 trials" in until(socket, "stage")["introduction"]
-
-
 @pytest.mark.parametrize("paradigm", ["recognition", "middle-of-three", "abx"])
 def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make, paradigm) -> None:
     text = protocol_text(paradigm, training=0, test=4, labels=THREE)
@@ -91,38 +79,29 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
         assert shown == ([0, 0, 1, 1, 2, 2] if paradigm == "abx" else [])
 
 
-def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(make) -> None:
-    text = protocol_text(test=1)
-    with at_page(lab := make(text)) as socket:
-        asked = begun(socket)
-        assert block_answered(socket, asked, ["M-index"] * 3) == [trial.correct for trial in planned(text, 0)]
-        go_on(socket, "break")
-        asked = begun(socket)
-        respond(socket, asked, "M-index")
-        assert until(socket, "ack")["right"] is None
-        assert response_count(lab) == 4
-
-
-@pytest.mark.parametrize(
-    ("paradigm", "response"),
-    [
-        ("recognition", "A"),
-        ("recognition", "m-index"),
-        ("recognition", "1"),
-        ("abx", "X"),
-        ("abx", "a"),
-        ("abx", "M-index"),
-    ],
-)
-def test_subject__answer_that_is_no_choice__is_refused(make, paradigm, response) -> None:
-    with at_page(lab := make(protocol_text(paradigm, training=0, test=1))) as socket:
-        asked = begun(socket)
-        respond(socket, asked, response)
-        assert "allowed" in until(socket, "refused")["message"]
-        assert response_count(lab) == 0
-        respond(socket, asked, "A" if paradigm == "abx" else "M-index")
-        until(socket, "ack")
-        assert response_count(lab) == 1
+def test_subject__answer_that_is_no_choice_or_ready_for_what_cannot_be__is_refused(make) -> None:
+    for paradigm, right, others in (
+        ("recognition", "M-index", ("A", "m-index", "1")),
+        ("abx", "A", ("X", "a", "M-index")),
+    ):
+        lab = make(protocol_text(paradigm, training=0, test=1))
+        with at_page(lab) as socket:
+            until(socket, "stage")
+            for name in ("done", "consent", None):
+                socket.send_json({"type": "ready", "stage": name})
+                until(socket, "refused")
+            socket.send_json({"type": "ready", "stage": "introduction"})
+            go_on(socket, "trial")
+            asked = until(socket, "answer-now")
+            for response in others:
+                respond(socket, asked, response)
+                assert "allowed" in until(socket, "refused")["message"]
+            assert response_count(lab) == 0
+            respond(socket, asked, right)
+            until(socket, "ack")
+            assert response_count(lab) == 1
+        lab.close()
+        lab.store.path.unlink()
 
 
 def test_subject__ready_said_twice__skips_no_break(make) -> None:
@@ -139,14 +118,6 @@ def test_subject__ready_said_twice__skips_no_break(make) -> None:
         socket.send_json({"type": "ready", "stage": "trial"})
         socket.send_json({"type": "ready", "stage": "introduction"})
         assert until(socket, "stage")["stage"] == "trial"
-
-
-@pytest.mark.parametrize("name", ["done", "consent", None])
-def test_subject__ready_for_what_cannot_be__is_refused(make, name) -> None:
-    with at_page(make(protocol_text())) as socket:
-        until(socket, "stage")
-        socket.send_json({"type": "ready", "stage": name})
-        assert "message" in until(socket, "refused")
 
 
 def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> None:
@@ -229,30 +200,17 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
 
 def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
     text = protocol_text(training=0, test=1)
-    with (
-        served(build_app(lab := make(text), TOKEN)) as client,
-        joined(client, "S1") as socket,
-        joined(client, "operator") as first,
-    ):
+    with at_pages(make(text), "S1", "operator", "operator") as (socket, first, second):
         until(first, "snapshot")
-        with joined(client, "operator") as second:
-            session = until(second, "snapshot")["sessions"][0]["id"]
-            second.send_json({"type": "results", "session": session})
-            assert "no results yet" in until(second, "refused")["message"]
-            asked = begun(socket)
-            block_answered(socket, asked, [trial.correct for trial in planned(text, 0)])
-            second.send_json({"type": "results", "session": session})
-            told = until(second, "results")
-        assert told["subject"] == "S1"
-        assert [table["rows"][0][0] for table in told["tables"]] == ["M-index", "plug in"]
-        assert response_count(lab) == 3
-
-
-@pytest.mark.parametrize(("session", "message"), [(99, "not of this study"), (None, "results without a session")])
-def test_operator__results_of_nobody__are_refused(make, session, message) -> None:
-    with at_pages(make(protocol_text()), "operator") as (operator,):
-        operator.send_json({"type": "results", "session": session})
-        assert message in until(operator, "refused")["message"]
+        session = until(second, "snapshot")["sessions"][0]["id"]
+        for of, words in ((session, "no results yet"), (99, "not of this study"), (None, "results without a session")):
+            second.send_json({"type": "results", "session": of})
+            assert words in until(second, "refused")["message"]
+        block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 0)])
+        second.send_json({"type": "results", "session": session})
+        results = until(second, "results")
+    assert results["subject"] == "S1"
+    assert [table["rows"][0][0] for table in results["tables"]] == ["M-index", "plug in"]
 
 
 def test_presented_session__asked_for_by_several_at_once__is_one(make) -> None:

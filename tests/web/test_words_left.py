@@ -1,22 +1,23 @@
-"""What a subject reads comes from the language file: no word of the subject's side is left in the code."""
+"""What a subject or an operator reads comes from the language file: no word of the pages is left in the code."""
 
 import ast
 import re
 from importlib.resources import files
 from pathlib import Path
 
-import pytest
-
 import tactuator.web
 
 STATIC = files("tactuator.web").joinpath("static")
-SCRIPTS = ("subject.js", "choices.js", "demonstration.js", "noise.js", "common.js", "texts.js")
-MODULES = ("web/subject.py", "web/pages.py", "experiment/protocol/detection.py", "experiment/protocol/recognition.py")
+MODULES = (
+    *("web/subject.py", "web/operator.py", "web/pages.py", "experiment/session/detection_task.py"),
+    *("experiment/session/recognition_task.py", "experiment/session/judging_task.py"),
+    *("experiment/protocol/detection.py", "experiment/protocol/recognition.py"),
+)
 SOURCES = Path(tactuator.web.__file__).parents[1]
 
 LITERAL = re.compile(r'"((?:[^"\\\n]|\\.)*)"|`((?:[^`\\]|\\.)*)`')
-NOT_SHOWN = {"use strict", "Enter", "Escape", "Tab", "Space"}
-"""The mode of a script, and names of keys."""
+NOT_SHOWN = {"use strict", "Enter", "Escape", "Tab", "Space", "matrix many"}
+"""The mode of a script, names of keys, and a class of style."""
 
 
 def left_in_script(source: str) -> list[str]:
@@ -51,37 +52,19 @@ def _reads_as_words(text: str) -> bool:
     return bool(re.search(r"[A-Za-z]{2,}[,:;]? [A-Za-z]{2,}", text) or re.fullmatch(r"[A-Z][a-z]+\W{0,2}", text))
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_script_of_the_subject__has_no_word_of_its_own(name) -> None:
-    assert left_in_script(STATIC.joinpath(name).read_text("utf-8")) == []
+def test_pages_their_scripts_and_the_modules_behind_them__have_no_word_of_their_own() -> None:
+    texts = {name: left_in_module((SOURCES / name).read_text("utf-8")) for name in MODULES}
+    for part in STATIC.iterdir():
+        if part.name.endswith((".js", ".html")):
+            left = left_in_script if part.name.endswith(".js") else left_in_page
+            texts[part.name] = left(part.read_text("utf-8"))
+    assert len(texts) > 20
+    assert {name: words for name, words in texts.items() if words} == {}
 
 
-def test_page_of_the_subject__has_no_word_of_its_own() -> None:
-    assert left_in_page(STATIC.joinpath("subject.html").read_text("utf-8")) == []
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_module_behind_the_subjects_page__has_no_word_of_its_own(name) -> None:
-    assert left_in_module((SOURCES / name).read_text("utf-8")) == []
-
-
-@pytest.mark.parametrize(
-    ("name", "keyed", "worded"),
-    [
-        ("subject.js", 'say(word("wait"))', 'say("Please wait for the experimenter.")'),
-        ("subject.js", 'word("agree")', '"Agree"'),
-        ("demonstration.js", 'word("sound_on")', "`Sound on`"),
-    ],
-)
-def test_word_put_into_a_script__is_found(name, keyed, worded) -> None:
-    source = STATIC.joinpath(name).read_text("utf-8")
-    if keyed not in source:
-        source = f"{keyed};\n{source}"
-    assert left_in_script(source) == []
-    assert left_in_script(source.replace(keyed, worded, 1)) == [worded.removeprefix("say(").removesuffix(")")[1:-1]]
-
-
-def test_word_put_into_page_or_module__is_found() -> None:
+def test_word_put_into_script_page_or_module__is_found() -> None:
+    for worded in ('say("Please wait for the experimenter.")', '"Agree"', "`Sound on`"):
+        assert left_in_script(f'say(word("wait")) + {worded};') == [re.split('["`]', worded)[1]]
     page = STATIC.joinpath("subject.html").read_text("utf-8")
     assert left_in_page(page.replace("{{page.pause}}", "Pause", 1)) == ["Pause"]
     assert left_in_page(page.replace("{{page.progress}}", "Progress", 1)) == ["Progress"]

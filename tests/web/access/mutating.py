@@ -6,11 +6,15 @@ import copy
 import itertools
 import json
 import logging
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from tactuator.web import server as serving
 
@@ -79,3 +83,64 @@ def _key(rng: np.random.Generator, place: Any) -> Any:
     """One of the keys of a table, or of the places of a list."""
     keys = list(place) if isinstance(place, dict) else range(len(place))
     return keys[int(rng.integers(len(keys)))]
+
+
+class Asking:
+    """One connection, whose answers are read up to that to a message which no other is like."""
+
+    def __init__(self, port: int, path: str, first: str | None, last: dict[str, Any], word: str) -> None:
+        self._open, self._last, self._word = ExitStack(), json.dumps(last), word
+        self.socket = self._open.enter_context(connect(f"ws://127.0.0.1:{port}{path}"))
+        if first is not None:
+            self.socket.send(first)
+
+    def settle(self) -> list[str]:
+        """Send the last message, and return all that was said until it was answered, as text."""
+        self.socket.send(self._last)
+        heard = [""]
+        while self._word not in heard[-1]:
+            if isinstance(text := self.socket.recv(timeout=60.0), str):
+                heard.append(text)
+                json.loads(text, parse_constant=_no_number)
+        return heard[1:]
+
+    def close(self) -> None:
+        with suppress(ConnectionClosed):
+            self._open.close()
+
+
+def _no_number(name: str) -> None:
+    raise AssertionError(f"{name} was sent, which no page can read")
+
+
+def fuzz(
+    opened: Callable[[], Asking],
+    messages: list[dict[str, Any]],
+    count: int,
+    told: tuple[pytest.LogCaptureFixture, pytest.MonkeyPatch],
+    goes_on: Callable[[], object],
+    kept: float = 1.0,
+) -> list[str]:
+    """Send so many altered messages, and return the answers; fails where a defect is logged or answered.
+
+    goes_on: called now and then, that another connection finds the server as it was. kept: share of the unaltered
+    messages that are sent.
+    """
+    hear_all(told[1])
+    rng, heard, asking = np.random.default_rng(21), [], opened()
+    for index in range(count):
+        message = messages[int(rng.integers(len(messages)))]
+        while (text := mutated(rng, message)) == json.dumps(message) and rng.random() > kept:
+            pass
+        try:
+            asking.socket.send(text)
+            if index % 20 == 19:
+                heard += asking.settle()
+        except ConnectionClosed:
+            asking.close()
+            asking = opened()
+        if index % 500 == 499 or index == count - 1:
+            goes_on()
+    asking.close()
+    assert not (amiss := defects(told[0]) + [text for text in heard if "a defect of" in text]), amiss[0]
+    return heard

@@ -31,30 +31,21 @@ def heads(paths: list[str], token: str) -> list[bytes]:
 
 
 def altered(rng: np.random.Generator, request: bytes) -> bytes:
-    """A request changed somewhere; now and then it is left as it is."""
-    made, kind = bytearray(request), int(rng.integers(9))
-    at = int(rng.integers(len(made)))
+    """A request changed somewhere; now and then it is left as it is, or is nothing but noise."""
+    made, kind = bytearray(request), int(rng.integers(8))
+    at, count = int(rng.integers(len(made))), int(rng.integers(12))
     nasty = NASTY[int(rng.integers(len(NASTY)))].encode("utf-8" if rng.random() < 0.5 else "latin-1", "replace")
-    if kind == 1:
-        made[at:at] = nasty
-    elif kind == 2:
-        made[at : at + int(rng.integers(1, 12))] = nasty
+    if kind < 3:
+        made[at : at + (0, count, len(made))[kind]] = nasty if rng.random() < 0.7 else b""
     elif kind == 3:
-        del made[at : at + int(rng.integers(1, 12))]
-    elif kind == 4:
-        del made[at:]
-    elif kind == 5:
         made[at] ^= 1 << int(rng.integers(8))
-    elif kind == 6:
-        lines = bytes(made).split(b"\r\n")
-        lines.insert(int(rng.integers(len(lines))), lines[int(rng.integers(len(lines)))])
-        return b"\r\n".join(lines)
-    elif kind == 7:
+    elif kind in (4, 5):
         lines = bytes(made).split(b"\r\n")
         line = int(rng.integers(len(lines)))
-        lines[line] = lines[line].partition(b":")[0] + b": " + nasty
+        again = lines[int(rng.integers(len(lines)))]
+        lines[line : line + 1] = [lines[line], again] if kind == 4 else [lines[line].partition(b":")[0] + b": " + nasty]
         return b"\r\n".join(lines)
-    elif kind == 8:
+    elif kind == 6:
         return bytes(rng.integers(0, 256, int(rng.integers(1, 200)), dtype=np.uint8))
     return bytes(made)
 

@@ -84,21 +84,18 @@ def unchecked() -> ssl.SSLContext:
     return made
 
 
-def test_head__that_never_comes__is_not_waited_for(client, monkeypatch) -> None:
-    monkeypatch.setattr(serving, "HEADER_TIMEOUT_S", 0.1)
-    with half_open(client.port) as one:
-        assert closed(one)
-
-
-def test_request__that_is_no_http__answered_with_the_headers_of_every_page(client) -> None:
+def test_head__that_never_comes_or_is_no_http__is_not_waited_for_or_answered_with_every_pages_headers(
+    client, monkeypatch
+) -> None:
     with socket.create_connection(("127.0.0.1", client.port), timeout=10.0) as one:
         one.sendall(b"\x00\x01nonsense\r\n\r\n")
-        answer = b""
-        while part := one.recv(4096):
-            answer += part
+        answer = b"".join(iter(lambda: one.recv(4096), b""))
     assert answer.startswith(b"HTTP/1.1 400")
     assert b"nosniff" in answer
     assert b"default-src 'self'" in answer
+    monkeypatch.setattr(serving, "HEADER_TIMEOUT_S", 0.1)
+    with half_open(client.port) as one:
+        assert closed(one)
 
 
 @pytest.mark.parametrize("streams", [False, True])
@@ -123,9 +120,7 @@ def test_request__that_is_no_http_in_its_body__ends_the_answer_without_a_word_in
         if streams:
             time.sleep(0.03)
             one.sendall(nonsense)
-        answer = b""
-        while part := one.recv(4096):
-            answer += part
+        answer = b"".join(iter(lambda: one.recv(4096), b""))
         assert answer.startswith(b"HTTP/1.1 200" if streams else b"HTTP/1.1 400")
         time.sleep(0.1)
     assert defects(caplog) == []
@@ -146,20 +141,17 @@ def test_log__a_flood_of_lines__is_limited_and_told_and_silences_no_defect(caplo
     assert caplog.records[-1].getMessage() == "later (990 lines before it were left out)"
 
 
-@pytest.mark.parametrize("content", ["", "\n", "short", "a token with spaces in it", "fünfzehn-und-mehr-zeichen"])
-def test_operator_token__that_may_be_guessed__refused(tmp_path: Path, monkeypatch, content: str) -> None:
-    (tmp_path / "token").write_text(content)
-    with pytest.raises(BadInput, match="16 or more"):
-        serve._operator_token(tmp_path / "token")
-    monkeypatch.setenv(serve.TOKEN_VARIABLE, content)
-    with pytest.raises(BadInput, match="16 or more"):
-        serve._operator_token(None)
-
-
-def test_operator_token__of_file_environment_or_fresh__is_taken(tmp_path: Path, monkeypatch) -> None:
-    (tmp_path / "token").write_text("0123456789abcdef\nsecond line\n")
-    monkeypatch.delenv(serve.TOKEN_VARIABLE, raising=False)
-    assert serve._operator_token(tmp_path / "token") == "0123456789abcdef"
+def test_operator_token__of_file_environment_or_fresh__is_taken_unless_it_may_be_guessed(tmp_path, monkeypatch) -> None:
+    file = tmp_path / "token"
+    for content in ("", "\n", "short", "a token with spaces in it", "fünfzehn-und-mehr-zeichen"):
+        file.write_text(content)
+        monkeypatch.setenv(serve.TOKEN_VARIABLE, content)
+        for given in (file, None):
+            with pytest.raises(BadInput, match="16 or more"):
+                serve._operator_token(given)
+    file.write_text("0123456789abcdef\nsecond line\n")
+    monkeypatch.delenv(serve.TOKEN_VARIABLE)
+    assert serve._operator_token(file) == "0123456789abcdef"
     assert len(serve._operator_token(None)) >= 16
     monkeypatch.setenv(serve.TOKEN_VARIABLE, "fedcba9876543210")
     assert serve._operator_token(None) == "fedcba9876543210"
