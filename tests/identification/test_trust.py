@@ -68,7 +68,8 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "status"), [("16 samples lost", 0), ("200 ppm back", 0), ("gain falls 20 %", 1), ("backlash", 0)]
+    ("name", "status"),
+    [("16 samples lost", 0), ("200 ppm back", 0), ("gain falls 20 %", 1), ("backlash", 0), ("amplifier clips", 1)],
 )
 def test_identify__spoilt_record__is_mended_or_not_trusted(name: str, status: int, tmp_path: Path) -> None:
     judged = judge(replace(BY_NAME[name], seconds=3.0), 7, tmp_path)

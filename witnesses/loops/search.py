@@ -135,8 +135,8 @@ class Judge:
     def is_stable(self, zeros: Array, poles: Array, gain: float) -> bool:
         """Tell whether the loop is stable at its gain and at 60 lower ones, by the eigenvalues of the closed loop."""
         a, b, c, d = _cascade(zeros, poles, gain)
-        one = np.eye(self.late)
-        delay = np.eye(self.late, k=-1), one[:, :1], one[-1:], np.array([[0.0]])
+        units = np.eye(self.late)
+        delay = np.eye(self.late, k=-1), units[:, :1], units[-1:], np.array([[0.0]])
         a, b, c, d = _series(_series((a, b, c, d), delay), (self.a, self.b, self.c, self.d))
         factors = np.append(np.geomspace(1e-3, 1.0, 60), 1.0)
         return all(np.max(np.abs(np.linalg.eigvals(a - factor * b @ c))) < 1.0 for factor in factors)
