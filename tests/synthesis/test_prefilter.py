@@ -26,20 +26,21 @@ def fitted(one: Channel, poles: int, rate_hz: float = 4000.0) -> PrefilterFit:
     return fit_prefilter(one, bilinear(paper.FEEDBACK, rate_hz), rate_hz, 1, poles)
 
 
-@pytest.mark.parametrize(("poles", "most_db"), [(4, 0.70), (6, 0.40), (8, 0.25)])
-@pytest.mark.parametrize("finger", ["index", "thumb", "middle"])
-def test_fit_prefilter__paper_loop__near_the_least_possible(finger: str, poles: int, most_db: float) -> None:
-    assert fitted(channel(finger), poles).max_error_db <= most_db
+LIBRARY = Threshold(curve("bolanowski-1988"))
 
 
 @pytest.mark.parametrize(
-    ("poles", "threshold", "most_db"),
-    [(4, Threshold(curve("bolanowski-1988")), 0.70), (5, MORIOKA, 2.0), (10, MORIOKA, 0.35)],
+    ("finger", "threshold", "poles", "most_db"),
+    [
+        *((name, LIBRARY, *of) for name in ("index", "thumb", "middle") for of in ((4, 0.70), (6, 0.40), (8, 0.25))),
+        ("index", MORIOKA, 5, 2.0),
+        ("index", MORIOKA, 10, 0.35),
+    ],
 )
-def test_fit_prefilter__any__stable_minimum_phase_and_bounded_above(
-    poles: int, threshold: Threshold, most_db: float
+def test_fit_prefilter__paper_loop__near_the_least_possible_stable_minimum_phase_and_bounded_above(
+    finger: str, threshold: Threshold, poles: int, most_db: float
 ) -> None:
-    fit = fitted(channel(threshold=threshold), poles)
+    fit = fitted(channel(finger, threshold=threshold), poles)
     assert fit.max_error_db <= most_db
     assert is_modest(fit, threshold, 1.0001)
 
