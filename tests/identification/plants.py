@@ -28,18 +28,6 @@ class Plant:
 PAPER = Plant(np.array([2875.0]), np.array([1.0, 94.0, 290.0]))
 
 
-def random_plant(rng) -> Plant:
-    """Two poles of 0.3 to 150 Hz, real or complex, gain 0.5 to 5."""
-    if rng.uniform() < 0.5:
-        poles = -2.0 * np.pi * np.exp(rng.uniform(np.log(0.3), np.log(150.0), 2))
-    else:
-        size, damping = 2.0 * np.pi * np.exp(rng.uniform(np.log(0.3), np.log(150.0))), rng.uniform(0.1, 0.95)
-        turn = np.sqrt(1.0 - damping**2)
-        poles = size * np.array([-damping + 1j * turn, -damping - 1j * turn])
-    den = np.real(np.poly(poles))
-    return Plant(np.array([den[-1] * rng.uniform(0.5, 5.0)]), den)
-
-
 def open_loop(plant: Plant, rng, duration_s=60.0, noise=0.1, rate_hz=RATE_HZ) -> Record:
     """White command; white sensor noise `noise` times the position's rms (0.1: 20 dB)."""
     command = rng.standard_normal(round(duration_s * rate_hz))

@@ -1,4 +1,4 @@
-"""Mechanisms that are not linear, under odd multisines of random phases: integrated with 50 steps a sample.
+"""Mechanisms that are not linear, under odd multisines of random phases: integrated with 20 steps a sample.
 
 Nothing here is the package's. Many records run at once, one a lane; the converter holds the command.
 """
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-OVER = 50
+OVER = 20
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,6 @@ class Multisines:
     lines: np.ndarray
 
     def commands(self, records, rms, rng):
-        """Commands of many records, (samples, records)."""
         made = np.zeros((self.realisations, self.period, records))
         spectrum = np.zeros((self.realisations, self.period // 2 + 1, records), dtype=complex)
         turn = rng.uniform(0.0, 2.0 * np.pi, (self.realisations, self.lines.size, records))
@@ -31,7 +30,6 @@ class Multisines:
         return np.concatenate([np.tile(one, (self.periods, 1)) for one in made])
 
     def about(self):
-        """What a record of them says of itself."""
         return {
             "period_samples": str(self.period),
             "periods": str(self.periods),
@@ -64,24 +62,4 @@ def hardening(commands, rate_hz, size, damping, cubic, square=0.0):
             place = place + h * middle
             pull = size**2 * (command - place * (1.0 + place * (square + cubic * place)))
             speed = drag * (middle + half * pull)
-    return positions
-
-
-def rubbing(commands, rate_hz, size, damping, coulomb, edge):
-    """The same with a spring that is linear and friction coulomb * tanh(x' / edge), solved for at every step."""
-    h = 1.0 / (rate_hz * OVER)
-    place, speed = np.zeros(commands.shape[1]), np.zeros(commands.shape[1])
-    positions = np.zeros(commands.shape)
-    stiff = size**2
-    for k, command in enumerate(commands):
-        positions[k] = place
-        for _ in range(OVER):
-            pull = stiff * (command - place - h * speed * 0.5)
-            new = speed
-            for _ in range(2):
-                rub = np.tanh(new / edge)
-                off = new - speed - h * (pull - damping * new - stiff * coulomb * rub)
-                new = new - off / (1.0 + h * (damping + stiff * coulomb * (1.0 - rub * rub) / edge))
-            place = place + 0.5 * h * (speed + new)
-            speed = new
     return positions

@@ -63,15 +63,12 @@ def test_asked__values_that_contradict__are_refused(texts: list[str], asked: dic
         Asked(**asked, fixed=tuple(map(Fixed.parse, texts)))
 
 
-def test_identify__fixed_value_with_least_squares__is_refused() -> None:
+def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     command, position = np.random.default_rng(0).standard_normal((2, 400))
     with pytest.raises(BadInput, match="allowed: with 'refined' alone"):
         identify(Record(1000.0, command, position), method="rls", fixed=(Fixed("mass", 1.0),))
-
-
-def test_identify_verb__magnitudes_alone__refuse_a_fixed_value(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     rows = "".join(f"{hertz:g},{1.0 / hertz:g}\n" for hertz in np.geomspace(5.0, 500.0, 20))
     (tmp_path / "sheet.csv").write_text("frequency_hz,magnitude\n" + rows)
     arguments = ["identify", str(tmp_path / "sheet.csv"), "--fix", "pole=100"]
@@ -97,6 +94,8 @@ def test_identify_verb__fixed_values__are_in_answer_table_and_model(
     assert printed["model"]["den"][-1] == pytest.approx(142000.0, rel=1e-12)
     assert printed["confidence"]["num"] == [0.0]
     assert printed["confidence"]["gain"] == 0.0
-    assert json.loads((tmp_path / "model.json").read_text())["record"]["fixed"] == "mass=0.02 stiffness=2840"
+    written = json.loads((tmp_path / "model.json").read_text())
+    assert written["record"]["fixed"] == "mass=0.02 stiffness=2840"
+    assert written["valid_hz"] == pytest.approx([5.0, 500.0])
     assert main(arguments) == 0
     assert "fixed: mass" in capsys.readouterr().out

@@ -80,7 +80,7 @@ def test_identify__short_gap_and_jitter__are_mended_and_said(tmp_path: Path) -> 
 
 
 def test_identify__clipped_sensor__is_not_trusted() -> None:
-    limit = 1.8 * float(np.std(GOOD.position))
+    limit = 1.8 * SPREAD
     clipped = replace(GOOD, position=np.clip(GOOD.position, -limit, limit))
     assert any(CLIPPED.name in reason for reason in identify(clipped, **KNOWN).distrust)
 
@@ -95,7 +95,9 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
     (said,) = (remark for remark in mended.remarks if "a knock or a seam" in remark)
     assert float(said.split()[2]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
     assert not mended.distrust
-    assert not identify(GOOD, **KNOWN).distrust
+    sound = identify(GOOD, **KNOWN)
+    assert not sound.distrust
+    assert sound.model.method == "refined"  # a spring holds it: no motor
 
 
 def test_identify__columns_swapped__is_said_before_the_fit_and_not_trusted() -> None:
@@ -106,35 +108,23 @@ def test_identify__columns_swapped__is_said_before_the_fit_and_not_trusted() -> 
     assert any("look swapped" in reason for reason in found.distrust)
 
 
-def sheet(folder: Path, head: str, row: str) -> Path:
-    hertz = np.geomspace(1.0, 100.0, 30)
-    rows = [row.format(f=f, c=c) for f, c in zip(hertz, PLANT.response(hertz), strict=True)]
-    path = folder / "sheet.csv"
-    path.write_text("\n".join([head, *rows]) + "\n")
-    return path
-
-
-def test_read_foreign_response__complex_numbers_as_text__are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="or with real and imag"):
-        read_foreign_response(sheet(tmp_path, "frequency_hz,response", "{f},{c.real:g}{c.imag:+g}j"))
-
-
-def test_read_foreign_response__real_and_imaginary_columns__are_read(tmp_path: Path) -> None:
-    path = sheet(tmp_path, "frequency_hz,real,imag", "{f},{c.real:.9g},{c.imag:.9g}")
-    assert is_response(path)
-    read = read_foreign_response(path)
-    np.testing.assert_allclose(read.value(), PLANT.response(read.frequency_hz), rtol=1e-7)
-
-
-def test_read_foreign_response__half_of_the_phases_missing__are_left_out_and_said(tmp_path: Path) -> None:
-    hertz = np.geomspace(1.0, 100.0, 30)
+def test_read_foreign_response__columns_of_others__are_read_or_refused(tmp_path: Path) -> None:
+    hertz, path = np.geomspace(1.0, 100.0, 30), tmp_path / "sheet.csv"
     value = PLANT.response(hertz)
-    rows = [
-        f"{f},{abs(c):g},{np.degrees(np.angle(c)) if k % 2 else ''}"
-        for k, (f, c) in enumerate(zip(hertz, value, strict=True))
-    ]
-    path = tmp_path / "sheet.csv"
-    path.write_text("\n".join(["frequency_hz,magnitude,phase_deg", *rows]) + "\n")
-    read = read_foreign_response(path)
-    assert read.frequency_hz.size == 15
-    assert any("15 of 30 points" in remark for remark in read.remarks)
+
+    def sheet(head: str, row: Callable[[int, complex], str]) -> Path:
+        rows = [f"{f},{row(k, c)}" for k, (f, c) in enumerate(zip(hertz, value, strict=True))]
+        path.write_text("\n".join([f"frequency_hz,{head}", *rows]) + "\n")
+        return path
+
+    with pytest.raises(BadInput, match="or with real and imag"):
+        read_foreign_response(sheet("response", lambda _, c: f"{c.real:g}{c.imag:+g}j"))
+    assert is_response(sheet("real,imag", lambda _, c: f"{c.real:.9g},{c.imag:.9g}"))
+    np.testing.assert_allclose(read_foreign_response(path).value(), value, rtol=1e-7)
+    with pytest.raises(BadInput, match="phase is missing"):
+        read_foreign_response(sheet("magnitude_db,phase_deg", lambda k, _: f"1.0,{'nan' if k % 3 else '0'}"))
+    halved = read_foreign_response(
+        sheet("magnitude,phase_deg", lambda k, c: f"{abs(c):g},{np.degrees(np.angle(c)) if k % 2 else ''}")
+    )
+    assert halved.frequency_hz.size == 15
+    assert any("15 of 30 points" in remark for remark in halved.remarks)

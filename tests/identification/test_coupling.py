@@ -96,7 +96,6 @@ def test_files__of_joint_record_and_coupling__come_back_as_they_were(tmp_path: P
     taken = joint(0.1)
     write_record(tmp_path / "r.h5", taken)
     back = read_joint_record(tmp_path / "r.h5")
-    assert back is not None
     assert back.channels == taken.channels
     assert np.array_equal(back.position, taken.position)
     assert np.array_equal(back.command, taken.command)

@@ -55,9 +55,7 @@ MASS_ALONE, POLE_AND_GAIN = [f"mass={MASS}"], [f"pole={FILTER_HZ}", f"gain={1.0 
     [
         (MOTION, MASS_ALONE, "held"),
         (FILTERED, POLE_AND_GAIN, "band-limited"),
-        pytest.param(MOTION, MASS_ALONE, "band-limited", marks=pytest.mark.slow),
         pytest.param(MOTION, [*MASS_ALONE, f"stiffness={STIFFNESS!r}"], "held", marks=pytest.mark.slow),
-        pytest.param(FILTERED, POLE_AND_GAIN, "held", marks=pytest.mark.slow),
         pytest.param(FILTERED, [f"resonance={RESONANCE_HZ},{Q}"], "held", marks=pytest.mark.slow),
     ],
 )
@@ -65,9 +63,9 @@ def test_identify__values_of_the_truth__are_exact_and_the_band_no_wider(plant, t
     free, bound = found(plant, kind), found(plant, kind, *texts)
     assert bound.order == plant.poles.size
     assert not bound.distrust
+    assert bound.model.delay_s == pytest.approx(DELAY_S, abs=2e-5)
     for one in bound.fixed:
         own = one.fixed.of_model(bound.model)
-        assert own is not None
         assert own[0] == pytest.approx(one.fixed.value, rel=1e-9)
         assert np.isnan(own[1]) or own[1] <= 1e-9 * abs(own[0])
     off = 20.0 * np.log10(np.abs(bound.model.response(HERTZ) / plant.response(HERTZ)))
@@ -82,10 +80,8 @@ def test_identify__values_of_the_truth__are_exact_and_the_band_no_wider(plant, t
     ("plant", "text", "kind"),
     [
         (MOTION, f"mass={1.2 * MASS}", "band-limited"),
-        pytest.param(MOTION, f"mass={0.8 * MASS}", "held", marks=pytest.mark.slow),
         pytest.param(MOTION, f"gain={0.8 / STIFFNESS!r}", "held", marks=pytest.mark.slow),
         pytest.param(FILTERED, "pole=100", "held", marks=pytest.mark.slow),
-        pytest.param(FILTERED, "pole=100", "band-limited", marks=pytest.mark.slow),
     ],
 )
 def test_identify__value_a_fifth_wrong__is_not_trusted_and_the_band_holds_the_truth(plant, text, kind) -> None:
@@ -127,10 +123,3 @@ def test_identify_response__value_a_fifth_wrong__is_not_trusted() -> None:
     for plant, text in ((MOTION, "mass=0.024"), (FILTERED, "pole=100")):
         made = identify_response(response(plant), Asked(fixed=(Fixed.parse(text),)))
         assert any("off the record's own" in reason for reason in made.distrust), text
-
-
-def test_identify__two_poles_asked_for_with_a_short_dead_time__finds_it() -> None:
-    for kind in ("held", "band-limited"):
-        model = identify(recorded(MOTION, kind, 2), order=2, zeros=0, hold=HOLDS[kind]).model
-        assert model.delay_s == pytest.approx(DELAY_S, abs=2e-5)
-        assert 1.0 / model.num[0] == pytest.approx(MASS, rel=5e-3)

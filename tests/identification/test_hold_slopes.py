@@ -26,7 +26,6 @@ def test_held_slopes__every_form__are_those_of_the_response(name: str) -> None:
         return response_columns(grid, at, late, form, rungs) @ numerator
 
     found = held_slopes(grid, theta, delay, form, rungs, numerator, np.full(theta.size, 1e-7))
-    assert found is not None
     moves = [(step, 0.0, step.sum()) for step in 1e-5 * np.eye(theta.size) * np.maximum(np.abs(theta), 0.1)]
     moves += [(np.zeros(theta.size), 1e-5, 1e-5)] * form.dead_time
     for j, (step, late, size) in enumerate(moves):

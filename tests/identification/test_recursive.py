@@ -8,20 +8,14 @@ from tactuator.identification.recursive import companion_states, recursive_least
 from tests.identification.plants import PAPER, RATE_HZ
 
 
-def test_companion_states__paper_plant__agree_with_scipy_zero_order_hold() -> None:
-    command = np.random.default_rng(0).standard_normal(20000)
-    states = companion_states(PAPER.den, command, RATE_HZ)
-    np.testing.assert_allclose(2875.0 * states[:, 0], signal.lfilter(*PAPER.sampled(), command), atol=1e-10)
-
-
-def test_companion_states__first_order_hold__agrees_with_scipy_foh() -> None:
+@pytest.mark.parametrize(("hold", "method"), [("zero-order", "zoh"), ("first-order", "foh")])
+def test_companion_states__paper_plant__agree_with_scipys_hold(hold: str, method: str) -> None:
     command = np.cumsum(np.random.default_rng(1).standard_normal(5000))
-    a, b, c, d, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ, method="foh")
+    command -= command[0]
+    a, b, c, d, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ, method=method)
     _, expected, _ = signal.dlsim((a, b, c, d, 1.0 / RATE_HZ), command)
-    made = 2875.0 * companion_states(PAPER.den, command - command[0], RATE_HZ, hold="first-order")[:, 0]
-    shifted = command - command[0]
-    _, expected, _ = signal.dlsim((a, b, c, d, 1.0 / RATE_HZ), shifted)
-    np.testing.assert_allclose(made, expected[:, 0], atol=1e-8)
+    states = companion_states(PAPER.den, command, RATE_HZ, hold=hold)
+    np.testing.assert_allclose(2875.0 * states[:, 0], expected[:, 0], atol=1e-8)
 
 
 def test_recursive_least_squares__no_forgetting__is_batch_least_squares() -> None:

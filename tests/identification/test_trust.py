@@ -76,6 +76,7 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
         ("200 ppm back", 0),
         ("gain falls 20 %", 1),
         ("backlash", 0),
+        ("amplifier clips", 1),
         ("every 4th sample, white", 1),
     ],
 )

@@ -53,11 +53,6 @@ def test_validate__another_mechanism__fails_with_the_reason(found: Identificatio
     assert any(reason in one and "bench.h5" in one for one in stands.failures)
 
 
-def test_validate__other_units__are_refused(found: Identification) -> None:
-    with pytest.raises(BadInput, match="allowed: the same units"):
-        validate(found, replace(made(2), position_unit="mm"))
-
-
 def test_validate__motor_with_friction__holds_on_its_other_half_and_fails_with_another_mass() -> None:
     _, command, position = motor(np.random.default_rng(3), duration_s=20.0, steps=10)
     half = command.size // 2
@@ -97,6 +92,11 @@ def test_identify__several_records__tell_more_than_one() -> None:
 def test_identify__records_that_do_not_go_together__are_refused(second: Record, reason: str) -> None:
     with pytest.raises(BadInput, match=reason):
         identify([made(1), second])
+
+
+def test_validate__other_units__are_refused(found: Identification) -> None:
+    with pytest.raises(BadInput, match="allowed: the same units"):
+        validate(found, replace(made(2), position_unit="mm"))
 
 
 def test_identify_verb__validation_fails__status_one_and_the_reason(tmp_path: Path, capsys) -> None:

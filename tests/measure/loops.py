@@ -23,7 +23,6 @@ def display(environment: Environment = STANDARD) -> Display:
 def loop_response(made: Controller, frequency_hz):
     """(H, S), sampled, with one sample of delay."""
     feedback = made.channels[0].feedback(RATE_HZ)
-    assert feedback is not None
     late = np.exp(-2j * np.pi * frequency_hz / RATE_HZ)
     loop = feedback.response(frequency_hz) * late * zero_order_hold(PLANT, RATE_HZ).response(frequency_hz)
     sensitivity = 1.0 / (1.0 + loop)

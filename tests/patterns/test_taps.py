@@ -26,52 +26,22 @@ from tactuator.patterns.taps import (
 )
 from tactuator.synthesis.design import design_controller
 
-LONG_GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
+HEAD = 'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
 
-xmin = 0
-xmax = 1.2
-tiers? <exists>
-size = 2
-item []:
-    item [1]:
-        class = "IntervalTier"
-        name = "words"
-        xmin = 0
-        xmax = 1.2
-        intervals: size = 1
-        intervals [1]:
-            xmin = 0
-            xmax = 1.2
-            text = "he said ""no"" twice"
-    item [2]:
-        class = "IntervalTier"
-        name = "phones"
-        xmin = 0
-        xmax = 1.2
-        intervals: size = 3
-        intervals [1]:
-            xmin = 0
-            xmax = 0.25
-            text = ""
-        intervals [2]:
-            xmin = 0.25
-            xmax = 0.5
-            text = "N"
-        intervals [3]:
-            xmin = 0.5
-            xmax = 1.2
-            text = "OW1"
-"""
-SHORT_GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
 
-0
-1.2
-<exists>
-2
-"IntervalTier"
-"""
+def tier(number: int, name: str, *spoken: tuple[float, float, str]) -> str:
+    rows = [f"    item [{number}]:", '        class = "IntervalTier"', f'        name = "{name}"']
+    rows += ["        xmin = 0", "        xmax = 1.2", f"        intervals: size = {len(spoken)}"]
+    for k, (start, end, text) in enumerate(spoken, 1):
+        rows.append(f"        intervals [{k}]:")
+        rows += [f"            xmin = {start}", f"            xmax = {end}", f'            text = "{text}"']
+    return "\n".join(rows) + "\n"
+
+
+WORDS = tier(1, "words", (0, 1.2, 'he said ""no"" twice'))
+PHONES = tier(2, "phones", (0, 0.25, ""), (0.25, 0.5, "N"), (0.5, 1.2, "OW1"))
+LONG_GRID = HEAD + "xmin = 0\nxmax = 1.2\ntiers? <exists>\nsize = 2\nitem []:\n" + WORDS + PHONES
+SHORT_GRID = HEAD + '0\n1.2\n<exists>\n2\n"IntervalTier"\n'
 
 
 @pytest.fixture(scope="module")
@@ -115,16 +85,13 @@ def test_phonemes__of_a_string__are_by_taps_names(text):
     assert phonemes_of("J AY", "taps") == (SpokenPhoneme("J"), SpokenPhoneme("AY"))
 
 
-def test_phonemes__of_a_textgrid_in_either_form__are_those_of_its_phones(tmp_path):
+def test_phonemes__of_a_textgrid_in_either_form_or_a_table__are_those_of_its_phones(tmp_path):
     grid = tmp_path / "a.TextGrid"
     grid.write_text(LONG_GRID)
     assert phonemes_of(str(grid)) == (SpokenPhoneme("N", 0.25), SpokenPhoneme("OE", 0.5))
     values = [line.partition("=")[2].strip() for line in LONG_GRID.splitlines()[8:] if "=" in line]
     (tmp_path / "b.TextGrid").write_text("\n".join([*LONG_GRID.splitlines()[:3], "0", "1.2", "<exists>", "2", *values]))
     assert phonemes_of(str(tmp_path / "b.TextGrid")) == phonemes_of(str(grid))
-
-
-def test_phonemes__of_a_table__have_their_times(tmp_path):
     (tmp_path / "a.csv").write_text("start_s,end_s,phoneme\n0.1,0.2,B\n0.2,0.4,IY\n")
     assert phonemes_of(str(tmp_path / "a.csv")) == (SpokenPhoneme("B", 0.1), SpokenPhoneme("EE", 0.2))
 

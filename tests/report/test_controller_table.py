@@ -2,8 +2,6 @@
 
 from types import SimpleNamespace
 
-import pytest
-
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.report.tables import design_rows, finding_row, load_words, remark_lines
 
@@ -45,38 +43,24 @@ def test_design_rows__of_a_report__print_two_digits_after_the_point():
     ]
 
 
-def test_finding_row__with_a_value__prints_two_digits_and_four_of_the_frequency():
+def test_finding_row__with_and_without_a_value__prints_two_digits_and_four_of_the_frequency():
     found = Finding("iv", "index", "finger", Outcome.NOT_MET, "felt hum", 3.14159, 0.5, "dB SL", 59.99951)
-    assert finding_row(found) == (
-        "iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger",
-    )  # fmt: skip
+    shown = ("iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger")
+    assert finding_row(found) == shown
+    bare = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
+    assert finding_row(bare) == ("build", "thumb", "not judged", "float32", "", "", "free")
 
 
-def test_finding_row__without_a_value__has_empty_cells():
-    found = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
-    assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "free")
+def test_load_words__load_and_member_of_a_family__are_plain():
+    assert [load_words(name) for name in ("none", "finger", "none, model 2", "finger, model 3")] == [
+        "free", "finger", "free, plant 2 of the family", "finger, plant 3 of the family",
+    ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("none", "free"), ("finger", "finger"), ("none, model 2", "free, plant 2 of the family"),
-        ("finger, model 3", "finger, plant 3 of the family"),
-    ],
-)  # fmt: skip
-def test_load_words__load_and_member_of_a_family__are_plain(name: str, words: str):
-    assert load_words(name) == words
-
-
-def test_remark_lines__the_same_of_three_objectives__one_line():
-    found = [
-        Finding(name, "index", "none", Outcome.NOT_JUDGED, "x", remark="nothing tells") for name in ("i", "ii", "i")
-    ]
-    assert remark_lines(found) == ["i, ii, index: nothing tells"]
-
-
-def test_remark_lines__the_same_of_three_channels__one_line():
+def test_remark_lines__the_same_of_several_objectives_and_channels__one_line():
+    twice = [Finding(name, "c", "none", Outcome.NOT_JUDGED, "x", remark="nothing tells") for name in ("i", "ii", "i")]
     same = [Finding("iv", name, "none", Outcome.NOT_JUDGED, "change", remark="no load") for name in ("a", "b", "c")]
     other = Finding("ii", "b", "none", Outcome.NOT_MET, "felt hum", remark="less hum")
     quiet = Finding("i", "a", "none", Outcome.MET, "error")
     assert remark_lines([quiet, *same, other]) == ["iv, a, b, c: no load", "ii, b: less hum"]
+    assert remark_lines(twice) == ["i, ii, c: nothing tells"]

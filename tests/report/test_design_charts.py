@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactuator.errors import BadInput
-from tactuator.report.controller import design_plates, save_design_plates
+from tactuator.report.controller import design_plates, resolution_plate, save_design_plates
 from tactuator.report.nichols import hull, nichols_plate
 from tactuator.report.plate import Plate
 from tactuator.signals.discretise import bilinear
@@ -21,6 +21,7 @@ from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import plant_family
+from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 from tests.synthesis.displays import channel, paper_controller, three_finger_controller
 
 
@@ -34,47 +35,75 @@ def paper_chart() -> Plate:
 
 
 def boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:
-    """Pixel boxes of every text inside the axes."""
     FigureCanvasAgg(plate.figure)
     plate.figure.draw_without_rendering()
     axes = plate.figure.axes[0]
     return {text.get_text(): text.get_window_extent().extents for text in axes.texts if text.get_text()}
 
 
+def all_boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:
+    """Pixel boxes of every text: legends, titles, labels, ticks."""
+    FigureCanvasAgg(plate.figure)
+    plate.figure.draw_without_rendering()
+    texts = [text for legend in plate.figure.legends for text in legend.get_texts()]
+    for axes in plate.figure.axes:
+        texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            shown = (tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high)
+            texts += [tick.label1 for tick in shown if tick.label1.get_visible()]
+    return {
+        f"{text.get_text()} {k}": text.get_window_extent().extents for k, text in enumerate(texts) if text.get_text()
+    }
+
+
+def assert_apart_and_within(found: dict[str, tuple[float, ...]], frame: tuple[float, ...]) -> None:
+    left, bottom, right, top = frame
+    for name, (x0, y0, x1, y1) in found.items():
+        assert left <= x0 <= x1 <= right, name
+        assert bottom <= y0 <= y1 <= top, name
+    for (one, a), (other, b) in combinations(found.items(), 2):
+        apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+        assert apart, f"{one} over {other}"
+
+
 @cache
 def designed_charts(finger: str) -> dict[str, Plate]:
-    """The charts of a designed display's finger, by their names."""
     return {plate.name: plate for plate in design_plates(three_finger_controller(), finger)}
 
 
 @pytest.mark.parametrize("chart", [paper_chart, lambda: designed_charts("thumb")["nichols-thumb"]])
 def test_nichols__labels__neither_collide_nor_leave_the_frame(chart: Callable[[], Plate]) -> None:
     made = chart()
-    found = boxes(made)
-    left, bottom, right, top = made.figure.axes[0].get_window_extent().extents
-    for x0, y0, x1, y1 in found.values():
-        assert left <= x0
-        assert x1 <= right
-        assert bottom <= y0
-        assert y1 <= top
-    for (one, a), (other, b) in combinations(found.items(), 2):
-        apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-        assert apart, f"{one} over {other}"
+    assert_apart_and_within(boxes(made), made.figure.axes[0].get_window_extent().extents)
 
 
-def test_nichols__marks__frequencies_margins_and_grid_are_there() -> None:
-    texts = set(boxes(paper_chart()))
-    assert {"1 Hz", "10 Hz", "20 Hz", "50 Hz", "100 Hz"} <= texts
-    assert {"55.8°", "25.4 dB"} <= texts
-    assert {"0 dB", "−3 dB", "−20 dB", "−90°"} <= texts
+def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end() -> None:
+    rates = (4000.0, 8000.0, 16000.0, 32000.0)
+    bits = {
+        "direct": [(22, 35), (25, 40), (28, 43), (32, MOST_BITS + 1)],
+        "sections": [(16, 25), (19, 28), (20, 28), (23, 31)],
+        "delta": [(0, 14), (0, 14), (0, 13), (0, 13)],
+    }
+    forms = {form: {r: BitsNeeded(*b) for r, b in zip(rates, of, strict=True)} for form, of in bits.items()}
+    made = resolution_plate({"prefilter": forms, "feedback": forms}, whose="a controller")
+    found = all_boxes(made)
+    assert len(found) > 20
+    assert_apart_and_within(found, (0.0, 0.0, *made.figure.canvas.get_width_height()))
+    ends = [np.isnan(line.get_ydata()[-1]) for line in made.figure.axes[0].get_lines() if len(line.get_ydata()) == 4]
+    assert ends == [True, False, False, False, False, False]
+    assert MOST_BITS + 1 in made.table["accurate_bits"]
+    assert len(made.table["rate_hz"]) == 24
+    assert f"{MOST_BITS} bits are not enough" in made.caption
 
 
-def test_nichols__phase_axis_and_caption__cover_the_data_and_say_which_contours_are_touched() -> None:
+def test_nichols__marks_axis_and_caption__are_there_cover_the_data_and_say_which_contours_are_touched() -> None:
     plate = paper_chart()
+    marks = {"1 Hz", "10 Hz", "20 Hz", "50 Hz", "100 Hz", "55.8°", "25.4 dB", "0 dB", "−3 dB", "−20 dB", "−90°"}
+    assert marks <= set(boxes(plate))
     assert all(words in plate.caption for words in ("|T| = 0.79 dB", "|S| = 2.95 dB"))
     left, right = plate.figure.axes[0].get_xlim()
-    seen = np.array(plate.table["gain_db"]) > -50.0
-    phase = np.array(plate.table["phase_deg"])[seen]
+    phase = np.array(plate.table["phase_deg"])[np.array(plate.table["gain_db"]) > -50.0]
     assert left <= phase.min()
     assert phase.max() <= right
 
@@ -122,14 +151,13 @@ def test_equality__felt_level__flat() -> None:
     assert "inferred" in plate.caption
 
 
-def test_save__folder_with_other_things__refused(tmp_path: Path) -> None:
-    (tmp_path / "precious.txt").write_text("keep me")
-    with pytest.raises(BadInput, match="precious"):
-        save_design_plates(paper_controller(), tmp_path)
-
-
-def test_save__every_plate__svg_and_csv(tmp_path: Path) -> None:
-    folder = tmp_path / "charts"
-    save_design_plates(paper_controller(), folder)
+def test_save__every_plate__svg_and_csv_in_a_folder_of_nothing_else(tmp_path: Path) -> None:
+    save_design_plates(paper_controller(), tmp_path / "charts")
     names = {f"{kind}-index" for kind in ("nichols", "bode", "sensitivity", "headroom", "equality")}
-    assert {path.stem for path in folder.glob("*.svg")} == {path.stem for path in folder.glob("*.csv")} == names
+    for ending in ("svg", "csv"):
+        assert {path.stem for path in (tmp_path / "charts").glob(f"*.{ending}")} == names
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "precious.txt").write_text("keep me")
+    with pytest.raises(BadInput, match="precious"):
+        save_design_plates(paper_controller(), other)

@@ -10,21 +10,12 @@ from tactuator.report.tables import printed_factors, printed_polynomial
 from tactuator.signals.systems import ContinuousSystem
 
 
-def test_printed_polynomial__signs_ones_and_zeros__written_as_by_hand():
+def test_printed__signs_ones_zeros_pairs_and_repeated_roots__written_as_by_hand():
     assert printed_polynomial(np.array([-1.0, 0.0, 2.5, -3.0])) == "−s³ + 2.5s − 3"
-
-
-def test_printed_factors__the_papers_loop__has_its_corners():
     paper = ContinuousSystem.from_polynomials([12.264, 12.264 * 111, 12.264 * 530], [1, 260, 0])
     assert printed_factors(paper) == "12.264 (s + 5) (s + 106) / (s (s + 260))"
-
-
-def test_printed_factors__pair_and_repeated_roots__one_factor_each():
-    system = ContinuousSystem(np.array([]), np.array([-3 + 4j, -3 - 4j, -7, -7]), 2.0)
-    assert printed_factors(system) == "2 / ((s² + 6s + 25) (s + 7)²)"
-
-
-def test_printed_factors__nothing_but_a_gain__is_the_gain():
+    pair = ContinuousSystem(np.array([]), np.array([-3 + 4j, -3 - 4j, -7, -7]), 2.0)
+    assert printed_factors(pair) == "2 / ((s² + 6s + 25) (s + 7)²)"
     assert printed_factors(ContinuousSystem(np.array([]), np.array([]), 0.5)) == "0.5"
 
 

@@ -28,6 +28,16 @@ def polynomial_response(
     return np.array(values)
 
 
+def level_db(sections: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
+    """The level of a cascade of sections (rows of six), dB."""
+    parts = [
+        polynomial_response(half, np.array([frequency_hz]), rate_hz)[0]
+        for row in sections
+        for half in (row[:3], row[3:])
+    ]
+    return float(20.0 * np.log10(abs(np.prod(parts[::2]) / np.prod(parts[1::2]))))
+
+
 def difference_response(
     row: Sequence[float], frequency_hz: NDArray[np.float64], rate_hz: float
 ) -> NDArray[np.complex128]:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
+from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import (
     FeedbackLoop,
@@ -49,35 +50,27 @@ def test_margins__paper_continuous__facts_section_1() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "phase_margin_deg"), [(2000, 53.06), (4000, 55.83), (8000, 57.21)])
 def test_margins__paper_sampled__facts_section_1(rate_hz: float, phase_margin_deg: float) -> None:
-    found = margins(sampled_paper_loop(rate_hz))
+    loop = sampled_paper_loop(rate_hz)
+    found = margins(loop)
     assert found.phase_margin_deg == pytest.approx(phase_margin_deg, abs=0.005)
     assert found.crossover_hz == pytest.approx(20.48, abs=0.01)
+    if rate_hz == 4000.0:
+        assert found.gain_margin_db == pytest.approx(25.4, abs=0.05)
+        assert found.sensitivity_peak == pytest.approx(1.4048, abs=0.00005)
+        assert found.complementary_peak == pytest.approx(1.10, abs=0.006)
+        assert db(loop.complementary([60.0, 120.0, 180.0])) == pytest.approx([-11.95, -24.10, -31.20], abs=0.006)
+        assert db(loop.sensitivity([1.0, 5.0, 10.0])) == pytest.approx([-29.08, -13.69, -6.86], abs=0.006)
+        assert str(found).startswith("crossover")
+        assert "phase margin 55.83 deg" in str(found)
+        assert "\n" not in str(found)
 
 
-def test_margins__paper_at_4_khz__gain_margin_and_peaks() -> None:
-    found = margins(sampled_paper_loop(4000.0))
-    assert found.gain_margin_db == pytest.approx(25.4, abs=0.05)
-    assert found.sensitivity_peak == pytest.approx(1.4048, abs=0.00005)
-    assert found.complementary_peak == pytest.approx(1.10, abs=0.006)
-
-
-def test_loop__paper_at_4_khz__rejection_and_mains_of_the_facts() -> None:
+def test_delay_and_gain_margin__that_much_more__on_the_edge_of_stability() -> None:
     loop = sampled_paper_loop(4000.0)
-    mains = 20.0 * np.log10(np.abs(loop.complementary([60.0, 120.0, 180.0])))
-    assert mains == pytest.approx([-11.95, -24.10, -31.20], abs=0.006)
-    rejection = 20.0 * np.log10(np.abs(loop.sensitivity([1.0, 5.0, 10.0])))
-    assert rejection == pytest.approx([-29.08, -13.69, -6.86], abs=0.006)
-
-
-def test_delay_margin__that_many_samples_more__on_the_edge_of_stability() -> None:
-    spare = margins(sampled_paper_loop(4000.0)).delay_margin_samples
-    assert spare is not None
+    spare = margins(loop).delay_margin_samples
     assert sampled_paper_loop(4000.0, 1 + int(np.floor(spare))).is_stable
     assert not sampled_paper_loop(4000.0, 1 + int(np.ceil(spare))).is_stable
 
-
-def test_gain_margin__that_much_more_gain__on_the_edge_of_stability() -> None:
-    loop = sampled_paper_loop(4000.0)
     factor = 10.0 ** (margins(loop).gain_margin_db / 20.0)
     c = loop.controller
     assert isinstance(c, SampledSystem)
@@ -93,11 +86,14 @@ def test_margins__unstable_loop_that_python_control_gives_margins__refused() -> 
         margins(loop)
 
 
-def test_margins__conditionally_stable_loop__gain_may_fall_only_so_far() -> None:
+def test_margins__conditionally_stable_loop_or_no_crossover__gain_may_fall_only_so_far_and_no_phase_margin() -> None:
     """L = K (s + 1)^2/s^3 is stable for K > 1/2 (Routh): at K = 2 the gain may fall by 12.04 dB, and rise for ever."""
     found = margins(FeedbackLoop(ContinuousSystem([-1.0, -1.0], [0.0, 0.0, 0.0], 2.0), UNITY))
     assert found.gain_reduction_db == pytest.approx(-12.0412, abs=1e-3)
     assert found.gain_margin_db == np.inf
+    low = margins(FeedbackLoop(ContinuousSystem([], [-1.0], 0.5), UNITY))
+    assert np.isnan(low.crossover_hz)
+    assert low.phase_margin_deg == np.inf
 
 
 @given(
@@ -144,17 +140,6 @@ def test_margins__dead_time__delay_margin_of_an_integrator() -> None:
     assert FeedbackLoop(ContinuousSystem([], [0.0], omega, 0.156), UNITY).is_stable
 
 
-def test_margins__no_crossover__no_phase_margin() -> None:
-    found = margins(FeedbackLoop(ContinuousSystem([], [-1.0], 0.5), UNITY))
-    assert np.isnan(found.crossover_hz)
-    assert found.phase_margin_deg == np.inf
-
-
-def test_loop__continuous_with_sampled__refused() -> None:
-    with pytest.raises(BadInput, match="cannot be combined"):
-        FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0))
-
-
 @given(damping=st.floats(0.02, 1.5), corner=st.floats(2.0, 400.0), gain=st.floats(0.1, 5.0))
 def test_margins__random_second_order_loop__python_control_agrees(damping: float, corner: float, gain: float) -> None:
     num, den = [gain * corner**2], [1.0, 2.0 * damping * corner, corner**2]
@@ -180,13 +165,7 @@ def _identities(loop: FeedbackLoop, found: Margins) -> None:
     assert found.gain_margin_db >= found.disk.gain_db - 1e-6
 
 
-def test_str__margins__reads_as_a_line() -> None:
-    text = str(margins(sampled_paper_loop(4000.0)))
-    assert "phase margin 55.83 deg" in text
-    assert "\n" not in text
-
-
-@pytest.mark.parametrize("rate_hz", [1250.0, 2500.0, 5000.0, 40_000.0])
+@pytest.mark.parametrize("rate_hz", [1250.0, 40_000.0])
 def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> None:
     """A point of the grid where a function is zero but for rounding, told one way there and another here."""
     found, near = margins(sampled_paper_loop(rate_hz)), margins(sampled_paper_loop(rate_hz * 1.001))
@@ -200,38 +179,28 @@ def paper_loop(rate_hz: float) -> TwoDegreeLoop:
     return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), bilinear(paper.FEEDBACK, rate_hz), plant)
 
 
-def test_position_response__where_polynomials_lose_all_digits__is_right() -> None:
-    """facts, section 2: python-control gives -80.8 dB at 10 Hz (4 kHz) and -65.3 dB at 60 Hz (8 kHz); the true values
-    are about -6.0 and -20.0 (with the sample of delay |T| is 0.1 dB more)."""
-    at_10 = 20.0 * np.log10(abs(paper_loop(4000.0).position_response(10.0)))
-    at_60 = 20.0 * np.log10(abs(paper_loop(8000.0).position_response(60.0)))
-    assert at_10 == pytest.approx(-6.0, abs=0.2)
-    assert at_60 == pytest.approx(-20.0, abs=0.2)
-
-
-def test_position_response__paper_continuous__facts_section_1() -> None:
+def test_position_response__paper__facts_sections_1_and_2() -> None:
+    """python-control gives -80.8 dB at 10 Hz (4 kHz) and -65.3 dB at 60 Hz (8 kHz), where polynomials lose all digits;
+    the true values are about -6.0 and -20.0 (with the sample of delay |T| is 0.1 dB more)."""
+    assert db(paper_loop(4000.0).position_response(10.0)) == pytest.approx(-6.0, abs=0.2)
+    assert db(paper_loop(8000.0).position_response(60.0)) == pytest.approx(-20.0, abs=0.2)
     loop = TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
     frequency = [1, 2, 5, 10, 20, 30, 50, 100, 150, 200, 250, 300, 400]
     wanted = [0.32, 0.41, -1.91, -5.94, -9.45, -11.57, -17.33, -28.73, -36.59, -42.68, -47.68, -51.92, -58.86]
-    level = 20.0 * np.log10(np.abs(loop.position_response(frequency)) / abs(loop.position_response(1e-6)))
+    level = db(loop.position_response(frequency)) - db(loop.position_response(1e-6))
     assert level == pytest.approx(wanted, abs=0.006)
 
 
 def test_responses__hold_together() -> None:
     loop = paper_loop(4000.0)
-    assert loop.feedback is not None
     f = np.geomspace(0.1, 1900.0, 50)
     plant = loop.plant.response(f)
     assert np.allclose(loop.command_response(f) * plant, loop.position_response(f), rtol=1e-12)
     assert np.allclose(loop.feedback.load_sensitivity(f), plant * loop.feedback.sensitivity(f), rtol=1e-12)
-
-
-def test_open_loop_display__prefilter_ahead_of_the_plant() -> None:
-    plant, prefilter = ContinuousSystem([], [-5.0], 5.0), ContinuousSystem([-5.0], [-50.0], 10.0)
-    loop = TwoDegreeLoop(prefilter, None, plant)
-    assert loop.feedback is None
-    assert np.allclose(loop.position_response(3.0), plant.response(3.0) * prefilter.response(3.0))
-    assert np.allclose(loop.command_response(3.0), prefilter.response(3.0))
+    alone = TwoDegreeLoop(loop.prefilter, None, loop.plant)
+    assert alone.feedback is None
+    assert np.allclose(alone.position_response(f), plant * loop.prefilter.response(f))
+    assert np.allclose(alone.command_response(f), loop.prefilter.response(f))
 
 
 SAMPLED = FeedbackLoop(bilinear(paper.FEEDBACK, 4000.0), zero_order_hold(paper.PLANT, 4000.0))
@@ -254,7 +223,7 @@ def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.n
         return np.array([complex(x) for x in mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, asc=True)])
 
 
-@pytest.mark.parametrize("rate_hz", [4e3, 8e3, 16e3, 32e3, 64e3])
+@pytest.mark.parametrize("rate_hz", [4e3, 64e3])
 def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
     open_loop = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz)
     delayed = open_loop * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
@@ -265,16 +234,6 @@ def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
         assert np.min(np.abs(found - root)) < 1e-9 * abs(root) + 1e-15
 
 
-@given(st.lists(st.floats(-50.0, -0.1), min_size=2, max_size=6), st.floats(0.01, 100.0))
-def test_closed_roots__random_real_poles__residual_is_small(poles: list[float], gain: float) -> None:
-    zeros = np.array([-3.0 + 0j])
-    found = closed_roots(zeros, np.array(poles, dtype=complex), gain)
-    for root in found:
-        parts = np.prod(root - np.array(poles)), gain * np.prod(root - zeros)
-        scale = np.prod(np.abs(root) + np.abs(poles)) + abs(gain) * np.prod(np.abs(root) + np.abs(zeros))
-        assert abs(sum(parts)) < 1e-9 * scale
-
-
 def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:
     """A controller that cancels an unstable pole leaves it in the loop."""
     c = ContinuousSystem([2.0], [0.0], 1.0)
@@ -283,33 +242,24 @@ def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:
 
 
 def test_is_stable__dead_time__as_the_closed_form_says() -> None:
-    """e^(-sT) k/(s + 1), k = 2: stable while T < arccos(-1/k)/sqrt(k^2 - 1) = 1.2092 s."""
+    """e^(-sT) k/(s + 1), k = 2: stable while T < arccos(-1/k)/sqrt(k^2 - 1) = 1.2092 s; k e^(-sT)/(s - 1): 0.6046 s."""
     assert is_stable(ContinuousSystem([], [-1.0], 2.0, 1.20))
     assert not is_stable(ContinuousSystem([], [-1.0], 2.0, 1.22))
     assert is_stable(ContinuousSystem([], [-1.0], 0.9, 50.0))
-
-
-def test_is_stable__unstable_plant_held_by_feedback_with_dead_time__stable() -> None:
-    """k e^(-sT)/(s - 1), k = 2: stable while T < arccos(1/k)/sqrt(k^2 - 1) = 0.6046 s."""
     assert is_stable(ContinuousSystem([], [1.0], 2.0, 0.60))
     assert not is_stable(ContinuousSystem([], [1.0], 2.0, 0.61))
 
 
-def test_closed_poles__dead_time__refused() -> None:
-    with pytest.raises(BadInput, match="dead time"):
-        closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1))
-
-
-def test_closed_roots__improper__refused() -> None:
-    with pytest.raises(BadInput, match="no more zeros than poles"):
-        closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0)
-
-
-def test_closed_roots__algebraic_loop_without_solution__refused() -> None:
-    with pytest.raises(BadInput, match="direct gain"):
-        closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0)
-
-
-def test_is_stable__dead_time_and_direct_path__refused() -> None:
-    with pytest.raises(BadInput, match="strictly proper"):
-        is_stable(ContinuousSystem([-1.0], [-2.0], 0.5, 0.1))
+@pytest.mark.parametrize(
+    ("of", "words"),
+    [
+        (lambda: closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1)), "dead time"),
+        (lambda: closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0), "no more zeros than poles"),
+        (lambda: closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0), "direct gain"),
+        (lambda: is_stable(ContinuousSystem([-1.0], [-2.0], 0.5, 0.1)), "strictly proper"),
+        (lambda: FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0)), "cannot be combined"),
+    ],
+)
+def test_loop__that_cannot_be__refused(of, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        of()

@@ -30,18 +30,8 @@ def test_off_mains__any_frequency__keeps_two_hertz_from_multiples(hertz: float) 
     nearest = 60.0 * max(round(moved / 60.0), 1)
     assert abs(moved - nearest) >= 2.0 - 1e-9
     assert abs(moved - hertz) <= 4.0
-
-
-def test_mains_multiples__none__is_empty() -> None:
-    assert mains_multiples(None, 300.0).size == 0
+    assert mains_multiples(None, hertz).size == 0
     assert mains_multiples(60.0, 300.0).tolist() == [60.0, 120.0, 180.0, 240.0, 300.0]
-
-
-def test_lock_in__above_half_the_rate__is_refused() -> None:
-    with pytest.raises(BadInput, match="allowed"):
-        lock_in(np.zeros(100), 2000.0, RATE_HZ)
-    with pytest.raises(BadInput, match="samples"):
-        lock_in(np.zeros(4), [10.0, 20.0], RATE_HZ)
 
 
 def test_power_spectrum__white_noise__integrates_to_its_variance() -> None:
@@ -57,8 +47,6 @@ def test_power_spectrum__line_left_out__band_keeps_the_rest() -> None:
     hum = 3.0 * np.sin(2.0 * np.pi * 60.0 * np.arange(80000) / RATE_HZ)
     with_hum = power_spectrum(noise + hum, RATE_HZ, 1.0).power(50.0, 70.0, [60.0], 2.0)
     assert with_hum == pytest.approx(20.0 / 2000.0, rel=0.2)
-    with pytest.raises(BadInput, match="allowed"):
-        power_spectrum(np.zeros(100), RATE_HZ, 1.0)
 
 
 def test_tone__ramps__begin_and_end_in_silence() -> None:
@@ -67,35 +55,37 @@ def test_tone__ramps__begin_and_end_in_silence() -> None:
     assert abs(made[0]) < 1e-3
     assert np.max(np.abs(made)) == pytest.approx(2.0, rel=1e-3)
     np.testing.assert_allclose(ramps(100, RATE_HZ, 0.01), ramps(100, RATE_HZ, 0.01)[::-1])
-    for call in (
-        lambda: tone(0.0, 1.0, 1.0, RATE_HZ),
-        lambda: ramps(10, RATE_HZ, 1.0),
-        lambda: tone(9.0, 1.0, 0.0, RATE_HZ),
-    ):
-        with pytest.raises(BadInput, match="allowed"):
-            call()
 
 
 NOMINAL = [2, 2.5, 3.15, 4, 5, 6.3, 8, 10, 12.5, 16, 20, 25, 31.5, 40, 50, 63, 80, 100, 125, 160, 200, 250]
 
 
-def test_third_octave_bands__two_to_250__are_the_nominal_ones() -> None:
-    centres = [band.centre_hz for band in third_octave_bands(2.0, 250.0)]
-    np.testing.assert_allclose(centres, NOMINAL, rtol=0.02)
-
-
-def test_third_octave_bands__neighbours__share_an_edge() -> None:
-    bands = third_octave_bands(2.0, 300.0)
+def test_third_octave_bands__two_to_250__are_the_nominal_ones_edge_by_edge() -> None:
+    bands = third_octave_bands(2.0, 250.0)
+    np.testing.assert_allclose([band.centre_hz for band in bands], NOMINAL, rtol=0.02)
     np.testing.assert_allclose([b.high_hz for b in bands[:-1]], [b.low_hz for b in bands[1:]])
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.0, 10.0), (-1.0, 10.0), (20.0, 10.0)])
-def test_third_octave_bands__no_band__is_refused(low: float, high: float) -> None:
-    with pytest.raises(BadInput, match="allowed: 0 < low"):
-        third_octave_bands(low, high)
 
 
 def test_db__hand_numbers__are_met() -> None:
     np.testing.assert_allclose(db([1.0, 10.0, -2.0, 1j]), [0.0, 20.0, 6.020599913, 0.0], atol=1e-9)
     assert db(0.0) == -np.inf
     np.testing.assert_allclose(from_db([0.0, 20.0, -6.020599913]), [1.0, 10.0, 0.5], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: lock_in(np.zeros(100), 2000.0, RATE_HZ), "allowed"),
+        (lambda: lock_in(np.zeros(4), [10.0, 20.0], RATE_HZ), "samples"),
+        (lambda: power_spectrum(np.zeros(100), RATE_HZ, 1.0), "allowed"),
+        (lambda: tone(0.0, 1.0, 1.0, RATE_HZ), "allowed"),
+        (lambda: tone(9.0, 1.0, 0.0, RATE_HZ), "allowed"),
+        (lambda: ramps(10, RATE_HZ, 1.0), "allowed"),
+        (lambda: third_octave_bands(0.0, 10.0), "allowed: 0 < low"),
+        (lambda: third_octave_bands(-1.0, 10.0), "allowed: 0 < low"),
+        (lambda: third_octave_bands(20.0, 10.0), "allowed: 0 < low"),
+    ],
+)
+def test_spectra__impossible__is_refused(call, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        call()

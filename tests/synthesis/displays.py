@@ -38,7 +38,6 @@ FINGER_LIMITS = FeedbackRequirements(
 
 
 def channel(name: str = "index", **changes: Any) -> Channel:
-    """One of the three fingers' channels, with its finger load."""
     return finger(name, **({"feedback": FINGER_LIMITS} | changes))
 
 
@@ -54,20 +53,17 @@ def paper_alone(**changes: Any) -> Display:
 
 
 def of(plant: ContinuousSystem, poles: int = 8, rate_hz: float = 4000.0, **changes: Any) -> Display:
-    """A display of one channel with that plant, unloaded."""
     made = channel(plant=plant, loads=(), prefilter=PrefilterRequirements(poles), **changes)
     return Display("other", rate_hz, 1, (made,))
 
 
 def with_structure(display: Display, structure: str) -> Display:
-    """The display with another structure on every channel."""
     channels = (replace(one, feedback=replace(one.feedback, structure=structure)) for one in display.channels)
     return replace(display, channels=tuple(channels))
 
 
 @cache
 def three_finger_controller(poles: int = 8) -> Controller:
-    """The three fingers' controller, designed once."""
     return design_controller(three_fingers(), poles)
 
 

@@ -19,6 +19,8 @@ MOST_DB = {
     "LRA 175 Hz Q 15": (-72.5, -93.5),
     "voice coil": (-56.4, -75.6),
     "piezo 250 Hz Q 50": (-74.5, -95.0),
+    "3 ms of dead time": (-25.8, -36.6),
+    "90/80 Hz pair": (-38.3, -61.4),
     "drawn 14: no spring": (-40.7, -59.5),
     "drawn 15: with a mode": (-23.0, -41.7),
     "drawn 25: motor": (-41.4, -59.5),
@@ -27,7 +29,10 @@ MOST_DB = {
 PLANTS = {plant.name: plant for plant in [*named(), *drawn(26)]}
 
 
-@pytest.mark.parametrize("name", MOST_DB)
+SOAK = "drawn 15: with a mode"  # a long search; the pair has a mode as well
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.soak) if n == SOAK else n for n in MOST_DB])
 def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best_known(name) -> None:
     zeros, poles, gain, _, bound = delivered(PLANTS[name])
     judge = Judge(PLANTS[name])

@@ -42,17 +42,11 @@ def found(plants: DrawnPlants, quantity: str) -> Finding:
 def test_judge_drawn__share_that_passes__as_exact_binomial_tests_tell(count: int, share: float) -> None:
     passing = round(share * count)
     limit = paper_alone().channels[0].feedback.sensitivity_peak
-    assert limit is not None
-    outcome = found(drawn(np.where(np.arange(count) < passing, limit + 0.1, limit - 0.1)), "max|S|").outcome
+    peak = found(drawn(np.where(np.arange(count) < passing, limit + 0.1, limit - 0.1)), "max|S|")
     fewer = stats.binomtest(passing, count, 0.05, alternative="less").pvalue <= 0.05
     more = stats.binomtest(passing, count, 0.05, alternative="greater").pvalue <= 0.05
-    assert outcome is (Outcome.MET if fewer else Outcome.NOT_MET if more else Outcome.NOT_JUDGED)
-
-
-def test_judge_drawn__58_plants_that_all_keep_it__too_few_to_tell() -> None:
-    assert found(drawn(np.full(58, 1.2)), "max|S|").outcome is Outcome.NOT_JUDGED
-    assert "more plants" in found(drawn(np.full(58, 1.2)), "max|S|").remark
-    assert found(drawn(np.full(59, 1.2)), "max|S|").outcome is Outcome.MET
+    assert peak.outcome is (Outcome.MET if fewer else Outcome.NOT_MET if more else Outcome.NOT_JUDGED)
+    assert ("more plants" in peak.remark) == (peak.outcome is Outcome.NOT_JUDGED)
 
 
 def test_judge_drawn__one_unstable_loop_of_a_thousand__not_met() -> None:
@@ -69,21 +63,20 @@ def test_judge_drawn__plant_of_which_nothing_is_known__not_judged() -> None:
         assert "nothing tells how the plant may differ" in one.remark
 
 
-def test_judge_drawn__known_to_200_hz_only__flatness_not_judged() -> None:
+@pytest.mark.parametrize(
+    ("known", "value", "words"),
+    [
+        ({"valid_hz": (0.3, 200.0)}, 0.2, "valid_hz"),
+        ({"model_error_db": 0.9}, 1.1, "0.90 dB that the plant itself is unsure of"),
+    ],
+)
+def test_judge_drawn__plant_not_known_everywhere_or_not_surely__flatness_not_judged(known, value, words) -> None:
     display = paper_alone()
-    display = replace(display, channels=(replace(display.channels[0], valid_hz=(0.3, 200.0)),))
+    display = replace(display, channels=(replace(display.channels[0], **known),))
     flat = next(one for one in judge_drawn([drawn(np.full(1000, 1.2))], display) if one.objective == "i")
     assert flat.outcome is Outcome.NOT_JUDGED
-    assert "valid_hz" in flat.remark
-
-
-def test_judge_drawn__what_the_plant_is_unsure_of__counts_against_flatness() -> None:
-    display = paper_alone()
-    display = replace(display, channels=(replace(display.channels[0], model_error_db=0.9),))
-    flat = next(one for one in judge_drawn([drawn(np.full(1000, 1.2))], display) if one.objective == "i")
-    assert flat.outcome is Outcome.NOT_JUDGED
-    assert flat.value == pytest.approx(1.1)
-    assert "0.90 dB that the plant itself is unsure of" in flat.remark
+    assert flat.value == pytest.approx(value)
+    assert words in flat.remark
 
 
 def test_drawn_assumptions__shifted_modes__told_once() -> None:

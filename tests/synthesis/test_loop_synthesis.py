@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput, NoDesign
+from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
@@ -26,7 +26,6 @@ RATE_HZ = 4000.0
 
 def kept(own: ChannelController, one: Channel, rate_hz: float = RATE_HZ) -> bool:
     feedback = own.feedback(rate_hz)
-    assert feedback is not None
     assessments = assess(feedback, plant_family(one, rate_hz, 1), one.feedback.rejection_band_hz)
     return all_kept(assessments, loop_limits(one.feedback))
 
@@ -46,25 +45,16 @@ def test_synthesise__paper_limits__18_db_better_than_the_papers_c() -> None:
     own = design_controller(display, 4).channels[0]
     assert kept(own, display.channels[0])
     assert own.report["rejection_db"]["mean"] <= -22.51 - 1.8
-    assert own.feedback_sos is not None
     assert len(own.feedback_sos) <= 3
+    assert own.report["prefilter"]["max_error_db"] <= 0.70
 
 
-@pytest.mark.parametrize("index", [0, 1, 2])
-def test_synthesise__three_fingers__every_limit_on_every_load(index: int) -> None:
-    display = three_fingers()
-    own = three_finger_controller().channels[index]
-    assert kept(own, display.channels[index])
-    assert own.designed_for == ("none", "finger")
-    assert own.report["margins"]["complementary_peak"] <= 1.15 + 1e-6
-    assert own.report["prefilter"]["max_error_db"] <= 0.25
-
-
-@pytest.mark.parametrize("poles", [4, 6])
-def test_synthesise__fewer_poles__prefilter_within_its_target(poles: int) -> None:
-    most = {4: 0.70, 6: 0.40}[poles]
-    for display in (replace(three_fingers(), channels=(channel("middle"),)), paper_alone()):
-        assert design_controller(display, poles).channels[0].report["prefilter"]["max_error_db"] <= most
+def test_synthesise__three_fingers__every_limit_on_every_load() -> None:
+    for own, one in zip(three_finger_controller().channels, three_fingers().channels, strict=True):
+        assert kept(own, one)
+        assert own.designed_for == ("none", "finger")
+        assert own.report["margins"]["complementary_peak"] <= 1.15 + 1e-6
+        assert own.report["prefilter"]["max_error_db"] <= 0.25
 
 
 def test_synthesise__identified_family__held_too() -> None:
@@ -103,21 +93,6 @@ def test_synthesise__other_rates__limits_kept(rate_hz: float) -> None:
     assert kept(design_controller(display, 8).channels[0], display.channels[0], rate_hz)
 
 
-def test_synthesise__weaker__still_stable() -> None:
-    """A saturated command is a loop of lower gain: no loop of ours is conditionally stable."""
-    one = three_fingers().channels[0]
-    feedback = three_finger_controller().channels[0].feedback(RATE_HZ)
-    assert feedback is not None
-    for assessment in assess(feedback, plant_family(one, RATE_HZ, 1), one.feedback.rejection_band_hz):
-        assert assessment.margins.gain_reduction_db == -np.inf
-
-
-def test_synthesise__rejection_beyond_everything__names_the_rejection_that_is_possible() -> None:
-    one = channel(feedback=replace(three_fingers().channels[0].feedback, rejection_max_db=(-40.0, -20.0, -15.0)))
-    with pytest.raises(NoDesign, match=r"allowed, all others kept: \|S\| dB at 1 Hz"):
-        design_controller(Display("asked too much", RATE_HZ, 1, (one,)), 4)
-
-
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
@@ -141,8 +116,10 @@ def test_loop_structure__response__is_that_of_the_system() -> None:
     for _ in range(20):
         parameters = rng.uniform(-4.0, 0.0, COUNT)
         parameters[[2, 5, 7, 9, 11]] = rng.uniform(-0.7, 1.2, 5)
+        expected = structure.system(parameters).response(frequency)
         response, _ = structure.response_and_slope(parameters, difference)
-        assert np.allclose(response, structure.system(parameters).response(frequency), rtol=1e-8)
+        assert np.allclose(response, expected, rtol=1e-8)
+        assert np.allclose(structure.responses(parameters[None], difference)[0], expected, rtol=1e-6)
 
 
 def test_loop_problem__slopes__are_those_of_finite_differences() -> None:
@@ -188,7 +165,6 @@ def test_limit__figures__kept_or_so_far_off_in_its_unit_and_on_the_common_scale(
     assert limit.excess_db(missed) == pytest.approx(excess_db, abs=1e-4)
     assert limit.figure_at(float(limit.excess_db(missed))) == pytest.approx(missed)
     looser = limit.loosened(excess_db)
-    assert looser is not None
     assert looser.kept(missed)
     assert limit.loosened(-1.0) is None
     assert limit.under("finger").under(None) == limit

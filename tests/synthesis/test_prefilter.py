@@ -1,8 +1,5 @@
 """Prefilters: the least error that is possible, for any curve and plant; stable, minimum phase, bounded above."""
 
-from dataclasses import replace
-
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +16,8 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_
 from tactuator.synthesis import paper
 from tactuator.synthesis import prefilter as fit
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db
-from tests.synthesis.displays import channel, three_finger_controller, three_fingers
+from tests.signals.precisely import level_db
+from tests.synthesis.displays import channel, three_finger_controller
 
 MORIOKA = Threshold(curve("morioka-griffin-2006"), (8.0, 315.0))
 
@@ -28,31 +26,32 @@ def fitted(one: Channel, poles: int, rate_hz: float = 4000.0) -> PrefilterFit:
     return fit_prefilter(one, bilinear(paper.FEEDBACK, rate_hz), rate_hz, 1, poles)
 
 
-@pytest.mark.parametrize(("poles", "most_db"), [(4, 0.70), (6, 0.40), (8, 0.25)])
-@pytest.mark.parametrize("finger", ["index", "thumb", "middle"])
-def test_fit_prefilter__paper_loop__near_the_least_possible(finger: str, poles: int, most_db: float) -> None:
-    assert fitted(channel(finger), poles).max_error_db <= most_db
+LIBRARY = Threshold(curve("bolanowski-1988"))
 
 
-def test_fit_prefilter__another_curve_ten_poles__within_035_db() -> None:
-    assert fitted(channel(threshold=MORIOKA), 10).max_error_db <= 0.35
+@pytest.mark.parametrize(
+    ("finger", "threshold", "poles", "most_db"),
+    [
+        *((name, LIBRARY, *of) for name in ("index", "thumb", "middle") for of in ((4, 0.70), (6, 0.40), (8, 0.25))),
+        ("index", MORIOKA, 5, 2.0),
+        ("index", MORIOKA, 10, 0.35),
+    ],
+)
+def test_fit_prefilter__paper_loop__near_the_least_possible_stable_minimum_phase_and_bounded_above(
+    finger: str, threshold: Threshold, poles: int, most_db: float
+) -> None:
+    fit = fitted(channel(finger, threshold=threshold), poles)
+    assert fit.max_error_db <= most_db
+    assert is_modest(fit, threshold, 1.0001)
 
 
-@pytest.mark.parametrize("rate_hz", [8e3, 64e3])
-def test_fit_prefilter__higher_rates__as_good(rate_hz: float) -> None:
-    assert fitted(channel(), 8, rate_hz).max_error_db <= 0.25
-
-
-@pytest.mark.parametrize("poles", [4, 5, 10])
-@pytest.mark.parametrize("threshold", [Threshold(curve("bolanowski-1988")), MORIOKA])
-def test_fit_prefilter__any__stable_minimum_phase_and_bounded_above(poles: int, threshold: Threshold) -> None:
-    fit = fitted(channel(threshold=threshold), poles)
+def is_modest(fit: PrefilterFit, threshold: Threshold, most: float) -> bool:
+    """Whether it is stable, of minimum phase, and passes nothing above its band harder than what is in it."""
     system = SampledSystem.from_sections(fit.sections, 4000.0)
-    assert np.abs(system.poles).max() < 1.0
-    assert np.abs(system.zeros).max() < 1.0
     inside = np.abs(sections_response(fit.sections, np.geomspace(*threshold.band_hz, 3000), 4000.0))
     above = np.abs(sections_response(fit.sections, np.linspace(400.0, 2000.0, 5000), 4000.0))
-    assert above.max() <= inside.max() * 1.0001
+    roots = np.concatenate([system.poles, system.zeros])
+    return bool(np.abs(roots).max() < 1.0 and above.max() <= inside.max() * most)
 
 
 def test_fit_prefilter__report__is_what_the_sections_do() -> None:
@@ -79,66 +78,56 @@ def test_fit_prefilter__tolerance_beyond_reach__says_what_is_possible(monkeypatc
         fit_prefilter(channel(threshold=Threshold(rough)), bilinear(paper.FEEDBACK, 4e3), 4e3, 1, None, 0.05)
 
 
-def test_fit_prefilter__unstable_loop__refused() -> None:
+def test_fit_prefilter__unstable_loop_or_undamped_zero_in_the_band__refused() -> None:
     c = bilinear(paper.FEEDBACK, 4000.0)
-    wild = SampledSystem(c.zeros, c.poles, 50.0 * c.gain, 4000.0)
     with pytest.raises(UnstableLoop):
-        fit_prefilter(channel(), wild, 4000.0, 1, 4)
+        fit_prefilter(channel(), SampledSystem(c.zeros, c.poles, 50.0 * c.gain, 4000.0), 4000.0, 1, 4)
+    plant = ContinuousSystem([100j, -100j], [-10.0, -2000.0, -30.0], 1e5)
+    with pytest.raises(BadInput, match="allowed: more poles"):
+        fit_prefilter(channel(plant=plant, loads=()), None, 4000.0, 1, 4)
 
 
-SMOOTH = ThresholdCurve("u", [0.4, 1, 3, 10, 30, 100, 250, 300], [20, 19, 16, 8, -4, -14, -18, -17.5], "synthetic", "u")
-
-
-@pytest.mark.parametrize(
-    "plant",
-    [
-        ContinuousSystem.from_polynomials([200.0], [1.0, 20.0]),
-        ContinuousSystem.from_polynomials([2e6], [1.0, 700.0, 1e6]),
-        ContinuousSystem.from_polynomials([2875.0 * 3000.0], np.polymul([1.0, 94.0, 290.0], [1.0, 3000.0])),
-        ContinuousSystem.from_polynomials([5e5], [1.0, 2 * 0.03 * 400.0, 400.0**2]),
-    ],
-    ids=["first order", "fast", "third order", "resonant at 64 Hz"],
-)
-@pytest.mark.parametrize("threshold", [Threshold(SMOOTH), Threshold(curve("bolanowski-1988"))], ids=["u", "library"])
-def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_05_db(
-    plant: ContinuousSystem, threshold: Threshold
-) -> None:
-    fit = fit_prefilter(channel(plant=plant, threshold=threshold, loads=()), None, 4000.0, 1, 8)
-    assert fit.max_error_db <= 0.5
-
-
-DEEP = replace(SMOOTH, name="deep u", level_db_re_1um=np.array([20, 20, 19, 10, -5, -16, -20, -18], dtype=float))
-BROAD = ThresholdCurve(
-    "broad u",
-    np.geomspace(0.4, 300, 18),
-    -18 + 36 * (np.log2(np.geomspace(0.4, 300, 18) / 167) / 9) ** 2,
-    "synthetic",
-    "u",
-)
+EIGHT_HZ = [0.4, 1, 3, 10, 30, 100, 250, 300]
+AT_HZ = np.geomspace(0.4, 300, 18)
+CURVES = {
+    "library": curve("bolanowski-1988"),
+    "u": ThresholdCurve(
+        "u", [0.4, 1, 3, 10, 30, 100, 250, 300], [20, 19, 16, 8, -4, -14, -18, -17.5], "synthetic", "u"
+    ),
+    "deep": ThresholdCurve(
+        "u", [0.4, 1, 3, 10, 30, 100, 250, 300], [20, 20, 19, 10, -5, -16, -20, -18], "synthetic", "u"
+    ),
+    "broad": ThresholdCurve("u", AT_HZ, -18 + 36 * (np.log2(AT_HZ / 167) / 9) ** 2, "synthetic", "u"),
+}
 COIL = 2.0 * np.pi * 150.0
+MOTOR = [1.0, 94.0, 290.0]
 
 
 @pytest.mark.parametrize(
     ("plant", "felt", "most_db"),
     [
-        (ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), DEEP, 0.35),
-        (ContinuousSystem.from_polynomials([2875.0 * 300], np.polymul([1.0, 94.0, 290.0], [1.0, 300.0])), DEEP, 0.35),
-        (ContinuousSystem.from_polynomials([1.2 * COIL**2], [1.0, 0.2 * COIL, COIL**2]), None, 0.35),
-        (ContinuousSystem.from_polynomials([5e5], [1.0, 24.0, 400.0**2]), DEEP, 0.5),
-        (ContinuousSystem([], [-5.0, -996.0, -4153.0], 50.0 * 996.0 * 4153.0), BROAD, 0.2),
+        (ContinuousSystem.from_polynomials([200.0], [1.0, 20.0]), "u", 0.5),
+        (ContinuousSystem.from_polynomials([2e6], [1.0, 700.0, 1e6]), "library", 0.5),
+        (ContinuousSystem.from_polynomials([2875.0 * 3000.0], np.polymul(MOTOR, [1.0, 3000.0])), "u", 0.5),
+        (ContinuousSystem.from_polynomials([5e5], [1.0, 2 * 0.03 * 400.0, 400.0**2]), "library", 0.5),
+        # hard for the solver, found in a survey: a root all but infinite, slender pairs, D over many decades
+        (ContinuousSystem.from_polynomials([2875.0], MOTOR), "deep", 0.35),
+        (ContinuousSystem.from_polynomials([2875.0 * 300], np.polymul(MOTOR, [1.0, 300.0])), "deep", 0.35),
+        (ContinuousSystem.from_polynomials([1.2 * COIL**2], [1.0, 0.2 * COIL, COIL**2]), "library", 0.35),
+        (ContinuousSystem.from_polynomials([5e5], [1.0, 24.0, 400.0**2]), "deep", 0.5),
+        (ContinuousSystem([], [-5.0, -996.0, -4153.0], 50.0 * 996.0 * 4153.0), "broad", 0.2),
+        # an accelerometer gives nothing at rest, which the prefilter does not try to mend
+        (ContinuousSystem.from_polynomials([2.0, 0.0, 0.0], [1.0, 2 * 0.1 * 377.0, 377.0**2]), "library", 0.5),
     ],
-    ids=["deep u", "deep u, third order", "voice coil", "deep u, resonant", "broad u, third order"],
 )
-def test_fit_prefilter__hard_for_the_solver__within_its_bound_and_bounded_above(
-    plant: ContinuousSystem, felt: ThresholdCurve | None, most_db: float
+def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(
+    plant: ContinuousSystem, felt: str, most_db: float
 ) -> None:
-    """One root all but infinite, slender pairs above the band, D over many decades: found in a survey of plants."""
-    threshold = Threshold(felt or curve("bolanowski-1988"))
-    fit = fit_prefilter(channel(plant=plant, threshold=threshold, loads=()), None, 4000.0, 1, 8)
+    threshold = Threshold(CURVES[felt])
+    quantity = "acceleration" if plant.zeros.size else "displacement"
+    fit = fit_prefilter(channel(plant=plant, quantity=quantity, threshold=threshold, loads=()), None, 4000.0, 1, 8)
     assert fit.max_error_db <= most_db
-    inside = np.abs(sections_response(fit.sections, np.geomspace(*threshold.band_hz, 3000), 4000.0))
-    above = np.abs(sections_response(fit.sections, np.linspace(400.0, 2000.0, 5000), 4000.0))
-    assert above.max() <= inside.max() * 1.01
+    assert is_modest(fit, threshold, 1.01)
 
 
 @pytest.mark.parametrize("lead", [1.0, 1e-9, 1e-13])
@@ -156,24 +145,9 @@ def test_fraction_roots__one_root_all_but_infinite__the_small_ones_stay(lead: fl
     assert found[np.argsort(np.abs(found))][:5] == pytest.approx(known, rel=1e-6)
 
 
-def test_fit_prefilter__accelerometer__equalised_in_its_own_quantity() -> None:
-    """A plant whose sensor gives acceleration: nothing at rest, which the prefilter does not try to mend."""
-    plant = ContinuousSystem.from_polynomials([2.0, 0.0, 0.0], [1.0, 2 * 0.1 * 377.0, 377.0**2])
-    one = channel(plant=plant, quantity="acceleration", loads=())
-    fit = fit_prefilter(one, None, 4000.0, 1, 8)
-    assert fit.max_error_db <= 0.5
-
-
-def test_fit_prefilter__undamped_zero_in_the_band__refused() -> None:
-    plant = ContinuousSystem([100j, -100j], [-10.0, -2000.0, -30.0], 1e5)
-    with pytest.raises(BadInput, match="allowed: more poles"):
-        fit_prefilter(channel(plant=plant, loads=()), None, 4000.0, 1, 4)
-
-
 @settings(max_examples=6)
 @given(st.integers(0, 10_000), st.sampled_from([4, 6]))
 def test_fit_magnitude__what_a_filter_of_that_order_does__recovered(seed: int, order: int) -> None:
-    """Generate a filter, ask for its magnitude, get its magnitude."""
     rng = np.random.default_rng(seed)
     middles = np.geomspace(1.5, 150.0, order)
     zeros, corners = (2.0 * np.pi * middles * np.exp(rng.uniform(-0.7, 0.7, order)) for _ in range(2))
@@ -199,39 +173,16 @@ def test_fit_magnitude__kink_of_one_slope__equiripple() -> None:
     assert np.all(np.diff(np.sign(great)) != 0.0)
 
 
-@pytest.mark.parametrize("rate_hz", [4e3, 8e3, 16e3, 32e3, 64e3])
-def test_shipped_sections__50_digits__agree_to_a_millionth_of_a_db(rate_hz: float) -> None:
-    fit = fitted(channel(), 8, rate_hz)
-    system = SampledSystem.from_sections(fit.sections, rate_hz)
-    for frequency in np.geomspace(0.1, 0.4 * rate_hz, 25):
-        wanted = _exact_db(fit.sections, float(frequency), rate_hz)
-        assert float(db(sections_response(fit.sections, frequency, rate_hz))) == pytest.approx(wanted, abs=1e-6)
-        assert float(db(system.response(frequency))) == pytest.approx(wanted, abs=1e-6)
-
-
-def _exact_db(sections: np.ndarray, frequency_hz: float, rate_hz: float) -> float:
-    with mpmath.workdps(50):
-        z = mpmath.exp(-2j * mpmath.pi * mpmath.mpf(frequency_hz) / mpmath.mpf(rate_hz))
-        value = mpmath.mpf(1)
-        for row in sections:
-            b0, b1, b2, a0, a1, a2 = (mpmath.mpf(float(x)) for x in row)
-            value *= (b0 + b1 * z + b2 * z**2) / (a0 + a1 * z + a2 * z**2)
-        return float(20 * mpmath.log10(abs(value)))
-
-
 @pytest.mark.parametrize("rate_hz", [4e3, 64e3])
-def test_shipped_feedback__50_digits__agree_to_a_millionth_of_a_db(rate_hz: float) -> None:
-    if rate_hz == 4e3:
-        own = three_finger_controller().channels[0]
-    else:
-        from tactuator.synthesis.design import design_controller
-
-        alone = replace(three_fingers(), rate_hz=rate_hz)
-        own = design_controller(replace(alone, channels=alone.channels[:1]), 4).channels[0]
-    system = own.feedback(rate_hz)
-    assert own.feedback_sos is not None
-    assert system is not None
-    assert np.count_nonzero(system.poles == 1.0) == 1
+def test_sections__of_prefilter_and_loop__agree_with_50_digits_to_a_millionth_of_a_db(rate_hz: float) -> None:
+    fit = fitted(channel(), 8, rate_hz)
+    assert fit.max_error_db <= 0.25
+    own = three_finger_controller().channels[0]  # its sections are as good at any rate
+    feedback = SampledSystem.from_sections(own.feedback_sos, rate_hz)
+    assert np.count_nonzero(feedback.poles == 1.0) == 1
     for frequency in np.geomspace(0.1, 0.4 * rate_hz, 25):
-        wanted = _exact_db(own.feedback_sos, float(frequency), rate_hz)
-        assert float(db(system.response(frequency))) == pytest.approx(wanted, abs=1e-6)
+        for sections in (fit.sections, own.feedback_sos):
+            wanted = level_db(sections, float(frequency), rate_hz)
+            assert float(db(sections_response(sections, frequency, rate_hz))) == pytest.approx(wanted, abs=1e-6)
+            system = SampledSystem.from_sections(sections, rate_hz)
+            assert float(db(system.response(frequency))) == pytest.approx(wanted, abs=1e-6)

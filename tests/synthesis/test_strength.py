@@ -41,7 +41,6 @@ def response(of, hertz, felt_db_sl, level) -> Response:
 @pytest.mark.parametrize("level", JUDGED_DB_SL)
 def test_fit_strength__of_griffins_contours__keeps_every_level(level: float) -> None:
     shaping = fit_strength(blended(display(channel())).channels[0], RATE_HZ, 1.0)
-    assert shaping is not None
     hertz = np.array([2.0, 8.0, 30.0, 60.0, 100.0, 160.0, 250.0, 300.0])
     raised = db(np.abs(shaping.response(level, hertz, RATE_HZ)))
     np.testing.assert_allclose(raised, distance_db(hertz, level), atol=0.7)

@@ -16,7 +16,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.felt import felt_db_sl, felt_noise_rms_v
+from tactuator.synthesis.felt import felt_noise_rms_v
 from tactuator.synthesis.verdict import judge
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
@@ -49,14 +49,14 @@ def test_judge__three_fingers__all_four_met() -> None:
     assert {one.channel for one in verdict.objectives[0].findings} == {"index", "thumb", "middle"}
     assert {one.load for one in verdict.objectives[0].findings} == {"none", "finger"}
     assert {one.load for one in verdict.objectives[3].findings} == {"finger"}
-
-
-def test_judge__flatness_under_a_load__told_and_not_judged() -> None:
-    found = only(judge(three_finger_controller(), three_fingers()), "i", "index", "finger", "felt less asked")
-    assert found.outcome is Outcome.NOT_JUDGED
-    assert found.value is not None
-    assert found.value > 1.0
-    assert "for information only" in found.remark
+    loaded = only(verdict, "i", "index", "finger", "felt less asked")
+    assert (loaded.outcome, (loaded.value or 0.0) > 1.0) == (Outcome.NOT_JUDGED, True)
+    assert "for information only" in loaded.remark
+    held = only(verdict, "iv", "thumb", "finger", "change of |H|")
+    assert (held.value or 9.0) <= 1.0
+    change, at = re.findall(r"[-+]?\d+\.?\d*", held.remark.split("over the band")[1])
+    assert -3.0 < float(change) < -1.0
+    assert 20.0 < float(at) < 50.0
 
 
 def test_judge__hum__felt_through_t() -> None:
@@ -71,12 +71,18 @@ def test_judge__hum__felt_through_t() -> None:
     assert found.value == pytest.approx(20.0 * np.log10(1000.0 / 198.98) - 11.95 - 5.0, abs=0.02)
 
 
-def test_judge__ten_times_the_hum__not_met_and_says_what_to_change() -> None:
-    loud = channel(loads=(), environment=Environment(hum_v_peak=(1e-2, 3e-3, 2e-3)))
+@pytest.mark.parametrize(
+    ("environment", "not_met"),
+    [(Environment(hum_v_peak=(1e-2, 3e-3, 2e-3)), ["ii"]), (Environment(noise_v_rms=0.02), ["iii"])],
+    ids=["ten times the hum", "much noise"],
+)
+def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_met: list[str]) -> None:
+    loud = channel(loads=(), environment=environment)
     verdict = judge(paper_controller(), replace(paper_alone(), channels=(loud,)))
-    assert outcomes(verdict) == {"i": "met", "ii": "not met", "iii": "met", "iv": "not judged"}
+    assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == not_met
     assert verdict.outcome is Outcome.NOT_MET
-    assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
+    if not_met == ["ii"]:
+        assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
 
 
 @pytest.mark.parametrize(
@@ -152,19 +158,12 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     )
     assert sure.outcome is little.outcome is Outcome.MET
     assert unsure.outcome is Outcome.NOT_JUDGED
-    assert sure.value is not None
     assert unsure.value == pytest.approx(sure.value + 0.8)
     assert "0.80 dB that the plant itself is unsure of" in unsure.remark
     assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
     little_bit = channel(loads=(), model_error_db=0.1)
     surely = replace(paper_alone(), channels=(little_bit,), objectives=Objectives(flatness_db=0.05))
     assert only(judge(paper_controller(), surely), "i", "index", "none", "felt less asked").outcome is Outcome.NOT_MET
-
-
-def test_judge__much_noise__third_objective_not_met() -> None:
-    noisy = channel(loads=(), environment=Environment(noise_v_rms=0.02))
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(noisy,)))
-    assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == ["iii"]
 
 
 def test_judge__tighter_tolerances__first_and_fourth_not_met() -> None:
@@ -182,7 +181,6 @@ def test_judge__travel_too_short_for_threshold__first_not_met_and_why() -> None:
     verdict = judge(made, replace(paper_alone(), channels=(short,)))
     found = only(verdict, "i", "index", "none", "threshold less greatest level")
     assert outcomes(verdict)["i"] == "not met"
-    assert found.value is not None
     assert found.value >= 2.7 - 0.1
     assert "travel stops at" in found.remark
     assert "more travel_mm" in found.remark
@@ -206,15 +204,6 @@ def test_judge__plant_that_runs_away__least_gain_is_told() -> None:
     assert (found.outcome, found.counts) == (Outcome.NOT_JUDGED, False)
     assert made.channels[0].report["margins"]["least_gain"] == pytest.approx(0.01 * (found.value or 0.0))
     assert 0.0 < (found.value or 0.0) < 100.0
-
-
-def test_judge__load__worst_change_is_told_over_the_band() -> None:
-    found = only(judge(three_finger_controller(), three_fingers()), "iv", "thumb", "finger", "change of |H|")
-    assert found.value is not None
-    assert found.value <= 1.0
-    change, at = re.findall(r"[-+]?\d+\.?\d*", found.remark.split("over the band")[1])
-    assert -3.0 < float(change) < -1.0
-    assert 20.0 < float(at) < 50.0
 
 
 def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
@@ -246,25 +235,22 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limits", "words"),
+    ("limits", "threshold_voltage_dc", "words"),
     [
-        ((1e6, 2.0), r"command_v is 1e\+06; allowed: above 0, at most 10 V"),
-        ((10.0, -2.0), "travel_v is -2"),
-        ((10.0, 2.0, 90.0), "comfort_db_sl is 90; allowed: above 0, at most 55"),
-        ((float("nan"), 2.0), "command_v is nan"),
+        ((1e6, 2.0), 1.0, r"command_v is 1e\+06; allowed: above 0, at most 10 V"),
+        ((10.0, -2.0), 1.0, "travel_v is -2"),
+        ((10.0, 2.0, 90.0), 1.0, "comfort_db_sl is 90; allowed: above 0, at most 55"),
+        ((float("nan"), 2.0), 1.0, "command_v is nan"),
+        *(((10.0, 2.0), value, "threshold_voltage_dc") for value in (0.0, -1.0, float("inf"))),
     ],
 )
-def test_judge__limits_beyond_the_displays__refused(limits: tuple[float, ...], words: str) -> None:
+def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(
+    limits: tuple[float, ...], threshold_voltage_dc: float, words: str
+) -> None:
     made = paper_controller()
     with pytest.raises(BadInput, match=words):
-        judge(replace(made, channels=(replace(made.channels[0], limits=Limits(*limits)),)))
-
-
-def test_judge__threshold_of_nothing__refused() -> None:
-    made = paper_controller()
-    for value in (0.0, -1.0, float("inf")):
-        with pytest.raises(BadInput, match="threshold_voltage_dc"):
-            judge(replace(made, channels=(replace(made.channels[0], threshold_voltage_dc=value),)))
+        wrong = replace(made.channels[0], limits=Limits(*limits), threshold_voltage_dc=threshold_voltage_dc)
+        judge(replace(made, channels=(wrong,)))
 
 
 def test_judge__another_display__refused() -> None:
@@ -280,7 +266,6 @@ def test_felt_noise__white_noise_through_the_loop__simulated_agrees() -> None:
     loop = TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), zero_order_hold(one.plant, RATE_HZ, 1))
     edges = np.array([[2.0, 20.0], [20.0, 80.0]])
     found = felt_noise_rms_v(one, loop, RATE_HZ, edges)
-    assert loop.feedback is not None
     rng = np.random.default_rng(1)
     rms_v = np.hypot(one.environment.noise_v_rms, one.converter.step_v / np.sqrt(12.0))
     spectrum = np.fft.rfft(rng.normal(0.0, rms_v, 2**20))
@@ -290,9 +275,3 @@ def test_felt_noise__white_noise_through_the_loop__simulated_agrees() -> None:
     for (low, high), rms in zip(edges, found, strict=True):
         inside = (frequency >= low) & (frequency < high)
         assert rms == pytest.approx(np.sqrt(2.0 * np.sum(np.abs(moved[inside]) ** 2)) / 2**20, rel=0.03)
-
-
-def test_felt_db_sl__at_threshold__zero() -> None:
-    one = channel()
-    frequency = np.array([1.0, 30.0, 250.0])
-    assert felt_db_sl(one, one.threshold_voltage(frequency), frequency) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)

@@ -1,6 +1,6 @@
 """Mean |S| from 0.4 to 10 Hz of delivered loops, of the best that a long search from outside knows, and the bound.
 
-Four plants that people own and others that are drawn, 8 kHz, default limits. Plants are sampled by SciPy, loops are
+Six plants that people own and others that are drawn, 8 kHz, default limits. Plants are sampled by SciPy, loops are
 evaluated here on a grid of 6000 frequencies, stability at the gain and at 60 lower ones by eigenvalues. The search is
 Nelder-Mead from the delivered loop's roots, shaken, over all of them and the gain; no limit on order of roots is the
 product's. It shares nothing with the synthesis but where it starts. Half of the resonance objective stays in reserve
@@ -40,11 +40,13 @@ Array = Any
 
 @dataclass(frozen=True)
 class Plant:
-    """Numerator and denominator in s."""
+    """Numerator and denominator in s, and dead time."""
 
     name: str
     num: tuple[float, ...]
     den: tuple[float, ...]
+    late: int = 0
+    """Samples of dead time."""
 
 
 def named() -> list[Plant]:
@@ -59,7 +61,17 @@ def named() -> list[Plant]:
         Plant("voice coil", (35530.0,), (1.0, 113.0, 35530.0)),
         resonator("piezo 250 Hz Q 50", 250.0, 50.0),
         Plant("motor of the paper", (2875.0,), (1.0, 94.0, 290.0)),
+        Plant("3 ms of dead time", (2875.0,), (1.0, 94.0, 290.0), 24),
+        _pair(90.0, 80.0, 30.0),
     ]
+
+
+def _pair(mode_hz: float, anti_hz: float, quality: float) -> Plant:
+    """Return the paper's motor with a mode and an antiresonance next to it."""
+    mode, anti = 2.0 * np.pi * mode_hz, 2.0 * np.pi * anti_hz
+    den = np.polymul((1.0, 94.0, 290.0), (1.0, mode / quality, mode**2))
+    num = 2875.0 * (mode / anti) ** 2 * np.array([1.0, anti / quality, anti**2])
+    return Plant("90/80 Hz pair", tuple(num.tolist()), tuple(den.tolist()))
 
 
 def drawn(count: int) -> list[Plant]:
@@ -98,7 +110,8 @@ class Judge:
         z = np.exp(2j * np.pi * self.hz / RATE_HZ)
         eye = np.eye(self.a.shape[0])
         stacked = np.linalg.solve(z[:, None, None] * eye - self.a, np.broadcast_to(self.b, (z.size, *self.b.shape)))
-        self.response = ((self.c @ stacked)[:, 0, 0] + self.d[0, 0]) / z**DELAY
+        self.late = DELAY + plant.late
+        self.response = ((self.c @ stacked)[:, 0, 0] + self.d[0, 0]) / z**self.late
         self.band = (self.hz >= BAND_HZ[0]) & (self.hz <= BAND_HZ[1])
         self.resonance = RESERVED
 
@@ -122,7 +135,8 @@ class Judge:
     def is_stable(self, zeros: Array, poles: Array, gain: float) -> bool:
         """Tell whether the loop is stable at its gain and at 60 lower ones, by the eigenvalues of the closed loop."""
         a, b, c, d = _cascade(zeros, poles, gain)
-        delay = np.array([[0.0]]), np.array([[1.0]]), np.array([[1.0]]), np.array([[0.0]])
+        units = np.eye(self.late)
+        delay = np.eye(self.late, k=-1), units[:, :1], units[-1:], np.array([[0.0]])
         a, b, c, d = _series(_series((a, b, c, d), delay), (self.a, self.b, self.c, self.d))
         factors = np.append(np.geomspace(1e-3, 1.0, 60), 1.0)
         return all(np.max(np.abs(np.linalg.eigvals(a - factor * b @ c))) < 1.0 for factor in factors)
@@ -197,7 +211,7 @@ def best_known_db(judge: Judge, zeros: Array, poles: Array, gain: float, rounds:
 
 def delivered(plant: Plant) -> tuple[Array, Array, float, float, float | None]:
     """Return zeros, poles and gain of the product's loop, its seconds, and its bound, dB."""
-    system = ContinuousSystem.from_polynomials(plant.num, plant.den)
+    system = ContinuousSystem.from_polynomials(plant.num, plant.den, plant.late / RATE_HZ)
     asked = FeedbackRequirements()
     channel = Channel("one", "index", 0.2, 12.5, system, Threshold(curve("bolanowski-1988")), feedback=asked)
     task = Task.of(plant_family(channel, RATE_HZ, DELAY), asked, RATE_HZ, RESONANCE)

@@ -20,8 +20,10 @@ from tactuator.measure.finger import (
     plan_play,
 )
 from tactuator.model.controller import Controller
-from tests.measure.finger.rig_of_equations import EquationsRig, Figures
+from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import controller, display
+from witnesses.touch import felt
+from witnesses.touch.identification import GeneratorRig
 
 FREQUENCY_HZ = np.array([3.0, 5, 7, 11, 17, 25, 33, 45, 57, 71, 89, 103, 127, 151, 173, 199, 223, 249])
 FELT = 1e-5 * np.exp(-1j * FREQUENCY_HZ / 100.0)
@@ -76,31 +78,25 @@ def test_estimate__nothing_touches__cannot_tell() -> None:
     assert min(found.load.mass, found.load.damping, found.load.stiffness) >= 0.0
 
 
-def played(figures: Figures) -> FingerEstimate:
-    rig = EquationsRig(3)
+@pytest.mark.slow
+def test_measure__fingers_on_the_witness_s_device__recovered_within_their_confidence_and_a_chain_is_said() -> None:
+    """generator.c is a device with friction that shares nothing with the simulated display."""
+    rig = GeneratorRig(3)
+    made = Controller(felt.example(), tuple(felt.fixed(place) for place in range(3)))
+    truth = (0.09, 40.0, 250.0), (0.12, 28.0, 420.0), tuple(FINGER_CHAIN.tolist())
 
     def touch() -> None:
-        rig.touching = figures
+        rig.fingers = truth
 
-    return measure_finger(rig, controller(display()), touch, np.random.default_rng(2), seconds=27.0)[0]
-
-
-@pytest.mark.slow
-def test_measure__one_finger_by_runge_and_kutta__recovered_within_its_confidence() -> None:
-    # with friction and without feed-forward: played alike free and touched, mass and damping come out 0.7 % wrong
-    found = played((0.09, 40.0, 250.0))
-    assert found.described_by == ONE
-    wrong = np.abs([found.mass - 0.09, found.damping - 40.0, found.stiffness - 250.0])
-    assert np.all(wrong <= np.array(found.half_width))
-    assert np.all(wrong / [0.09, 40.0, 250.0] < [0.003, 0.003, 0.01])
-
-
-@pytest.mark.slow
-def test_measure__chain_by_runge_and_kutta__said() -> None:
-    found = played(tuple(FINGER_CHAIN.tolist()))
-    assert found.described_by == CHAIN
+    *ones, chain = measure_finger(rig, made, touch, np.random.default_rng(2), seconds=27.0)
+    for found, figures in zip(ones, truth, strict=False):
+        assert found.described_by == ONE
+        wrong = np.abs(np.array([found.mass, found.damping, found.stiffness]) - figures)
+        assert np.all(wrong <= np.array(found.half_width))
+        assert np.all(wrong / figures < [0.003, 0.003, 0.01])
+    assert chain.described_by == CHAIN
     # its figures are no test: another chain, its spring 27 % and its mass 13 % off, is the same within 0.01 %
-    moved = chain_impedance(np.array(found.chain), FREQUENCY_HZ) / chain_impedance(FINGER_CHAIN, FREQUENCY_HZ)
+    moved = chain_impedance(np.array(chain.chain), FREQUENCY_HZ) / chain_impedance(FINGER_CHAIN, FREQUENCY_HZ)
     assert np.max(np.abs(moved - 1.0)) < 0.02
 
 
@@ -120,7 +116,7 @@ def without_loop() -> Controller:
 )
 def test_measure__what_cannot_be_measured__refused(made: Controller, asked: dict, said: str) -> None:
     with pytest.raises(BadInput, match=said):
-        measure_finger(EquationsRig(1), made, lambda: None, np.random.default_rng(0), **asked)
+        measure_finger(SimulatedRig(made.display, 1), made, lambda: None, np.random.default_rng(0), **asked)
 
 
 def test_impedance__sensor_of_the_velocity__refused() -> None:

@@ -42,14 +42,12 @@ def drawn_exciter(seed: int) -> Exciter:
     )
 
 
-def exciter_display(exciter: Exciter, names: Sequence[str] = ("exciter",), felt: bool = False) -> Display:
-    """A display of accelerometers of 1 V for 1 m/s²; felt: of the displacement itself, 1 V for 1 mm, at the port that
-    tells it, which no calibration uses.
-    """
-    full = exciter.felt_full_scale_mm if felt else 1e-3 * exciter.sensor_full_scale
+def exciter_display(exciter: Exciter, names: Sequence[str] = ("exciter",)) -> Display:
+    """A display of accelerometers of 1 V for 1 m/s²."""
+    full = 1e-3 * exciter.sensor_full_scale
     channel = {
-        "sensor_gain_v_per_mm": 1.0 if felt else 1e-3,
-        "quantity": "displacement" if felt else "acceleration",
+        "sensor_gain_v_per_mm": 1e-3,
+        "quantity": "acceleration",
         "travel_mm": 1.0,
         "plant": {"num": [1.0], "den": [1.0, 100.0, 1e6]},
     }
@@ -60,10 +58,7 @@ def exciter_display(exciter: Exciter, names: Sequence[str] = ("exciter",), felt:
             "feedback": {"structure": "none"},
             "converter": {"range_v": exciter.volts},
             "sound": {"output_full_scale_v": exciter.volts, "input_full_scale_v": full},
-            "channel": [
-                {"name": name, "output": k, "input": k + (len(names) if felt else 0), **channel}
-                for k, name in enumerate(names, 1)
-            ],
+            "channel": [{"name": name, "output": k, "input": k, **channel} for k, name in enumerate(names, 1)],
         }
     )
 

@@ -1,48 +1,59 @@
-"""The whole calibration: on a card turned by hand, and blind through PortAudio and a JACK server."""
+"""The whole calibration, on a card turned by hand."""
 
-import json
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tactuator.errors import NoDesign
+from tactuator.errors import NoDesign, TactuatorError
 from tactuator.measure import open_loop as chain
 from tactuator.measure.error import ChannelPrediction
-from tactuator.measure.open_loop import CalibrationRequest, Flatness, NoEqualiser, _corrected, calibrate
-from tactuator.rig.sound.simulated_card import demo_exciter
+from tactuator.measure.open_loop import Calibrated, CalibrationRequest, Flatness, NoEqualiser, _corrected, calibrate
+from tactuator.rig.sound.simulated_card import Exciter, demo_exciter
 from tactuator.signals.decibels import db
-from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig, persons_curve
+from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, drawn_exciter, exciter_rig, persons_curve
 from tests.rig.sound.from_start_to_end import controller as designed
 
-ROOT = Path(__file__).parents[3]
-SEEDS = range(1, 21)
+ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
+
+
+def felt_db(made: Calibrated, exciter: Exciter) -> np.ndarray:
+    """The felt level less the threshold by the exciter's equations, at the frequencies of the last measurement."""
+    frequency = made.channels[0].last.frequency_hz
+    volts = np.abs(made.controller.channels[0].prefilter(RATE_HZ).response(frequency))
+    threshold = made.controller.display.channels[0].threshold.curve.displacement_mm(frequency)
+    return 20.0 * np.log10(volts * np.abs(exciter.response(frequency)) / threshold)
 
 
 @pytest.mark.slow
 def test_calibrate__exciter_and_a_persons_curve__is_felt_flat_by_its_equations():
     exciter = demo_exciter(np.random.default_rng(0))
     person = persons_curve()
-    rig = exciter_rig([exciter], curve=person)
-    made = calibrate(rig, CalibrationRequest((10.0, 400.0), 20.0, 50.0), np.random.default_rng(0))
+    made = calibrate(exciter_rig([exciter], curve=person), ASKED, np.random.default_rng(0))
     (one,) = made.channels
     assert made.flat
     assert one.followed.by == "model"
     # the card's period and the exciter's own dead time are put back, to the sample
     assert made.controller.display.sound.latency_samples == pytest.approx(PERIOD + exciter.delay_s * RATE_HZ, abs=1.0)
-    frequency = one.last.frequency_hz
-    volts = np.abs(made.controller.channels[0].prefilter(RATE_HZ).response(frequency))
     assert made.controller.display.channels[0].threshold.curve is person
-    threshold = made.controller.display.channels[0].threshold.curve.displacement_mm(frequency)
-    felt_db = 20.0 * np.log10(volts * np.abs(exciter.response(frequency)) / threshold)
-    assert np.max(np.abs(felt_db)) < 1.0
+    felt = felt_db(made, exciter)
+    assert np.max(np.abs(felt)) < 1.0
     # the sensor says what the equations say
-    assert np.max(np.abs(felt_db - one.last.error_db)) < 0.3
+    assert np.max(np.abs(felt - one.last.error_db)) < 0.3
+
+
+@pytest.mark.soak
+def test_calibrate__twenty_drawn_exciters__eighteen_are_felt_flat_and_the_others_say_so():
+    flat = 0
+    for seed in range(1, 21):
+        exciter = drawn_exciter(seed)
+        try:
+            made = calibrate(exciter_rig([exciter], seed=seed), ASKED, np.random.default_rng(seed))
+        except TactuatorError:
+            continue
+        flat += made.flat and np.max(np.abs(felt_db(made, exciter))) <= 1.0
+    assert flat >= 18
 
 
 def flat(error_db: float) -> Flatness:
@@ -107,17 +118,3 @@ def test_calibrate__no_equaliser_for_the_corrected_plant__what_was_measured_stan
     assert made.controller is controller
     assert made.flat
     assert made.channels[0].rounds == 0
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/install.py slow")
-def test_calibrate__twenty_drawn_exciters_blind__eighteen_are_felt_flat_or_say_why():
-    found = []
-    for seed in SEEDS:
-        asked = [sys.executable, "-m", "tests.measure.open_loop.blind", str(seed)]
-        done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=1500, check=False)
-        assert done.returncode == 0, done.stderr[-2000:]
-        found.append(json.loads(done.stdout))
-    flat = [one for one in found if one.get("flat") and abs(one["felt_worst_db"]) <= 1.0 and one["share"] >= 0.9]
-    assert len(flat) >= 18
-    assert all(one["minutes"] <= 15.0 for one in found)

@@ -55,7 +55,7 @@ def test_hear__linear_exciter__its_truth():
 
 
 @pytest.mark.slow
-def test_find_level__sensors_swapped__are_told_by_name():
+def test_find_level__sensors_swapped_off_or_not_there__are_told():
     rig = exciter_rig([EXCITER, EXCITER], ("left", "right"))
     one, other = rig.display.sound.wires
     swapped = replace(rig.display.sound, wires=(replace(one, input=2), replace(other, input=1)))
@@ -64,21 +64,13 @@ def test_find_level__sensors_swapped__are_told_by_name():
     again = SoundRig(display, rig._rows, card, card.sleep)
     with pytest.raises(BadInput, match="channel 'left' is answered by the sensor of 'right'"):
         find_level(again, display.channels[0], wave(), 100.0)
-
-
-@pytest.mark.slow
-def test_find_level__sensor_off__is_told():
-    deaf = replace(EXCITER, drive=1e-3)
-    rig = exciter_rig([deaf])
+    deaf = exciter_rig([replace(EXCITER, drive=1e-3)])
     with pytest.raises(BadInput, match="its sensor does not hear"):
-        find_level(rig, rig.display.channels[0], wave(), 100.0)
-
-
-def test_require_sensors__none__says_so():
-    rig, _ = turned_rig(sound_display(input=0))
+        find_level(deaf, deaf.display.channels[0], wave(), 100.0)
+    none, _ = turned_rig(sound_display(input=0))
     with pytest.raises(BadInput, match="'left' has no sensor, and there is nothing to measure with"):
-        require_sensors(rig, rig.channels)
-    require_sensors(exciter_rig([EXCITER]), ["exciter"])
+        require_sensors(none, none.channels)
+    require_sensors(deaf, ["exciter"])
 
 
 def test_usable_band__static_actuator__ends_where_its_volts_meet_the_curve():
@@ -152,11 +144,8 @@ def test_near_band__pole_beyond_the_sampling_rate__its_held_plant_answers_as_the
     assert off_db(zero_order_hold(plant, RATE_HZ)) > 3.0
     assert off_db(zero_order_hold(near, RATE_HZ)) < 0.1
     assert off_db(near) < 0.05
-
-
-def test_near_band__nothing_beyond_it__the_plant_itself():
-    plant = ContinuousSystem(np.zeros(2), -np.array([30.0, 400.0]), 1.0)
-    assert near_band(plant, (10.0, 400.0)) is plant
+    modest = ContinuousSystem(np.zeros(2), -np.array([30.0, 400.0]), 1.0)
+    assert near_band(modest, (10.0, 400.0)) is modest
 
 
 @pytest.mark.slow
