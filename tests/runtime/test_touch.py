@@ -1,6 +1,5 @@
 """What the core learns of a finger, and what is felt: on the simulated display, and on fingers it does not contain."""
 
-import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -8,12 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import linalg
-from scipy.signal import butter, sosfilt
+from scipy.signal import sosfilt
 
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.plant import Load
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.tables import touch_table
 from tactuator.signals.decibels import db
@@ -75,11 +73,12 @@ def test_adaptation__finger_with_friction_hum_and_noise__felt_as_free() -> None:
     assert np.max(np.abs(db(amplitudes(loaded) / amplitudes(free)))) < 0.45
     whole, _ = played(feeding_whole(), "finger", 3)
     assert np.max(np.abs(db(amplitudes(whole) / amplitudes(free)))) < 0.25
+    assert np.max(np.abs(db(amplitudes(whole) / amplitudes(loaded)))) > 0.1  # a share of the mass is fed, not all
     np.testing.assert_allclose(weight, [1.0, 1.0], atol=0.15)
     np.testing.assert_allclose(no_weight, [0.0, 0.0], atol=0.15)
 
 
-@pytest.mark.parametrize(("mass", "damping"), [(0.5, 1.5), (1.5, 0.5), (1.4, 1.4)])
+@pytest.mark.parametrize(("mass", "damping"), [(0.5, 1.5), (1.5, 0.5)])
 def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: float) -> None:
     other = Load("finger", 0.12 * mass, 31.0 * damping, 360.0 * damping)
     felt, weight = played(feeding_whole(), "finger", 3, other)
@@ -178,58 +177,3 @@ def test_push__beyond_its_bound__everything_is_reset() -> None:
     _, weight = played(own, "finger", 1)
     unbounded = played(adaptive(), "finger", 1)[1]
     assert np.max(weight) < 0.5 < np.max(unbounded)
-
-
-@pytest.mark.parametrize("number_format", FORMATS)
-def test_image__of_an_adaptive_controller__is_taken_and_longer(number_format: str) -> None:
-    image = build_image(Controller(display(channel()), (adaptive(),)), number_format)
-    fixed = build_image(Controller(display(channel()), (replace(adaptive(), feed_forward=None),)), number_format)
-    assert check_image(image, RATE_HZ, 1, 1) is ImageRefusal.GOOD
-    assert len(image) - len(fixed) == 4 + 4 * (31 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
-    assert fixed[52 + 18 : 52 + 20] == b"\0\0"
-    assert image[52 + 18 : 52 + 20] == b"\2\0"
-
-
-def syllables(seconds: int, seed: int) -> NDArray[np.float64]:
-    """Noise of 80 to 290 Hz in four syllables a second with pauses, 30 dB SL: what speech is like in the band."""
-    time = np.arange(seconds * SECOND) / RATE_HZ
-    noise = np.random.default_rng(seed).standard_normal(time.size)
-    noise = sosfilt(butter(4, (80.0, 290.0), "band", fs=RATE_HZ, output="sos"), noise)
-    loud = np.clip(np.sin(8.0 * np.pi * time) + 0.3, 0.0, None) * (np.sin(1.4 * np.pi * time) > -0.8)
-    return np.asarray(noise * loud * 10.0**1.5 / np.sqrt(2.0 * np.mean((noise * loud) ** 2)))
-
-
-def felt_levels(own: ChannelController, asked: NDArray[np.float64], touched: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Rms of what the thumb feels, through the threshold's curve, in windows of 0.1 s that begin in each sample."""
-    of = channel("thumb")
-    simulation = Simulation(display(of), 7)
-    simulation.load(Controller(display(of), (own,)))
-    cuts = [0, *(np.flatnonzero(np.diff(touched)) + 1).tolist(), asked.size]
-    moved = []
-    for start, stop in itertools.pairwise(cuts):
-        simulation.touch(0, "finger" if touched[start] else None)
-        moved.append(simulation.play(asked[start:stop]).displacement_mm[:, 0])
-    frequency = np.fft.rfftfreq(asked.size, 1.0 / RATE_HZ)
-    inside = (frequency >= 0.4) & (frequency <= 300.0)
-    weight = np.zeros(frequency.size)
-    weight[inside] = of.sensor_gain_v_per_mm / of.threshold_voltage(frequency[inside])
-    square = np.fft.irfft(np.fft.rfft(np.concatenate(moved)) * weight, asked.size) ** 2
-    return np.asarray(np.sqrt(np.convolve(square, np.ones(SECOND // 10) / (SECOND // 10), "valid")))
-
-
-@pytest.mark.parametrize(("share", "lowest_db", "highest_db"), [(None, 0.5, 1.0), (1.0, 1.05, 1.4)])
-def test_lifting__syllables_under_the_thumb__a_share_of_the_mass_keeps_the_decibel(
-    share: float | None, lowest_db: float, highest_db: float
-) -> None:
-    own = adaptive("thumb")
-    assert own.feed_forward is not None
-    if share is not None:
-        own = replace(own, feed_forward=replace(own.feed_forward, mass_fed=share))
-    worst_db = -np.inf
-    for k in range(6):
-        asked = syllables(10, k)
-        touched = (np.arange(asked.size) / RATE_HZ + 0.3 * k) % 4.0 > 2.0
-        free = felt_levels(replace(own, feed_forward=None), asked, np.zeros(asked.size, dtype=bool))
-        change_db = db(felt_levels(own, asked, touched) / free)[free > 0.1 * free.max()]
-        worst_db = max(worst_db, float(np.max(change_db)))
-    assert lowest_db < worst_db <= highest_db
