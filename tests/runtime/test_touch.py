@@ -6,8 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.signal import sosfilt
 
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.plant import Load
@@ -85,51 +83,6 @@ def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: flo
     free, _ = played(adaptive(), None, 3)
     np.testing.assert_allclose(weight, [mass, damping], atol=0.2)
     assert np.max(np.abs(db(amplitudes(felt) / amplitudes(free)))) < 0.3
-
-
-def chain_felt(own: ChannelController, chain: tuple[float, ...] | None) -> NDArray[np.float64]:
-    """What is felt under a Kelvin-Voigt chain of two, by the plant's equations and an exponential of their own: no
-    converter, no hum. chain: contact mass, damper and spring to a second mass, it, damper and spring to the ground.
-    """
-    m, b, k, m2, b2, k2 = chain or (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    inertia = np.array([[1.0 + m, 0.0], [0.0, m2]])
-    drag = np.array([[94.0 + b, -b], [-b, b + b2]])
-    spring = np.array([[290.0 + k, -k], [-k, k + k2]])
-    a = np.zeros((5, 5))
-    a[:2, 2:4] = np.eye(2)
-    a[2:4, :4] = -np.linalg.solve(inertia, np.hstack([spring, drag]))
-    a[2:4, 4] = np.linalg.solve(inertia, [2875.0, 0.0])
-    step = linalg.expm(a / RATE_HZ)[:4]
-    samples = 3 * SECOND // 2
-    table, state = touch_table(own, RATE_HZ, 0), ffi.new("tact_touch_state *")
-    lib.tact_touch_reset(table, state)
-    asked = sosfilt(own.prefilter(RATE_HZ).sections(), tones(samples)).tolist()
-    feedback = np.asarray(own.feedback_sos).tolist()
-    memory = [[0.0, 0.0] for _ in feedback]
-    x, held, felt = np.zeros(4), 0.0, np.zeros(samples)
-    for n in range(samples):
-        felt[n] = x[0]
-        command = asked[n] - felt[n]
-        for section, past in zip(feedback, memory, strict=True):
-            out = section[0] * command + past[0]
-            past[0] = section[1] * command - section[4] * out + past[1]
-            past[1] = section[2] * command - section[5] * out
-            command = out
-        command += lib.tact_touch_step(table, state, asked[n], felt[n])
-        lib.tact_touch_put(table, state, command)
-        x = step @ np.append(x, held)
-        held = command
-    return felt[-SECOND:]
-
-
-def test_adaptation__chain_that_the_estimator_does_not_contain__within_a_decibel() -> None:
-    free = amplitudes(chain_felt(adaptive(), None))
-    chain = (0.05, 40.0, 8000.0, 0.11, 25.0, 360.0)
-    fixed = replace(adaptive().feed_forward, weight_max=0.0)  # type: ignore[type-var]
-    still = amplitudes(chain_felt(replace(adaptive(), feed_forward=fixed), chain))
-    felt = amplitudes(chain_felt(adaptive(), chain))
-    assert np.max(np.abs(db(still / free))) > 1.2
-    assert np.max(np.abs(db(felt / free))) < 1.0
 
 
 def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:

@@ -16,29 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.rig.sound.simulated_card import simulated_card
 from tests.rig.sound.through_portaudio import RATE_HZ, delay_of, opened
+from tests.rig.sound.turned_card import flat_controller
 
 BLOCK, COUNT, FULL_V = 2400, 3, 2.0
 SECTIONS = 8
 NEAR_S = 2.0
 """Rows about a gap that was told are not compared: the server plays silence, or a period anew, before and after it."""
 REPORT_S, STOPPED_S = 60.0, 0.4
-
-
-def controller(display) -> Controller:
-    """Eight sections a channel, as many as an equaliser has: a gain of 0.01 V for a threshold unit."""
-    sections = np.tile([1.0, -0.5, 0.1, 1.0, -0.5, 0.1], (SECTIONS, 1))
-    sections[0, :3] *= 0.01
-    own = {
-        "threshold_voltage_dc": 1.0,
-        "prefilter_sos": sections,
-        "feedback_sos": None,
-        "anti_windup": AntiWindup(),
-        "limits": Limits(2.0, 2.0),
-    }
-    return Controller(display, tuple(ChannelController(name=one.name, **own) for one in display.channels))
 
 
 class Echo:
@@ -86,13 +72,15 @@ def noise(rows: int, count: int) -> Iterator[np.ndarray]:
         yield rng.uniform(-100.0, 100.0, (BLOCK, count))
 
 
-def streaming(seconds: float, provoked: int, count: int = COUNT, period: int = 4096) -> Iterator[dict[str, object]]:
+def streaming(seconds: float, provoked: int, count: int = COUNT) -> Iterator[dict[str, object]]:
     """Yield a table a minute, and one at the end."""
     rows = round(seconds * RATE_HZ)
     stops = [seconds * (k + 0.5) / provoked for k in range(provoked)]
     done = told = 0
-    with simulated_card([None] * count, period=period) as card, opened(count, lead_s=1.0) as rig:
-        rig.load(controller(rig.display))
+    with simulated_card([None] * count, period=4096) as card, opened(count, lead_s=1.0) as rig:
+        sections = np.tile([1.0, -0.5, 0.1, 1.0, -0.5, 0.1], (SECTIONS, 1))  # as many as an equaliser has
+        sections[0, :3] *= 0.01
+        rig.load(flat_controller(rig.display, prefilter_sos=sections))
         rig.allow_gaps = True
         first = rig.drive(np.random.default_rng(1).uniform(-1.0, 1.0, (48000, count)))
         late = delay_of(first.command_v[:, 0], first.position_v[:, 0])

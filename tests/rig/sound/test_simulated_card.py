@@ -63,22 +63,6 @@ def test_demo__kept__is_there_for_other_commands_until_ctrl_c(tmp_path):
     assert device in [one["name"] for one in json.loads(found.stdout)["devices"]]
 
 
-@pytest.mark.soak  # minutes, in real time
-def test_experiment_and_speech__through_the_audio_path__from_start_to_end():
-    asked = [sys.executable, "-m", "tests.rig.sound.from_start_to_end"]
-    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    *lines, found = [json.loads(line) for line in done.stdout.splitlines()]
-    assert (found["rendered"], found["played"], found["runs"], found["missed"]) == (0, 0, ["done"], [])
-    assert found["trials"] == found["answered"] > 20
-    assert found["ticks_ascend"]
-    assert found["spread"] == 0
-    assert found["felt_off_db"] < 0.1
-    (threshold,) = lines[0]["thresholds"]
-    # 79 % of the script's function are at its 6 dB SL; one run errs by its own standard error, which is 1 to 2 dB
-    assert abs(threshold["own_db_sl"] - 6.0) < 4.0
-
-
 def test_multisine__through_the_audio_path__is_the_exciters_truth(measured):
     assert measured["worst_db"] < 0.1
     assert measured["worst_deg"] < 1.0
