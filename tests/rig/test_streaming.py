@@ -276,21 +276,3 @@ def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_its
         with open_rig(f"board:{url}", designed().display, 1) as again:
             again.load(designed())
             assert len(again.play(noise(50))) == 50
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("socket://127.0.0.1:0", "a port from 1 to 65535"),
-        ("socket://nowhere", "socket://host:port"),
-        ("/dev/null@fast", "baud rate 'fast'"),
-    ],
-)
-def test_port__that_is_none__is_told(url, words):
-    with pytest.raises(BadInput, match=words):
-        open_rig(f"board:{url}", designed().display)
-
-
-def test_port__where_nobody_listens__is_a_device_that_failed():
-    with pytest.raises(LinkDown, match="one where a board listens"):
-        open_rig("board:socket://127.0.0.1:1", designed().display)

@@ -46,6 +46,8 @@ def test_delay_and_tone__no_wire__are_refused(heard: str):
 
     with pytest.raises(BadInput, match="does not come back at the input"):
         tone(wire_rig(answer=answer), 100.0, 0.4, 2.0)
+    with pytest.raises(BadInput, match="does not come back at the input"):
+        measure_delay(wire_rig(answer=answer), 0.3, np.random.default_rng(1))
 
 
 def test_tone__no_input__is_played_and_none_is_heard():
