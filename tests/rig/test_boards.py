@@ -9,7 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig import boards as program
-from tactuator.rig.boards import BOARDS, ROOT, build_firmware, find_board, read_boards
+from tactuator.rig.boards import BOARDS, ROOT, build_firmware, read_boards
 
 OWN = """
 [own-board]
@@ -29,24 +29,14 @@ def test_boards__folders_of_firmware__all_are_found_with_their_linker_scripts():
     assert [name for name, board in BOARDS.items() if board.is_real] == ["stm32f405"]
 
 
-def test_boards__a_folder_more__its_board_is_there_too(tmp_path):
+@pytest.mark.parametrize("text", [OWN + "speed = 3\n", OWN.replace("rows = 512\n", ""), "[own-board\n", "rows = 3\n"])
+def test_boards__a_folder_more__its_board_is_there_or_its_file_is_named(tmp_path, text):
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "board.toml").write_text(OWN)
-    found = read_boards(tmp_path)["own-board"]
-    assert (found.folder, found.rows, found.serial, found.is_real) == ("own", 512, 0, False)
-
-
-@pytest.mark.parametrize("text", [OWN + "speed = 3\n", OWN.replace("rows = 512\n", ""), "[own-board\n", "rows = 3\n"])
-def test_boards__unknown_or_missing_key_or_no_toml__file_is_named(tmp_path, text):
-    (tmp_path / "own").mkdir()
+    assert read_boards(tmp_path)["own-board"].folder == "own"
     (tmp_path / "own" / "board.toml").write_text(text)
     with pytest.raises(BadInput, match=r"own/board\.toml: .*; allowed: a table for each board"):
         read_boards(tmp_path)
-
-
-def test_find_board__name_not_known__all_are_listed():
-    with pytest.raises(BadInput, match="board 'avr' is not known; allowed: mps2-an386, mps2-an500, stm32f405"):
-        find_board("avr")
 
 
 def test_build_firmware__asked_twice_at_once__compiles_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

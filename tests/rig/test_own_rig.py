@@ -10,13 +10,9 @@ from tactuator.io.controller import write_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.open import RIGS, open_rig
 from tests.rig.guard.guarded import designed
-from tests.rig.own_rig import example, installed_example
+from tests.rig.own_rig import installed_example
 
 DISPLAY = paper_display()
-
-
-def test_example__of_the_page__has_at_most_60_lines() -> None:
-    assert len(example()[0].splitlines()) <= 60
 
 
 def test_open_rig__example_installed__is_found_by_its_name() -> None:

@@ -5,12 +5,10 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
-from tactuator.rig.board.link import LinkClient, Mode, RigFault
-from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.board.link import Mode
 from tactuator.rig.player import play_reference
 from tactuator.rig.rig import Trace
-from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport import InProcess
+from tests.rig.every_rig import free_rig
 
 CHANNELS = ("a", "b")
 
@@ -121,37 +119,6 @@ def test_play__reference_not_for_this_rig__refused_before_anything_moves(referen
     assert rig.blocks == []
 
 
-def test_play__simulated_display__is_what_was_rendered(controller, tmp_path):
-    names = tuple(channel.name for channel in controller.display.channels)
-    samples = 50.0 * np.sin(2 * np.pi * 100 * np.arange(4000) / 4000)[:, None] * np.ones((1, 3))
-    with write_reference(tmp_path / "r.h5", ReferenceHead(4000.0, names)) as writer:
-        writer.write(samples)
-    rig = SimulatedRig(controller.display, 0)
-    rig.load(controller)
-    played = play_reference(rig, open_reference(tmp_path / "r.h5"))
-    assert (played.played_s, played.saturated_s) == (1.0, 0.0)
-
-
-RATE_HZ = 4000.0
-
-
-@pytest.fixture
-def rig(controller):
-    """Its time goes on by 32 ticks with every request."""
-    made = BoardRig(LinkClient(InProcess()), controller.display, waits=False, sleep=lambda seconds: None)
-    made.simulate(1)
-    made.load(controller)
-    return made
-
-
-@pytest.fixture
-def long_reference(controller, tmp_path):
-    names = tuple(channel.name for channel in controller.display.channels)
-    with write_reference(tmp_path / "r.h5", ReferenceHead(RATE_HZ, names)) as writer:
-        writer.write(np.full((12000, len(names)), 20.0))
-    return open_reference(tmp_path / "r.h5")
-
-
 def played_of(rig, reference, wishes):
     """What was played, and what the rig's trace says of the reference."""
     traces = []
@@ -168,21 +135,14 @@ def played_of(rig, reference, wishes):
     return played, np.concatenate(traces)
 
 
-def test_play__free_board__pause_and_stop_ramp_within_100_ms_and_the_board_rests(rig, long_reference):
-    wishes = ["run"] * 10 + ["pause"] * 10 + ["run"] * 10 + ["stop"]
-    played, samples = played_of(rig, long_reference, wishes)
+def test_play__free_board__pause_and_stop_ramp_within_100_ms_and_the_board_rests(reference):
+    rig, wishes = free_rig(), ["run"] * 10 + ["pause"] * 10 + ["run"] * 10 + ["stop"]
+    played, samples = played_of(rig, reference(np.full((12000, 3), 20.0), rig.channels), wishes)
     assert played.stopped
     assert played.paused_s == pytest.approx(8 * 0.05)
     assert played.played_s == pytest.approx((10 + 2 + 10 + 2) * 0.05)
-    assert len(samples) == round((played.played_s + played.paused_s) * RATE_HZ)
+    assert len(samples) == round((played.played_s + played.paused_s) * rig.rate_hz)
     assert np.max(np.abs(np.diff(samples, axis=0))) < 20.0 * np.pi / 2 / 400 * 1.01
     assert samples[-1] == pytest.approx(0.0, abs=1e-6)
     assert rig.status().mode is Mode.ARMED
-    assert rig.status().at_rest
-
-
-def test_play__free_board__sensor_fails__is_told_and_the_board_rests(rig, long_reference):
-    rig.break_sensor(rig.channels[0], "open")
-    with pytest.raises(RigFault, match="sensor open"):
-        play_reference(rig, long_reference)
     assert rig.status().at_rest
