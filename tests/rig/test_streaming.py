@@ -184,7 +184,7 @@ def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_its
                 if count == 2:
                     break
         client = LinkClient(connect(url))
-        for pause_s in (2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of the board's time, sooner or later
+        for pause_s in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of its time, sooner or later
             time.sleep(pause_s)
             status = client.status()
             if status.mode is Mode.FAULT:

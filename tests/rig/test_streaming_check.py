@@ -96,7 +96,7 @@ def test_streaming_check__board_has_ended_its_run__is_not_judged_beside_a_host_b
         checked(monkeypatch, PROMPT, share)
 
 
-@pytest.mark.parametrize(("window", "share", "starved"), [(201, 0.04, False), (301, 9.08 / 12.0, True)])
+@pytest.mark.parametrize(("window", "share", "starved"), [(200, 0.04, False), (301, 9.08 / 12.0, True)])
 def test_is_starved__waiting_before_the_window__does_not_count(window: int, share: float, starved: bool) -> None:
     now = [0.0, 0.0]
     watch = HostWatch(window, lambda: now[0], lambda: now[1])
