@@ -112,19 +112,6 @@ def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once()
     assert np.flatnonzero(np.abs(command[8000:]) < 9.99)[0] <= 1
 
 
-def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
-    """What the reference within comfort cannot account for: the position is held 8 V away for two seconds."""
-    held = np.concatenate([np.full(8000, -8.0), np.zeros(4000)]).astype(np.float32)
-    silent = np.zeros_like(held)
-    back = []
-    for gains in ((0.0, 0.0), (0.05, 0.0005)):
-        command = run_core(replace(PAPER, anti_windup=AntiWindup(gains)), silent, held).view(np.float32)
-        below = np.flatnonzero(command[8000:] < 9.99)
-        back.append(below[0] if below.size else 4000)
-    assert back[0] == 4000
-    assert back[1] < 400
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -155,19 +155,6 @@ def test_controller_q31__any_input__is_apytypes_bits(made, reference, position):
     assert np.array_equal(core_commands(made, reference, position), expected)
 
 
-def test_controller_q31__tones_saturation_and_silence__is_apytypes_bits():
-    rng = np.random.default_rng(4)
-    time_s = np.arange(1200) / 4000.0
-    reference = (800.0 * np.sin(2.0 * np.pi * 37.0 * time_s) + 50.0 * rng.standard_normal(1200)).astype(np.float32)
-    reference[700:] = 0.0
-    position = (0.4 * rng.standard_normal(1200)).astype(np.float32)
-    position[1000:] = 0.0
-    made = CONTROLLERS["anti-windup"]
-    ours = core_commands(made, reference, position)
-    assert np.array_equal(ours, fixed_commands(made, reference, position))
-    assert np.any(np.abs(ours.view(np.float32)) == 0.5)
-
-
 def test_section_q31__slow_prefilter__follows_the_double_filter_to_a_dozen_last_bits():
     sos = prefilter_sections(0.004)
     rng = np.random.default_rng(1)

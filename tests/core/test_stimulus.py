@@ -98,14 +98,6 @@ def test_stimulus__tick_by_tick_and_again__gives_the_same_bits(tones: list[Tone]
         assert np.array_equal(ticks.view(np.uint32), reference.view(np.uint32))
 
 
-@settings(max_examples=50, deadline=None)
-@given(st.lists(any_tone(), max_size=4), st.integers(0, 6000))
-def test_stimulus__is_over__when_its_last_tone_has_ended(tones: list[Tone], tick: int) -> None:
-    last = max((tone.start + tone.length for tone in tones), default=0)
-    for at in {tick, last, max(0, last - 1)}:
-        assert lib.tact_stimulus_is_over(stimulus_of(tones), at) == (at >= last)
-
-
 @pytest.mark.parametrize("hertz", [0.4, 300.0])
 def test_tone__for_an_hour__keeps_amplitude_and_frequency(hertz: float) -> None:
     reference = play([Tone(0, HOUR, 0, 1.0, hertz)], HOUR)

@@ -59,14 +59,3 @@ def test_build_firmware__asked_twice_at_once__compiles_once(tmp_path: Path, monk
     assert len(compiled) == 1
     assert built[0] == built[1]
     assert set(tmp_path.iterdir()) == {built[0], built[0].with_suffix(".txt")}
-
-
-def test_build_firmware__after_one_that_failed__compiles_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program, "_cache", lambda: tmp_path)
-    monkeypatch.setattr(program, "_require", lambda tool: None)
-    failed = subprocess.CompletedProcess([], 1, "", "core/x.c:1: error: no such thing")
-    monkeypatch.setattr(program.subprocess, "run", lambda command, **given: failed)
-    for _ in range(2):
-        with pytest.raises(BadInput, match=r"does not compile: core/x\.c:1: error: no such thing; allowed"):
-            build_firmware("mps2-an386")
-    assert list(tmp_path.iterdir()) == []

@@ -4,30 +4,23 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
-from contextlib import redirect_stdout
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactuator.cli import main
 from tactuator.errors import DeviceFault
 from tactuator.io.display import parse_display
-from tactuator.io.model import read_model
-from tactuator.io.text import toml_text
-from tactuator.model.description import display_document
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import list_cards
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import SUBSTEPS, Exciter, simulated_card
 from tactuator.rig.sound.stream import SoundGap
-from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
 RATE_HZ = 48000.0
 QUIET = {"noise": 0.0, "hum": 0.0}
+PROVOKED = 3
 
 
 def display(count: int, **sound: Any):
@@ -107,30 +100,6 @@ def _multisine_against_truth(rig: SoundRig, exciter: Exciter) -> dict[str, objec
     }
 
 
-def recorded_and_identified() -> dict[str, object]:
-    """A hidden exciter of Q 21, its accelerometer the sensor, by the command line: by how much its model is off beyond
-    its band, where that is said to hold.
-    """
-    exciter = drawn_exciter(7)
-    document, w = display_document(exciter_display(exciter)), 2.0 * np.pi * exciter.resonance_hz
-    (channel,) = document["channel"]
-    channel["plant"] = {"num": [1e-3 * exciter.drive, 0.0, 0.0], "den": [1.0, w / exciter.q, w * w]}
-    channel["valid_hz"] = [10.0, 400.0]
-    with tempfile.TemporaryDirectory() as folder, simulated_card([exciter], seed=7) as card:
-        shown, taken, told = (f"{folder}/{name}" for name in ("display.toml", "record.h5", "model.json"))
-        Path(shown).write_text(toml_text(document), encoding="utf-8")
-        kept = ["--rig", f"sound:{card.device}", "--out", taken, "--duration-s", "20"]
-        with redirect_stdout(sys.stderr):
-            statuses = [main(["record", shown, *kept]), main(["identify", taken, "--out", told])]
-        model = read_model(told)
-    assert model.valid_hz is not None
-    hertz = np.geomspace(*model.valid_hz, 200)
-    s = 2j * np.pi * hertz
-    off_db = np.abs(20.0 * np.log10(np.abs(model.response(hertz) / (1e-3 * s**2 * exciter.response(hertz)))))
-    beyond = float(np.max(off_db - model.band_db(hertz)))
-    return {"statuses": statuses, "quantity": model.quantity, "valid_hz": model.valid_hz, "beyond_db": beyond}
-
-
 def server_killed() -> dict[str, object]:
     with simulated_card([None]) as card, opened(1) as rig:
         threading.Timer(1.0, card.server.kill).start()
@@ -156,16 +125,15 @@ def server_hung() -> dict[str, object]:
 
 def client_stopped() -> dict[str, object]:
     """The exciter's program is stopped for half a second, again and again; the card has to tell."""
-    told = provoked = 0
+    told = 0
     with simulated_card([None]) as card, opened(1) as rig:
-        for _ in range(5):
-            provoked += 1
 
-            def stop() -> None:
-                os.kill(card.client.pid, signal.SIGSTOP)
-                time.sleep(0.5)
-                os.kill(card.client.pid, signal.SIGCONT)
+        def stop() -> None:
+            os.kill(card.client.pid, signal.SIGSTOP)
+            time.sleep(0.5)
+            os.kill(card.client.pid, signal.SIGCONT)
 
+        for _ in range(PROVOKED):
             timer = threading.Timer(0.3, stop)
             timer.start()
             try:
@@ -175,4 +143,4 @@ def client_stopped() -> dict[str, object]:
                 told += 1
             timer.join()
             time.sleep(0.5)
-    return {"told": told, "provoked": provoked}
+    return {"told": told, "provoked": PROVOKED}
