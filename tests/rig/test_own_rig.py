@@ -19,7 +19,5 @@ def test_open_rig__example_installed__is_found_by_its_name() -> None:
 
 def test_open_rig__own_rig_that_is_none__is_refused(install) -> None:
     install(RIGS, "own", "def opened(rest, display, seed):\n    return 3\n", "opened")
-    with pytest.raises(
-        BadInput, match=r"rig 'own:x' is a int; allowed: what has all that tactuator"
-    ):
+    with pytest.raises(BadInput, match=r"rig 'own:x' is a int; allowed: what has all that tactuator"):
         open_rig("own:x", DISPLAY)

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from typing import Any
@@ -13,7 +11,6 @@ import numpy as np
 from tactuator.errors import DeviceFault
 from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.cards import list_cards
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import SUBSTEPS, Exciter, simulated_card
 from tactuator.rig.sound.stream import SoundGap
@@ -48,14 +45,6 @@ def delay_of(asked: np.ndarray, heard: np.ndarray) -> int:
     size = 2 * asked.size
     cross = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(asked, size)))
     return int(np.argmax(cross[: asked.size]))
-
-
-def seen() -> list[str]:
-    """The name of the card, then those that PortAudio lists; the card stays for a while, for others to be there too."""
-    with simulated_card([None]) as card:
-        listed = [one.name for one in list_cards()]
-        time.sleep(1.0)
-        return [card.device, *listed]
 
 
 def exciter_and_wires() -> dict[str, object]:
@@ -108,19 +97,6 @@ def server_killed() -> dict[str, object]:
         except DeviceFault as fault:
             return {"fault": type(fault).__name__, "words": str(fault)}
     return {"fault": "none"}
-
-
-def server_hung() -> dict[str, object]:
-    """The server is stopped, not ended: whoever asks it for something waits for ever."""
-    code = "import sys; from tactuator.cli import main; from tactuator.rig.sound import cards\n"
-    code += "cards.ANSWER_S = 1.0; sys.exit(main(['sound', 'devices']))"
-    with simulated_card([None]) as card:
-        os.kill(card.server.pid, signal.SIGSTOP)
-        try:
-            done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
-        finally:
-            card.server.kill()
-    return {"status": done.returncode, "words": done.stderr}
 
 
 def client_stopped() -> dict[str, object]:
