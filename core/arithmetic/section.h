@@ -73,8 +73,4 @@ inline float tact_section_shift(const tact_section *section, tact_section_state 
     return y;
 }
 
-/* samples of x through a cascade of count sections into y (which may be x). */
-void tact_cascade_run(const tact_section *sections, tact_section_state *states, int count, const float *x, float *y,
-                      size_t samples);
-
 #endif

@@ -114,8 +114,4 @@ inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, flo
     state->at = state->at + 1 < table->delay ? state->at + 1 : 0;
 }
 
-/* samples of one channel, for tests: F's answers, positions and commands put out in, what is fed forward out. */
-void tact_touch_run(const tact_touch *table, tact_touch_state *state, const float *wanted_v, const float *position_v,
-                    const float *command_v, float *added_v, size_t samples);
-
 #endif

@@ -160,10 +160,10 @@ def test_board_that_waits__given_rows_and_stands_still__is_told():
 def test_serial_port__board_behind_it__plays_bit_for_bit():
     with in_process_rig(designed().display, 1) as ours:
         ours.load(designed())
-        wanted = ours.play(noise(300))
+        wanted = ours.play(noise(100))
     with serial_board() as (name, _), open_rig(f"board:{name}@921600", designed().display, 1) as rig:
         rig.load(designed())
-        assert np.array_equal(rig.play(noise(300)).command_v, wanted.command_v)
+        assert np.array_equal(rig.play(noise(100)).command_v, wanted.command_v)
 
 
 def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself_and_a_port_that_vanishes_is_told():

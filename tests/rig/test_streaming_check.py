@@ -2,17 +2,12 @@
 
 import itertools
 import math
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput
-from tactuator.rig.board.link import LinkClient, Mode
+from tactuator.rig.board.link import Mode
 from tactuator.rig.streaming_check import HostWatch, NotJudged, check_streaming, waited_s
 from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import lib
@@ -81,20 +76,6 @@ def test_streaming_check__beside_a_host_behind__is_not_judged(monkeypatch, uart,
         checked(monkeypatch, uart, share, instruction_ns)
 
 
-@pytest.mark.parametrize(("share", "error"), [(0.5, NotJudged), (0.0, BadInput)])
-def test_streaming_check__board_has_ended_its_run__is_not_judged_beside_a_host_behind(monkeypatch, share, error):
-    calls, takes = itertools.count(), LinkClient.stream
-
-    def ends(client, *asked):
-        if next(calls) > 20:
-            raise BadInput("the board refused to stream: other run; it is OFF")
-        return takes(client, *asked)
-
-    monkeypatch.setattr(LinkClient, "stream", ends)
-    with pytest.raises(error, match=r"the board (has ended its run|refused to stream: other run)"):
-        checked(monkeypatch, PROMPT, share)
-
-
 @pytest.mark.parametrize(("window", "share", "starved"), [(200, 0.04, False), (301, 9.08 / 12.0, True)])
 def test_is_starved__waiting_before_the_window__does_not_count(window: int, share: float, starved: bool) -> None:
     now = [0.0, 0.0]
@@ -108,19 +89,3 @@ def test_waited_s__system_that_does_not_count__is_not_a_number(tmp_path: Path) -
     assert math.isnan(waited_s(tmp_path / "missing"))
     (tmp_path / "empty").write_text("")
     assert math.isnan(waited_s(tmp_path / "empty"))
-
-
-@pytest.mark.skipif(math.isnan(waited_s()), reason="the system does not count how long a thread waits")
-def test_waited_s__processor_shared_with_another_program__grows() -> None:
-    mine = os.sched_getaffinity(0)
-    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as other:
-        try:
-            for process in (0, other.pid):
-                os.sched_setaffinity(process, {min(mine)})
-            before_s, begun_s = waited_s(), time.process_time()
-            while time.process_time() < begun_s + 0.1:
-                pass
-            assert waited_s() > before_s
-        finally:
-            os.sched_setaffinity(0, mine)
-            other.kill()

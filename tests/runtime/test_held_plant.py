@@ -136,6 +136,14 @@ def test_quantity__other_than_displacement__finger_still_gets_the_displacement(q
     assert driven(other, command, "finger") == pytest.approx(driven(position, command, "finger"), rel=1e-9, abs=1e-12)
 
 
+def test_quantity__velocity_without_a_zero_at_rest__is_integrated() -> None:
+    motor = ContinuousSystem(np.empty(0), np.array([-50.0]), 100.0)
+    of = channel(plant=motor, quantity="velocity", loads=(), sensor_gain_v_per_mm=2.0)
+    time_s, one = np.arange(400) / RATE_HZ, coded(np.ones(400))
+    expected = one[0] * (2.0 * time_s - 2.0 * (1.0 - np.exp(-50.0 * time_s)) / 50.0) / 2.0
+    assert driven(of, one) == pytest.approx(expected, rel=1e-8, abs=1e-12)
+
+
 REFUSED = [
     ([-1.0, -2.0], [-3.0], 0.0, 1, "2 zeros and 1 poles; allowed: no more zeros than poles"),
     ([], -np.arange(1.0, 10.0), 0.0, 1, "order 9 here; allowed: 1 to 8"),

@@ -134,13 +134,15 @@ def test_saturated__marks_command_and_position_beyond_the_converters() -> None:
 
 @settings(max_examples=8)
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=6), st.integers(0, 2**32 - 1))
-def test_blocks__however_cut__give_the_same_bits(cuts: list[int], seed: int) -> None:
+def test_blocks__however_cut__give_the_same_bits_and_another_seed_gives_others(cuts: list[int], seed: int) -> None:
     of = display()
     reference = 100.0 * np.random.default_rng(seed).standard_normal((sum(cuts), 3))
     whole, pieces = Simulation(of, seed), Simulation(of, seed)
     for simulation in (whole, pieces):
         simulation.load(controller(of))
         simulation.touch(1, "finger")
+    rest = np.zeros((1000, 3))
+    assert not np.array_equal(*(Simulation(of, each).drive(rest).position_v for each in (seed, seed ^ 1)))
     at_once = whole.play(reference)
     parts = [pieces.play(part) for part in np.split(reference, np.cumsum(cuts)[:-1])]
     for name in ("command_v", "position_v", "displacement_mm", "saturated"):

@@ -116,9 +116,10 @@ def test_estimator__fed_what_is_no_number__adds_nothing_and_goes_on(bad: float) 
     wanted = (0.01 * rng.standard_normal(SECOND)).astype(np.float32)
     position = wanted.copy()
     position[500:520] = bad
-    command, added = np.zeros(SECOND, np.float32), np.zeros(SECOND, np.float32)
-    pointers = [ffi.from_buffer("float[]", one) for one in (wanted, position, command, added)]
-    lib.tact_touch_run(table, state, *pointers, SECOND)
+    added = []
+    for sample in zip(wanted, position, strict=True):
+        added.append(lib.tact_touch_step(table, state, *sample))
+        lib.tact_touch_put(table, state, 0.0)
     weight = np.array(list(state.weight))
     assert np.all(np.isfinite(added))
     assert np.max(np.abs(added)) <= table.push_max_v

@@ -27,10 +27,12 @@ DC = MADE.channels[0].threshold_voltage_dc
 HZ = np.geomspace(0.4, 300.0, 40)
 
 
-def test_filter_bits__first_order_low_pass__is_what_its_pole_needs() -> None:
+def test_filter_bits__slow_poles__are_what_they_need_and_one_above_the_most_where_there_are_not_so_many() -> None:
     # a pole at 1 - 2^-6: rounded to five bits or fewer it lies on the unit circle
     system = SampledSystem(np.empty(0), np.array([1.0 - 2.0**-6]), 2.0**-6, 4000.0)
     assert filter_bits(system, "sections").stable == 6
+    slow = SampledSystem(np.empty(0), np.array([1.0 - 1e-7] * 8), 1.0, 64_000.0)
+    assert filter_bits(slow, "direct") == BitsNeeded(MOST_BITS + 1, MOST_BITS + 1)
 
 
 @pytest.mark.parametrize("form", F_BITS)
@@ -39,11 +41,6 @@ def test_filter_bits__papers_prefilter__are_facts_within_what_pairing_moves(form
         found = filter_bits(bilinear(paper.PREFILTER, rate_hz), form)  # type: ignore[arg-type]
         assert found.stable == pytest.approx(stable, abs=3)
         assert found.accurate == pytest.approx(accurate, abs=4)
-
-
-def test_filter_bits__more_than_there_are__is_one_above_the_most() -> None:
-    slow = SampledSystem(np.empty(0), np.array([1.0 - 1e-7] * 8), 1.0, 64_000.0)
-    assert filter_bits(slow, "direct") == BitsNeeded(MOST_BITS + 1, MOST_BITS + 1)
 
 
 def test_controller_bits__papers__sections_need_more_at_every_doubling_and_delta_hardly() -> None:

@@ -12,7 +12,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
 from tactuator.rig.emulator import Emulator
-from tactuator.rig.open import emulated_rig, in_process_rig, open_rig, simulated_board_rig
+from tactuator.rig.open import in_process_rig, open_rig, simulated_board_rig
 from tactuator.rig.rig import join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
@@ -93,12 +93,6 @@ def test_open__names__give_rigs_or_say_what_is_allowed():
     ):
         with pytest.raises(error, match=words):
             open_rig(name, designed().display)
-
-
-def test_emulator__missing__is_told_with_what_to_install(monkeypatch):
-    monkeypatch.setattr("shutil.which", lambda name: None)
-    with pytest.raises(BadInput, match="make install-boards"):
-        emulated_rig("mps2-an500", designed().display)
 
 
 def test_emulator__ends_on_its_own__is_told():

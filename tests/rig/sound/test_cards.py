@@ -1,5 +1,6 @@
 """Sound cards by name."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -77,6 +78,15 @@ def test_open_rig__another_rate_or_a_display_with_a_loop_or_without_wiring__is_r
             open_rig(name, display)
 
 
+def test_answer__several_jobs__from_one_thread_which_goes_on_after_one_that_fails():
+    calls = AudioThread()
+    names = {calls.answer(lambda: threading.current_thread().ident, "looking") for _ in range(3)}
+    with pytest.raises(ZeroDivisionError):
+        calls.answer(lambda: 1 // 0, "dividing")
+    assert names == {calls.answer(lambda: threading.current_thread().ident, "looking")}
+    assert names != {threading.current_thread().ident}
+
+
 def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch):
     monkeypatch.setattr(audio_thread, "ANSWER_S", 0.05)
     calls, go, undone = AudioThread(), threading.Event(), threading.Event()
@@ -92,6 +102,13 @@ def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch
     assert not undone.is_set()
     go.set()
     assert undone.wait(10.0)  # what came too late is let go of
+
+
+def test_quiet__within__nothing_reaches_standard_error(capfd):
+    with library.quiet():
+        os.write(2, b"ALSA lib warning\n")
+    os.write(2, b"after\n")
+    assert capfd.readouterr().err == "after\n"
 
 
 GIVES_UP = """

@@ -4,39 +4,25 @@ import os
 import signal
 import threading
 import time
-from typing import Any
 
 import numpy as np
 
 from tactuator.errors import DeviceFault
-from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import SUBSTEPS, Exciter, simulated_card
 from tactuator.rig.sound.stream import SoundGap
+from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0
 QUIET = {"noise": 0.0, "hum": 0.0}
 PROVOKED = 3
 
 
-def display(count: int, **sound: Any):
-    plant = {"num": [20.0], "den": [1.0, 200.0, 4.8e5]}
-    channel = {"sensor_gain_v_per_mm": 1.0, "travel_mm": 2.0, "plant": plant}
-    return parse_display(
-        {
-            "display": {"name": "card", "rate_hz": RATE_HZ, "delay_samples": 0},
-            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-            "feedback": {"structure": "none"},
-            "converter": {"range_v": 2.0},
-            "sound": {"output_full_scale_v": 2.0, "input_full_scale_v": 2.0, **sound},
-            "channel": [{"name": f"c{k + 1}", **channel} for k in range(count)],
-        }
-    )
-
-
-def opened(count: int, **sound: Any) -> SoundRig:
-    rig = open_rig("sound:-exciters", display(count, **sound))
+def opened(count: int) -> SoundRig:
+    scale = {"output_full_scale_v": 2.0, "input_full_scale_v": 2.0}
+    display = sound_display([f"c{k + 1}" for k in range(count)], RATE_HZ, 2.0, **scale)
+    rig = open_rig("sound:-exciters", display)
     assert isinstance(rig, SoundRig)
     return rig
 
