@@ -29,8 +29,6 @@
 #ifndef TACT_SECTION_H
 #define TACT_SECTION_H
 
-#include <stddef.h>
-
 #include "arithmetic/finite.h"
 #include "arithmetic/float_pair.h"
 

@@ -24,8 +24,6 @@
 #ifndef TACT_TOUCH_FEED_FORWARD_H
 #define TACT_TOUCH_FEED_FORWARD_H
 
-#include <stddef.h>
-
 #include "touch/learning.h"
 
 /* One sample through the poles: a command, the reading it acted on, and what the model's position was then. */

@@ -1,7 +1,7 @@
 """Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
 
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import BoardStream, StreamDry
 from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.rig import join_traces
-from tactuator.rig.streaming_check import NotJudged, StreamingCheck, check_streaming
+from tactuator.rig.streaming_check import NotJudged, check_streaming
 from tactuator.rig.transport import InProcess, LinkDown, connect
 from tactuator.runtime.safety_table import Fault
 from tests.rig.board.emulated_ports import serial_board, socket_board
@@ -115,22 +115,17 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
         assert end == before.stream_end
 
 
-def judged(board, rows, instruction_ns) -> StreamingCheck:
-    """The outcome, where this machine had time for the host in one of two runs: neither passed nor failed otherwise."""
-    with suppress(NotJudged):
-        return check_streaming(board, designed(), rows / RATE_HZ, instruction_ns)
-    try:
-        return check_streaming(board, designed(), rows / RATE_HZ, instruction_ns)
-    except NotJudged as error:
-        pytest.skip(str(error))
-
-
-@pytest.mark.parametrize(
-    "rows", [4000, pytest.param(8000, marks=pytest.mark.slow), pytest.param(40_000, marks=pytest.mark.soak)]
-)
+@pytest.mark.parametrize("rows", [2000, pytest.param(40_000, marks=pytest.mark.soak)])
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(rows):
-    """One too slow is late: tests/cli/controller/test_firmware_stream.py."""
-    found = judged("stm32f405", rows, 8)
+    """Where this machine had time for the host in one of two runs. One too slow is late:
+    tests/cli/controller/test_firmware_stream.py."""
+    for last in (False, True):
+        try:
+            found = check_streaming("stm32f405", designed(), rows / RATE_HZ, 8)
+            break
+        except NotJudged as error:
+            if last:
+                pytest.skip(str(error))
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
     assert found.played == found.samples == rows
     assert found.bit_exact
