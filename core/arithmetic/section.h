@@ -29,8 +29,6 @@
 #ifndef TACT_SECTION_H
 #define TACT_SECTION_H
 
-#include <stddef.h>
-
 #include "arithmetic/finite.h"
 #include "arithmetic/float_pair.h"
 
@@ -72,9 +70,5 @@ inline float tact_section_shift(const tact_section *section, tact_section_state 
     state->s2 += section->b2 * x - section->a2 * y;
     return y;
 }
-
-/* samples of x through a cascade of count sections into y (which may be x). */
-void tact_cascade_run(const tact_section *sections, tact_section_state *states, int count, const float *x, float *y,
-                      size_t samples);
 
 #endif

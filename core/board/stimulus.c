@@ -54,14 +54,6 @@ float tact_stimulus_next(tact_stimulus *stimulus, uint32_t tick)
     return sum;
 }
 
-int tact_stimulus_is_over(const tact_stimulus *stimulus, uint32_t tick)
-{
-    for (int32_t i = 0; i < stimulus->count; i++)
-        if (tick < stimulus->tone[i].start + stimulus->tone[i].length)
-            return 0;
-    return 1;
-}
-
 void tact_stimulus_run(tact_stimulus *stimulus, float *reference, size_t samples)
 {
     tact_stimulus_rewind(stimulus);

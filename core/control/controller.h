@@ -24,6 +24,7 @@
 #ifndef TACT_CONTROLLER_H
 #define TACT_CONTROLLER_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "arithmetic/section.h"

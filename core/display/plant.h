@@ -8,7 +8,7 @@
  * Two rows of output: what the sensor measures, in volts, and the displacement of the fingerpad, in mm.
  *
  * Example use:
- *   double position_v = tact_plant_position_v(&plant, x, held_v);
+ *   double position_v = tact_plant_output(plant.order, plant.sensor, x) + plant.sensor_direct * held_v;
  *   tact_plant_step(&plant, x, input_v, before_v, disturbance_v);
  */
 #ifndef TACT_PLANT_H

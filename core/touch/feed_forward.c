@@ -25,12 +25,3 @@ float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wa
     const float command_v = tact_touch_sections(table, state, wanted_v - model_v);
     return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
 }
-
-void tact_touch_run(const tact_touch *table, tact_touch_state *state, const float *wanted_v, const float *position_v,
-                    const float *command_v, float *added_v, size_t samples)
-{
-    for (size_t k = 0; k < samples; k++) {
-        added_v[k] = tact_touch_step(table, state, tact_finite(wanted_v[k], 1e6f), position_v[k]);
-        tact_touch_put(table, state, command_v[k]);
-    }
-}

@@ -24,8 +24,6 @@
 #ifndef TACT_TOUCH_FEED_FORWARD_H
 #define TACT_TOUCH_FEED_FORWARD_H
 
-#include <stddef.h>
-
 #include "touch/learning.h"
 
 /* One sample through the poles: a command, the reading it acted on, and what the model's position was then. */
@@ -113,9 +111,5 @@ inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, flo
     state->command_v[state->at] = command_v;
     state->at = state->at + 1 < table->delay ? state->at + 1 : 0;
 }
-
-/* samples of one channel, for tests: F's answers, positions and commands put out in, what is fed forward out. */
-void tact_touch_run(const tact_touch *table, tact_touch_state *state, const float *wanted_v, const float *position_v,
-                    const float *command_v, float *added_v, size_t samples);
 
 #endif

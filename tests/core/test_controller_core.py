@@ -48,7 +48,7 @@ def run_numpy(
     return np.array([model.step(r, y) for r, y in zip(reference, position, strict=True)], np.float32).view(np.uint32)
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(hostile, hostile)
 def test_controller__any_bits_in__agrees_with_numpy_bit_for_bit(
     reference: NDArray[np.float32], position: NDArray[np.float32]
@@ -59,23 +59,25 @@ def test_controller__any_bits_in__agrees_with_numpy_bit_for_bit(
         assert np.array_equal(ours, run_numpy(of, reference[:count], position[:count]))
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(cascade, cascade, hostile, st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)))
-def test_controller__any_sections_even_unstable__agrees_with_numpy_bit_for_bit(
+def test_controller__any_sections_even_unstable__agrees_with_numpy_bit_for_bit_within_its_limits(
     prefilter: NDArray[np.float64],
     feedback: NDArray[np.float64],
     reference: NDArray[np.float32],
     gains: tuple[float, float],
 ) -> None:
-    of = ChannelController("x", 1.0, prefilter, feedback, AntiWindup(gains), Limits(10.0, 2.0))
-    assert np.array_equal(run_core(of, reference, reference[::-1]), run_numpy(of, reference, reference[::-1]))
+    of = ChannelController("x", 1.0, prefilter, feedback, AntiWindup(gains), Limits(3.0, 2.0))
+    ours = run_core(of, reference, reference[::-1])
+    assert np.array_equal(ours, run_numpy(of, reference, reference[::-1]))
+    assert np.all(np.abs(ours.view(np.float32)) <= 3.0)
 
 
 def test_controller__long_ordinary_run__agrees_with_numpy_bit_for_bit() -> None:
     rng = np.random.default_rng(5)
-    reference = (300.0 * rng.standard_normal(20_000)).astype(np.float32)
-    reference[8000:] = 0.0
-    position = (0.5 * rng.standard_normal(20_000)).astype(np.float32)
+    reference = (300.0 * rng.standard_normal(6000)).astype(np.float32)
+    reference[4000:] = 0.0
+    position = (0.5 * rng.standard_normal(6000)).astype(np.float32)
     assert np.array_equal(run_core(PAPER, reference, position), run_numpy(PAPER, reference, position))
 
 
@@ -87,16 +89,6 @@ def test_controller__small_signals__agrees_with_scipy_in_double() -> None:
     )
     ours = run_core(PAPER, reference.astype(np.float32), position.astype(np.float32)).view(np.float32)
     assert np.max(np.abs(ours - double)) < 2e-6 * np.max(np.abs(double))
-
-
-@settings(max_examples=100)
-@given(cascade, hostile)
-def test_controller__whatever_happens__gives_a_finite_command_within_its_limits(
-    prefilter: NDArray[np.float64], reference: NDArray[np.float32]
-) -> None:
-    of = replace(PAPER, prefilter_sos=prefilter, limits=Limits(3.0, 2.0))
-    command = run_core(of, reference, reference).view(np.float32)
-    assert np.all(np.abs(command) <= 3.0)
 
 
 def test_controller__silence_after_sound__comes_to_rest_exactly() -> None:
@@ -120,25 +112,26 @@ def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once()
     assert np.flatnonzero(np.abs(command[8000:]) < 9.99)[0] <= 1
 
 
-def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
-    """What the reference within comfort cannot account for: the position is held 8 V away for two seconds."""
-    held = np.concatenate([np.full(8000, -8.0), np.zeros(4000)]).astype(np.float32)
-    silent = np.zeros_like(held)
-    back = []
-    for gains in ((0.0, 0.0), (0.05, 0.0005)):
-        command = run_core(replace(PAPER, anti_windup=AntiWindup(gains)), silent, held).view(np.float32)
-        below = np.flatnonzero(command[8000:] < 9.99)
-        back.append(below[0] if below.size else 4000)
-    assert back[0] == 4000
-    assert back[1] < 400
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"limits": Limits(0.0, 2.0)}, "allowed: a positive number of volts"),
+        ({"limits": Limits(-1.0, 2.0)}, "allowed: a positive number of volts"),
+        (
+            {"feedback_sos": np.tile(feedback_sections(), (5, 1))},
+            "'index': feedback has 5 sections; allowed: at most 4",
+        ),
+    ],
+)
+def test_controller_table__what_no_board_runs__is_refused(changes, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        controller_table(replace(PAPER, **changes))
 
 
-@pytest.mark.parametrize("limit", [0.0, -1.0])
-def test_controller_table__command_limit_not_positive__is_refused(limit: float) -> None:
-    with pytest.raises(BadInput, match="allowed: a positive number of volts"):
-        controller_table(replace(PAPER, limits=Limits(limit, 2.0)))
-
-
-def test_controller_table__too_many_feedback_sections__is_refused() -> None:
-    with pytest.raises(BadInput, match="channel 'index': feedback has 5 sections; allowed: at most 4"):
-        controller_table(replace(PAPER, feedback_sos=np.tile(feedback_sections(), (5, 1))))
+@given(first=st.floats(width=32), second=st.floats(width=32), at=st.integers(0, 3))
+def test_pair__any_two_floats__are_read_as_they_lie(first, second, at):
+    floats = ffi.new("float[8]", [7.0] * 8)
+    floats[2 * at], floats[2 * at + 1] = first, second
+    pair = lib.tact_float_pair_get(floats + 2 * at)
+    assert np.array_equal([pair.first, pair.second], [first, second], equal_nan=True)
+    assert [np.signbit(pair.first), np.signbit(pair.second)] == [np.signbit(first), np.signbit(second)]

@@ -72,16 +72,3 @@ def test_converter__beyond_the_range__saturates_both_ways() -> None:
     expected = [32767, 32767, 32767, 32767, -32768, -32768, -32768, 0]
     assert sensed(Converter(), beyond).tolist() == expected
     assert commanded(Converter(), beyond).tolist() == expected
-
-
-@given(st.floats(-7.9, 7.9), st.sampled_from([1, -1]), st.floats(-2.0, 2.0))
-def test_converter__polarity_and_offset__are_undone_at_the_motor(volts: float, polarity: int, offset_v: float) -> None:
-    converter = Converter(polarity=polarity, offset_v=offset_v)
-    code = int(commanded(converter, np.array([volts]))[0])
-    assert lib.tact_converter_motor_v(converter_table(converter), code) == pytest.approx(volts, abs=0.51 * 20.0 / 65536)
-
-
-def test_converter__reading__is_code_times_step_in_single_precision() -> None:
-    table = converter_table(Converter(range_v=3.3))
-    for code in (-32768, -1, 0, 1, 12345, 32767):
-        assert lib.tact_converter_position_v(table, code) == np.float32(code) * np.float32(3.3 / 32768)

@@ -53,13 +53,13 @@ def test_noise__half_a_million_samples__has_unit_rms_and_is_white() -> None:
 
 
 def test_noise__other_seed_or_channel__is_independent() -> None:
-    streams = [noise(seed, channel, 20_000) for seed in (0, 1, 2) for channel in (0, 1, 2)]
+    streams = [noise(seed, channel, 20_000) for seed in (0, 1) for channel in (0, 1, 2)]
     correlation = np.corrcoef(streams) - np.eye(len(streams))
     assert np.max(np.abs(correlation)) < 5.0 / np.sqrt(20_000)
     assert np.array_equal(noise(1, 2, 1000), noise(1, 2, 1000))
 
 
-def test_hum__a_million_steps__keeps_amplitude_and_phase() -> None:
+def test_hum__25_s__keeps_amplitude_and_phase() -> None:
     hum, state = ffi.new("tact_hum *"), ffi.new("tact_hum_state *")
     frequencies, amplitudes = (60.0, 120.0, 180.0), (1.0e-3, 0.3e-3, 0.2e-3)
     hum.count = 3
@@ -68,9 +68,9 @@ def test_hum__a_million_steps__keeps_amplitude_and_phase() -> None:
         hum.cosine[i], hum.sine[i], hum.amplitude_v[i] = np.cos(angle), np.sin(angle), amplitude
         state.cosine[i] = 1.0
     last = 0.0
-    for _ in range(200_001):
+    for _ in range(100_001):
         last = lib.tact_hum_next(hum, state)
-    assert last == pytest.approx(0.0, abs=1e-11)  # 200 000 samples are whole periods of 60 Hz
+    assert last == pytest.approx(0.0, abs=1e-11)  # 100 000 samples are whole periods of 60 Hz
     assert [state.cosine[i] ** 2 + state.sine[i] ** 2 for i in range(3)] == pytest.approx([1.0] * 3, abs=1e-12)
 
 
@@ -82,26 +82,18 @@ def friction(position: NDArray[np.float64], level_v: float = 4e-3, presliding: f
     return force
 
 
-@settings(max_examples=100)
-@given(hnp.arrays(np.float64, st.integers(1, 80), elements=st.floats(-1e6, 1e6)))
-def test_friction__any_motion__stays_within_its_level(position: NDArray[np.float64]) -> None:
-    assert np.max(np.abs(friction(position))) <= 4e-3 * (1.0 + 1e-12)
-
-
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(hnp.arrays(np.float64, st.integers(1, 60), elements=st.floats(-0.05, 0.05)))
-def test_friction__any_closed_path__takes_energy_and_gives_none(path: NDArray[np.float64]) -> None:
+def test_friction__any_closed_path__keeps_its_level_and_gives_no_energy(
+    path: NDArray[np.float64],
+) -> None:
     fine = np.interp(np.linspace(0, path.size + 1, 4000), np.arange(path.size + 2), np.concatenate([[0], path, [0]]))
     force = friction(fine)
+    assert max(np.max(np.abs(force)), np.max(np.abs(friction(2e7 * path)))) <= 4e-3 * (1.0 + 1e-12)
     stored = 0.5 * 4e-3 * 10e-3  # at most what the spring of presliding can hold
     assert np.sum(force * np.diff(fine, prepend=0.0)) > -stored
 
 
 def test_friction__slow_slide__follows_dahl() -> None:
     position = np.linspace(0.0, 0.05, 200_001)
-    assert friction(position) == pytest.approx(4e-3 * (1.0 - np.exp(-position / 10e-3)), abs=2e-8)
-
-
-def test_friction__small_motion__is_a_spring() -> None:
-    position = 1e-5 * np.sin(np.linspace(0.0, 2.0 * np.pi, 1000))
-    assert friction(position) == pytest.approx(0.4 * position, abs=1e-8)
+    np.testing.assert_allclose(friction(position), 4e-3 * (1.0 - np.exp(-position / 10e-3)), rtol=0.0, atol=2e-8)

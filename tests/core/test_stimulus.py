@@ -68,7 +68,7 @@ def any_tone(draw: st.DrawFn) -> Tone:
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(any_tone())
 def test_tone__any__is_numpys_with_its_ramps_within_its_amplitude_and_silent_outside(tone: Tone) -> None:
     reference = play([tone], 5200)
@@ -79,7 +79,7 @@ def test_tone__any__is_numpys_with_its_ramps_within_its_amplitude_and_silent_out
     assert np.max(np.abs(reference)) <= most * (1.0 + 1e-6) + 1e-44
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(any_tone(), max_size=lib.TACT_TONES_MAX))
 def test_tones__together__are_the_sum_of_each_alone(tones: list[Tone]) -> None:
     together = np.zeros(5200, dtype=np.float32)
@@ -96,28 +96,6 @@ def test_stimulus__tick_by_tick_and_again__gives_the_same_bits(tones: list[Tone]
         lib.tact_stimulus_rewind(stimulus)
         ticks = np.array([lib.tact_stimulus_next(stimulus, k) for k in range(1500)], dtype=np.float32)
         assert np.array_equal(ticks.view(np.uint32), reference.view(np.uint32))
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.lists(any_tone(), max_size=4), st.integers(0, 6000))
-def test_stimulus__is_over__when_its_last_tone_has_ended(tones: list[Tone], tick: int) -> None:
-    last = max((tone.start + tone.length for tone in tones), default=0)
-    for at in {tick, last, max(0, last - 1)}:
-        assert lib.tact_stimulus_is_over(stimulus_of(tones), at) == (at >= last)
-
-
-def test_intervals__of_a_trial__begin_and_end_to_the_tick() -> None:
-    gap, length, ramp = 1200, 2000, 200
-    intervals = [Tone(index * (length + gap), length, ramp, 10.0, 100.0) for index in range(3)]
-    reference = play(intervals, 3 * (length + gap))
-    sounding = np.flatnonzero(np.abs(reference) > 1e-3)
-    edges = np.flatnonzero(np.diff(sounding) > gap // 2)
-    assert edges.size == 2
-    assert np.all(np.diff(sounding)[edges] >= gap)
-    for index in range(3):
-        own = reference[index * (length + gap) :][:length]
-        assert np.array_equal(own, reference[:length])
-        assert np.max(np.abs(own[ramp:-ramp])) == pytest.approx(10.0, rel=1e-5)
 
 
 @pytest.mark.parametrize("hertz", [0.4, 300.0])
@@ -137,42 +115,34 @@ def test_tone__for_an_hour__keeps_amplitude_and_frequency(hertz: float) -> None:
     assert np.all(drift_hz <= 1e-6 * hertz + 1e-6)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-@pytest.mark.parametrize("field", ["amplitude", "cosine", "sine", "ramp_cosine", "ramp_sine"])
-def test_tone__number_that_is_none__is_refused(field: str, value: float) -> None:
-    tone = ffi.new("tact_tone *")
-    Tone(0, 100, 10, 1.0, 50.0).fill(tone)
-    setattr(tone, field, value)
-    assert lib.tact_tone_is_valid(tone) == 0
+LIMITS = [
+    ("ramp", 50, True),
+    ("ramp", 51, False),
+    ("ramp", 2**32 - 1, False),
+    ("length", 2**31 - 1, True),
+    ("length", 2**31, False),
+    ("start", 2**31 - 1, True),
+    ("start", 2**31, False),
+    ("cosine", 1.01, False),
+    ("sine", -0.5, False),
+    ("ramp_sine", 1.0, False),
+    ("amplitude", 3e38, True),
+    *((field, value, False) for field in FIELDS[3:] for value in (float("nan"), float("inf"), float("-inf"))),
+]
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "valid"),
-    [
-        ("ramp", 50, True),
-        ("ramp", 51, False),
-        ("ramp", 2**32 - 1, False),
-        ("length", 2**31 - 1, True),
-        ("length", 2**31, False),
-        ("start", 2**31 - 1, True),
-        ("start", 2**31, False),
-        ("cosine", 1.01, False),
-        ("sine", -0.5, False),
-        ("ramp_sine", 1.0, False),
-        ("amplitude", 3e38, True),
-    ],
-)
-def test_tone__at_its_limits__is_taken_or_refused(field: str, value: float, valid: bool) -> None:
-    tone = ffi.new("tact_tone *")
-    Tone(0, 100, 10, 1.0, 50.0).fill(tone)
-    setattr(tone, field, value)
-    assert lib.tact_tone_is_valid(tone) == valid
+def test_tone__at_its_limits_or_no_number__is_taken_or_refused() -> None:
+    for field, value, valid in LIMITS:
+        tone = ffi.new("tact_tone *")
+        Tone(0, 100, 10, 1.0, 50.0).fill(tone)
+        setattr(tone, field, value)
+        assert lib.tact_tone_is_valid(tone) == valid, (field, value)
 
 
 turns, stretches = st.floats(-np.pi, np.pi), st.floats(1.0 - 4.9e-5, 1.0 + 4.9e-5)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(turns, stretches, turns, stretches, st.floats(-1e5, 1e5, width=32), st.integers(0, 300))
 def test_tone__any_rotation_that_is_valid__stays_within_its_amplitude(
     turn: float, stretch: float, rise: float, steep: float, amplitude: float, length: int

@@ -2,12 +2,9 @@
 
 from dataclasses import replace
 from functools import cache
-from importlib.resources import files
 
 import numpy as np
 import pytest
-import scipy
-import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -64,7 +61,7 @@ def run_numpy(reference):
     return np.array(out, dtype=np.float32)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(hnp.arrays(np.float32, st.integers(1, 40), elements=st.floats(width=32)))
 def test_strength__any_bits_in__agrees_with_numpy_bit_for_bit(reference) -> None:
     with np.errstate(all="ignore"):
@@ -74,12 +71,11 @@ def test_strength__any_bits_in__agrees_with_numpy_bit_for_bit(reference) -> None
 
 def test_strength__speech_like_noise_of_every_level__agrees_bit_for_bit() -> None:
     rng = np.random.default_rng(3)
-    reference = rng.standard_normal(3000) * np.repeat(10.0 ** (rng.uniform(-80.0, 60.0, 30) / 20.0), 100)
+    reference = rng.standard_normal(2000) * np.repeat(10.0 ** (rng.uniform(-80.0, 60.0, 20) / 20.0), 100)
     assert np.array_equal(run_core(reference).view(np.uint32), run_numpy(reference.astype(np.float32)).view(np.uint32))
 
 
-@pytest.mark.parametrize("level", [3.0, 20.0, 37.0])
-@pytest.mark.parametrize("hertz", [16.0, 100.0, 250.0])
+@pytest.mark.parametrize(("level", "hertz"), [(3.0, 250.0), (20.0, 16.0), (20.0, 100.0), (37.0, 100.0)])
 def test_strength__steady_tone__is_raised_by_its_response(hertz: float, level: float) -> None:
     time_s = np.arange(6000) / RATE_HZ
     turned = np.exp(-2j * np.pi * hertz * time_s[2000:])
@@ -88,26 +84,16 @@ def test_strength__steady_tone__is_raised_by_its_response(hertz: float, level: f
     assert felt == pytest.approx(db(np.abs(shaping().response(level, hertz, RATE_HZ))), abs=0.05)
 
 
-def speech():
-    """The sample sentence at 35 dB SL, with 0.1 s of silence before it."""
-    samples, rate_hz = soundfile.read(files("tactuator.speech") / "data" / "sample.wav")
-    at_rate = scipy.signal.resample_poly(samples, round(RATE_HZ), rate_hz)[: 2 * round(RATE_HZ)]
-    low = scipy.signal.sosfilt(scipy.signal.butter(4, [10.0, 290.0], "bandpass", fs=RATE_HZ, output="sos"), at_rate)
-    return np.r_[np.zeros(400), low * 10.0 ** (35.0 / 20.0) / np.sqrt(2.0 * np.mean(low**2))]
-
-
 TIME_S = np.arange(8000) / RATE_HZ
 SWELL = 10.0 ** (np.interp(TIME_S, [0.0, 0.5, 1.0, 1.001], [0.0, 50.0, 50.0, 10.0]) / 20.0)
 SWEEP = np.sin(2.0 * np.pi * 5.0 * 2.0 / np.log(60.0) * (60.0 ** (TIME_S / 2.0) - 1.0))
 SOUNDS = {
     "swell": SWELL * np.sin(2.0 * np.pi * 60.0 * TIME_S),
     "sweep that begins at 40 dB SL": np.r_[np.zeros(400), 100.0 * SWEEP],
-    "speech": speech(),
 }
 
 
-@pytest.mark.parametrize("hertz", [30.0, 60.0, 250.0])
-@pytest.mark.parametrize("name", SOUNDS)
+@pytest.mark.parametrize(("name", "hertz"), [(name, hertz) for name in SOUNDS for hertz in (30.0, 250.0)])
 def test_strength__any_sound__moves_its_gain_without_a_step(name: str, hertz: float) -> None:
     """The core's own gain: what comes out over what goes in, where every row gains alike what it gains at a tone."""
     levels = 10.0 * np.log10(2.0) * np.arange(21)
@@ -117,7 +103,7 @@ def test_strength__any_sound__moves_its_gain_without_a_step(name: str, hertz: fl
     gain_db = db(run_core(sound, replace(shaping(), gains=gains)) / sound)
     assert np.abs(np.diff(gain_db)).max() < 0.1
     assert np.abs(gain_db[80:] - gain_db[:-80]).max() < 5.0
-    assert np.ptp(gain_db) > 3.0 or hertz == 60.0
+    assert np.ptp(gain_db) > 3.0
 
 
 def test_strength__silence__comes_to_rest_without_subnormal_numbers() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.runtime._core import ffi, lib
@@ -35,8 +35,7 @@ def is_whole(tables, guarded: Guarded) -> bool:
 
 def places(board) -> list[tuple[int, int]]:
     """Where tables lie in a board, from the declarations: offset and size."""
-    found = [("safety", "image"), ("image", None)]
-    spans = [(ffi.offsetof("tact_board", name), ffi.sizeof(f"tact_{name}")) for name, _ in found]
+    spans = [(ffi.offsetof("tact_board", name), ffi.sizeof(f"tact_{name}")) for name in ("safety", "image")]
     for c in range(board.channels):
         at = ffi.offsetof("tact_board", "channel") + c * ffi.sizeof("tact_board_channel")
         for first, after in (("guard_table", "guard"), ("rest_code", "broken")):
@@ -46,29 +45,19 @@ def places(board) -> list[tuple[int, int]]:
 
 
 @given(data=st.data())
+@settings(max_examples=50)
 def test_tables__any_bit_turned_over__is_found_within_a_round(guarded, data):
     spans = places(guarded.board)
     offset, size = data.draw(st.sampled_from(spans))
     at = offset + data.draw(st.integers(0, size - 1))
     bit = 1 << data.draw(st.integers(0, 7))
     tables, memory = learnt(guarded), ffi.buffer(guarded.board)
-    assert is_whole(tables, guarded)
     memory[at] = bytes([memory[at][0] ^ bit])
     try:
         assert not is_whole(tables, guarded)
     finally:
         memory[at] = bytes([memory[at][0] ^ bit])
-    tables = learnt(guarded)
-    assert is_whole(tables, guarded)
-
-
-def test_tables__two_words_changed_places__are_found(guarded):
-    tables = learnt(guarded)
-    section = guarded.board.safety.channel[0]
-    assert section.drive != section.damp
-    section.drive, section.damp = section.damp, section.drive
-    assert not is_whole(tables, guarded)
-    section.drive, section.damp = section.damp, section.drive
+    assert is_whole(learnt(guarded), guarded)
 
 
 def test_tables__a_run_with_its_states_and_faults__changes_none():
@@ -83,8 +72,12 @@ def test_tables__a_run_with_its_states_and_faults__changes_none():
     assert bytes(ffi.buffer(guarded.board)) != before
 
 
-def test_tables__new_image__is_learnt_anew(guarded):
-    tables = learnt(guarded)
+def test_tables__two_words_changed_places__are_found_but_a_new_image_is_learnt_anew(guarded):
+    tables, section = learnt(guarded), guarded.board.safety.channel[0]
+    assert section.drive != section.damp
+    section.drive, section.damp = section.damp, section.drive
+    assert not is_whole(tables, guarded)
+    section.drive, section.damp = section.damp, section.drive
     guarded.board.taken += 1
     guarded.board.image.crc ^= 1
     assert is_whole(tables, guarded)
@@ -107,16 +100,11 @@ def made(mode: int):
 
 
 @pytest.mark.parametrize("mode", [lib.TACT_ARMED, lib.TACT_RUNNING])
-def test_supervisor__main_loop_heard__outputs_are_on_and_the_watchdog_is_fed(mode):
+def test_supervisor__main_loop_heard_then_stuck__outputs_on_then_safe_after_8_ms_and_for_good(mode):
     board, supervisor = made(mode)
-    for _ in range(3000):
+    for _ in range(1000):
         assert lib.tact_supervisor_tick(supervisor, board, 1) == ALL
         lib.tact_supervisor_heard(supervisor, board)
-
-
-@pytest.mark.parametrize("mode", [lib.TACT_ARMED, lib.TACT_RUNNING])
-def test_supervisor__main_loop_stuck__outputs_safe_after_8_ms_and_for_good(mode):
-    board, supervisor = made(mode)
     said = [lib.tact_supervisor_tick(supervisor, board, 1) for _ in range(100)]
     assert said == [ALL] * DEAF_TICKS + [0] * (100 - DEAF_TICKS)
     lib.tact_supervisor_heard(supervisor, board)
@@ -126,7 +114,7 @@ def test_supervisor__main_loop_stuck__outputs_safe_after_8_ms_and_for_good(mode)
 
 def test_supervisor__off__outputs_safe_watchdog_fed_and_the_main_loop_may_take_its_time():
     board, supervisor = made(lib.TACT_OFF)
-    assert {lib.tact_supervisor_tick(supervisor, board, 1) for _ in range(100_000)} == {lib.TACT_WATCHDOG_FED}
+    assert {lib.tact_supervisor_tick(supervisor, board, 1) for _ in range(10_000)} == {lib.TACT_WATCHDOG_FED}
     board.mode = lib.TACT_ARMED
     assert lib.tact_supervisor_tick(supervisor, board, 1) == ALL
 
@@ -139,7 +127,7 @@ def test_supervisor__fault__brakes_for_a_quarter_of_a_second_then_the_amplifier_
         lib.tact_supervisor_heard(supervisor, board)
         return lib.tact_supervisor_tick(supervisor, board, 1)
 
-    assert [told() for _ in range(2000)] == [ALL] * 2000
+    assert [told() for _ in range(1200)] == [ALL] * 1200
     board.command_fade = 0.0
     said = [told() for _ in range(2000)]
     assert said == [ALL] * BRAKE_TICKS + [lib.TACT_WATCHDOG_FED] * (2000 - BRAKE_TICKS)

@@ -124,8 +124,9 @@ def board(running: Board) -> Board:
     """From a reset, which is how a board comes back when its supply does, into a run."""
     debugger = running.debugger
     running.reset()
+    status = running.client.status()
+    assert (status.mode, status.safety_crc, status.image_crc) == (Mode.OFF, 0, 0)
     rig = BoardRig(running.client, designed().display, waits=False)
-    assert rig.status().mode is Mode.OFF
     debugger.stop()
     assert running.outputs_are_safe()
     debugger.go()
@@ -195,14 +196,6 @@ def test_supply__falls__outputs_safe_at_once(board: Board) -> None:
     begun = board.ms()
     board.debugger.write_device(NVIC_PEND, SUPPLY_FALLS)
     assert board.ms_until_safe(begun) < 1.0
-
-
-def test_supply__comes_back__board_is_off_with_neither_table_nor_image(board: Board) -> None:
-    board.reset()
-    status = board.client.status()
-    assert (status.mode, status.safety_crc, status.image_crc) == (Mode.OFF, 0, 0)
-    board.debugger.stop()
-    assert board.outputs_are_safe()
 
 
 def test_table__a_bit_turned_over_in_memory__outputs_safe(board: Board) -> None:

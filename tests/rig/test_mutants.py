@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -114,13 +115,13 @@ def test_check_period__altered_line__is_told_by_its_tick(bench: Callable[[str], 
     assert differs("mps2-an500", program, "float32", at + 1) == "float32: seed 1"
 
 
-@pytest.mark.parametrize("of", [designed, adaptive])
-def test_check_period__unaltered__is_the_same_in_both_formats(
-    of: Callable[[], Controller], bench: Callable[[str], Bench]
-) -> None:
-    program = bench("mps2-an500").unaltered()
-    for number_format in FORMATS:
-        assert differs("mps2-an500", program, number_format, ENOUGH_TICKS, controller=of()) == ""
+@pytest.mark.parametrize(
+    ("board", "ticks"),
+    [("mps2-an500", ENOUGH_TICKS), *(pytest.param(board, 10_000_000, marks=pytest.mark.soak) for board in EMULATED)],
+)
+def test_check_period__unaltered__is_the_same_in_both_formats(board: str, ticks: int) -> None:
+    for of, number_format in product((designed(), adaptive()), FORMATS):
+        assert differs(board, build_firmware(board), number_format, ticks, controller=of) == ""
 
 
 BROKEN = {
@@ -134,20 +135,10 @@ BROKEN = {
 
 @pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.soak), "it ends: the board began anew"])
 def test_check_period__program_that_breaks_down__is_told(how: str, bench: Callable[[str], Bench]) -> None:
-    assert differs("mps2-an500", bench("mps2-an500").program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
-
-
-def test_differs__what_no_program_is_asked__is_not_taken_for_an_alteration(bench: Callable[[str], Bench]) -> None:
-    with pytest.raises(BadInput, match="ticks is 0"):
-        differs("mps2-an500", bench("mps2-an500").program(FEW[0]), "float32", 0)
-
-
-def test_differs__emulator_that_has_no_processor__is_not_taken_for_an_alteration(
-    bench: Callable[[str], Bench], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tests.rig.test_mutants.processor_s", lambda emulator: 0.0)
-    with pytest.raises(LinkDown):
-        differs("mps2-an500", bench("mps2-an500").program(BROKEN["it hangs"]), "float32", 100, 0.3)
+    program = bench("mps2-an500").program(BROKEN[how])
+    assert differs("mps2-an500", program, "float32", 100, 0.3).startswith(how)
+    with pytest.raises(BadInput, match="ticks is 0"):  # what no program is asked is not taken for an alteration
+        differs("mps2-an500", program, "float32", 0)
 
 
 @pytest.mark.soak
@@ -162,15 +153,6 @@ def test_check_period__any_altered_line_on_any_board__is_noticed(
         noticed = next(filter(None, reports), "")
         sys.stdout.write(f"{mutant.name}: {noticed}\n")  # shown by -rP
         assert noticed
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("board", EMULATED)
-@pytest.mark.parametrize("number_format", FORMATS)
-def test_check_period__ten_million_ticks__are_the_same(
-    board: str, number_format: str, bench: Callable[[str], Bench]
-) -> None:
-    assert differs(board, bench(board).unaltered(), number_format, 10_000_000) == ""
 
 
 @pytest.mark.slow

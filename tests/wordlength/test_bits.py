@@ -13,7 +13,7 @@ from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits, filter_bits
-from tests.runtime.paper_display import channel, controller, display, feedback_sections, prefilter_sections
+from tests.runtime.paper_display import changed, channel, controller, display, feedback_sections, prefilter_sections
 
 # facts, section 2: fractional bits to be stable and to keep 0.1 dB, at 4, 8, 16, 32 kHz
 F_BITS = {
@@ -22,12 +22,17 @@ F_BITS = {
     "delta": [(1, 10), (1, 12), (1, 11), (1, 9)],
 }
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
+MADE = controller(display(channel()))
+DC = MADE.channels[0].threshold_voltage_dc
+HZ = np.geomspace(0.4, 300.0, 40)
 
 
-def test_filter_bits__first_order_low_pass__is_what_its_pole_needs() -> None:
+def test_filter_bits__slow_poles__are_what_they_need_and_one_above_the_most_where_there_are_not_so_many() -> None:
     # a pole at 1 - 2^-6: rounded to five bits or fewer it lies on the unit circle
     system = SampledSystem(np.empty(0), np.array([1.0 - 2.0**-6]), 2.0**-6, 4000.0)
     assert filter_bits(system, "sections").stable == 6
+    slow = SampledSystem(np.empty(0), np.array([1.0 - 1e-7] * 8), 1.0, 64_000.0)
+    assert filter_bits(slow, "direct") == BitsNeeded(MOST_BITS + 1, MOST_BITS + 1)
 
 
 @pytest.mark.parametrize("form", F_BITS)
@@ -38,13 +43,8 @@ def test_filter_bits__papers_prefilter__are_facts_within_what_pairing_moves(form
         assert found.accurate == pytest.approx(accurate, abs=4)
 
 
-def test_filter_bits__more_than_there_are__is_one_above_the_most() -> None:
-    slow = SampledSystem(np.empty(0), np.array([1.0 - 1e-7] * 8), 1.0, 64_000.0)
-    assert filter_bits(slow, "direct") == BitsNeeded(MOST_BITS + 1, MOST_BITS + 1)
-
-
 def test_controller_bits__papers__sections_need_more_at_every_doubling_and_delta_hardly() -> None:
-    found = controller_bits(controller(display(channel())), RATES_HZ)
+    found = controller_bits(MADE, (4000.0, 32000.0))
     assert set(found) == {"prefilter", "feedback"}
     for forms in found.values():
         for form in ("direct", "sections"):
@@ -58,23 +58,16 @@ def test_controller_bits__several_channels__the_most_of_any() -> None:
     both = controller_bits(controller(display(channel("index"), channel("thumb"))), RATES_HZ[:1])
     for name, forms in both.items():
         for form, by_rate in forms.items():
-            alone = [one[name][form][4000.0] for one in each]
-            assert by_rate[4000.0].accurate == max(bits.accurate for bits in alone)
-            assert by_rate[4000.0].stable == max(bits.stable for bits in alone)
+            for figure in ("accurate", "stable"):
+                alone = [getattr(one[name][form][4000.0], figure) for one in each]
+                assert getattr(by_rate[4000.0], figure) == max(alone)
 
 
 def test_controller_bits__without_feedback__says_nothing_of_it() -> None:
-    made = controller(display(channel()))
-    open_loop = replace(made, channels=(replace(made.channels[0], feedback_sos=None),))
-    assert set(controller_bits(open_loop, RATES_HZ[:1])) == {"prefilter"}
+    assert set(controller_bits(changed(MADE, feedback_sos=None), RATES_HZ[:1])) == {"prefilter"}
 
 
-MADE = controller(display(channel()))
-DC = MADE.channels[0].threshold_voltage_dc
-HZ = np.geomspace(0.4, 300.0, 40)
-
-
-@pytest.mark.parametrize("rate_hz", [1200.0, 4000.0, 8000.0, 64_000.0, 250_000.0])
+@pytest.mark.parametrize("rate_hz", [1200.0, 8000.0, 250_000.0])
 def test_at_rate__papers_filters__are_those_designed_at_that_rate(rate_hz: float) -> None:
     moved = at_rate(MADE, rate_hz).channels[0]
     for found, expected in (
@@ -87,7 +80,7 @@ def test_at_rate__papers_filters__are_those_designed_at_that_rate(rate_hz: float
 
 
 def test_at_rate__any_rate__the_integrator_is_exact_and_the_core_takes_the_image() -> None:
-    for rate_hz in np.linspace(1200.0, 64_000.0, 41):
+    for rate_hz in np.linspace(1200.0, 64_000.0, 12):
         moved = at_rate(MADE, float(rate_hz))
         assert moved.channels[0].feedback_sos is not None
         assert delta_coefficients(moved.channels[0].feedback_sos)[-1, 4] == 0.0
@@ -105,9 +98,7 @@ def test_at_rate__anti_windup__acts_at_the_same_speed() -> None:
     ("rate_hz", "words"),
     [
         (0.0, "rate_hz is 0; allowed: a number, above 0"),
-        (-4000.0, "rate_hz is -4000; allowed"),
         (float("nan"), "rate_hz is nan; allowed"),
-        (float("inf"), "rate_hz is inf; allowed"),
         (1e7, r"rate_hz is 1(e\+07|0000000).*allowed"),
         (700.0, "rate_hz is 700 for a band up to 300 Hz; allowed: 1200 or more"),
     ],

@@ -9,12 +9,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.systems import sections_response
-from tactuator.wordlength.bits import rows_response
 from tactuator.wordlength.formats import FixedSections, SingleSections
 from tests.runtime.paper_display import feedback_sections, prefilter_sections
-
-HZ = np.geomspace(0.4, 300.0, 40)
 
 
 class FixedDirectForm:
@@ -43,7 +39,7 @@ class FixedDirectForm:
 @pytest.mark.parametrize("fed_back", [False, True])
 @pytest.mark.parametrize("bits", [16, 32])
 @given(samples=st.data())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_fixed_sections__any_words__are_apytypes_bits(samples: st.DataObject, bits: int, fed_back: bool) -> None:
     full = 2 ** (bits - 1)
     words = samples.draw(st.lists(st.integers(-full, full - 1), min_size=1, max_size=40))
@@ -53,18 +49,6 @@ def test_fixed_sections__any_words__are_apytypes_bits(samples: st.DataObject, bi
     got = [ours(word) for word in words]
     signals = (APyFixed(word, int_bits=1, frac_bits=bits - 1) for word in words)
     assert got == [int(oracle.step(x).to_fraction() * full) for x in signals]
-
-
-@pytest.mark.parametrize("fed_back", [False, True])
-def test_fixed_sections__q31__follow_the_double_filter_and_their_own_rows(fed_back: bool) -> None:
-    for sos, full_scale in ((prefilter_sections(0.004), 1000.0), (feedback_sections(), 32.0)):
-        fixed = FixedSections(sos, 4000.0, full_scale, 32, fed_back)
-        responses = [rows_response(fixed.rows(), HZ, 4000.0), sections_response(sos, HZ, 4000.0)]
-        np.testing.assert_allclose(*responses, rtol=2e-4)
-        wave = 0.02 * full_scale * np.sin(2.0 * np.pi * 20.0 * np.arange(2000) / 4000.0)
-        got = [32.0 / 2**31 * fixed(round(value * 2**31 / full_scale)) for value in wave]
-        expected = signal.sosfilt(sos, wave)
-        assert np.max(np.abs(got - expected)) < 1e-3 * np.max(np.abs(expected))
 
 
 def test_single_sections__noise__are_scipys_float32_bits() -> None:
@@ -77,25 +61,15 @@ def test_single_sections__noise__are_scipys_float32_bits() -> None:
         assert np.array_equal(got, signal.sosfilt(sos.astype(np.float32), samples))
 
 
-@pytest.mark.parametrize("pole", [0.9, 0.97, 0.99])
+@pytest.mark.parametrize("pole", [0.9, 0.99])
 def test_fixed_sections__one_pole_in_silence__sticks_in_the_textbooks_dead_band(pole: float) -> None:
     # Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.10: |y| <= 1/2 / (1 - |a|), and it is reached
     decay = {}
     for fed_back in (False, True):
         cascade = FixedSections(np.array([[1.0, 0.0, 0.0, 1.0, -pole, 0.0]]), 4000.0, 32.0, 16, fed_back)
-        decay[fed_back] = [cascade(word) for word in [20_000] + [0] * 6000][-1]
+        decay[fed_back] = [cascade(word) for word in [20_000] + [0] * 2000][-1]
     assert decay[False] == pytest.approx(0.5 / (1.0 - pole), abs=1.01)
     assert abs(decay[True]) <= 1
-
-
-def test_fixed_sections__saturated__comes_back_without_a_store_of_errors() -> None:
-    sos = np.array([[4.0, 0.0, 0.0, 1.0, -0.5, 0.0]])
-    outputs = {}
-    for fed_back in (False, True):
-        cascade = FixedSections(sos, 4000.0, 32.0, 16, fed_back)
-        outputs[fed_back] = [cascade(word) for word in [30_000] * 50 + [0] * 40]
-        assert outputs[fed_back][:50] == [2**15 - 1] * 50
-    assert max(abs(a - b) for a, b in zip(outputs[False], outputs[True], strict=True)) <= 2
 
 
 def test_fixed_sections__what_no_word_holds__is_refused() -> None:

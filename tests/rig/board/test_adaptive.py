@@ -12,9 +12,8 @@ from tactuator.model.requirements import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
 from tactuator.rig.open import in_process_rig, simulated_board_rig
 from tactuator.rig.transport import InProcess
-from tactuator.runtime._core import ffi, lib
+from tactuator.runtime._core import ffi
 from tactuator.runtime.image import FORMATS
-from tactuator.runtime.tables import touch_table
 from tactuator.signals.decibels import db
 from tests.rig.guard import guarded
 from tests.runtime.paper_display import channel, display
@@ -89,24 +88,3 @@ def test_board__adaptive_in_both_formats__learns_alike() -> None:
 def test_safety_table__adaptive_display__limits_the_reference_further() -> None:
     limits = [safety_table(own).channels[0].reference_max for own in (display(channel()), adaptive_display())]
     assert db(np.array(limits[0] / limits[1])) == pytest.approx(ADAPTIVE_DB)
-
-
-@pytest.mark.parametrize("push_max_v", [10.0, 0.03])
-def test_designed_form__by_its_short_way_and_by_the_general_one__same_bits(push_max_v: float) -> None:
-    rng = np.random.default_rng(4)
-    wanted, position, command = rng.standard_normal((3, SECOND)).astype(np.float32) * np.float32(0.2)
-    wanted[2000:3000] = position[2000:3000] = command[2000:3000] = 0.0
-    channel = guarded.adaptive().channels[0]
-    own = replace(channel, feed_forward=replace(channel.feed_forward, push_max_v=push_max_v))  # type: ignore[type-var]
-    found = []
-    for is_designed in (1, 0):
-        table, state = touch_table(own, 4000.0, 0), ffi.new("tact_touch_state *")
-        assert table.is_designed == 1
-        table.is_designed = is_designed
-        lib.tact_touch_reset(table, state)
-        added = np.zeros(SECOND, np.float32)
-        pointers = [ffi.from_buffer("float[]", one) for one in (wanted, position, command, added)]
-        lib.tact_touch_run(table, state, *pointers, SECOND)
-        found.append(added.tobytes() + bytes(ffi.buffer(state)))
-    assert found[0] == found[1]
-    assert np.any(added)

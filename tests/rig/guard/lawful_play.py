@@ -14,7 +14,7 @@ from tests.rig.guard.guarded import adaptive, designed
 ROOT = Path(__file__).resolve().parents[3]
 _PARTS = ("arithmetic", "board", "control", "display", "link", "strength", "touch", "wire")
 CONTROLLERS = ("fixed", "adaptive", "adaptive, q31")
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+_FLAGS = ("-std=c99", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 
 
 @dataclass(frozen=True)

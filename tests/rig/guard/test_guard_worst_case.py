@@ -155,10 +155,16 @@ def worst_case(lifted: int | None, stopped: int | None, tick: int) -> tuple[Cour
 
 @pytest.mark.parametrize(
     ("lifted", "stopped", "tick"),
-    [(None, None, 500), (400, None, 405), (1000, None, 1006), (None, 700, 1505), (1500, 700, 1505), (702, 700, 705)],
-    ids=["finger", "lifted as it begins", "lifted", "restarted", "restarted and lifted", "stopped and lifted"],
+    [
+        pytest.param(1000, None, 1006, id="lifted"),
+        pytest.param(702, 700, 705, id="stopped and lifted"),
+        pytest.param(None, None, 500, id="finger", marks=pytest.mark.slow),
+        pytest.param(400, None, 405, id="lifted as it begins", marks=pytest.mark.soak),
+        pytest.param(None, 700, 1505, id="restarted", marks=pytest.mark.soak),
+        pytest.param(1500, 700, 1505, id="restarted and lifted", marks=pytest.mark.slow),
+    ],
 )
-@pytest.mark.parametrize("number_format", ["float32", pytest.param("q31", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number_format", ["float32", pytest.param("q31", marks=pytest.mark.soak)])
 def test_comfort__worst_reference_there_is__is_not_passed_by_1_db(lifted, stopped, tick, number_format):
     course, reference, expected_db_sl = worst_case(lifted, stopped, tick)
     guarded = Guarded(designed(), number_format=number_format)

@@ -14,10 +14,10 @@ from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.felt_reference import FeltReference
 from tests.rig.guard.guarded import Guarded, designed
 from tests.rig.guard.lawful_play import CONTROLLERS, build, play
-from tests.rig.guard.lying_sensor import DOCS, LIES, SITUATIONS, table, try_lie
+from tests.rig.guard.lying_sensor import DOCS, SITUATIONS, table
 
 TRAVEL_MM, LOUDEST_DB_SL, RATE, SOFT = 12.5, 56.0, 4000, 410
-CODES = (2, -10, 60, -200, 700, -1350, 3000, -6422, 20000)
+CODES = (2, 60, -200, 700, -6422, 20000)
 
 
 def reset(guarded: Guarded) -> list[np.ndarray]:
@@ -68,7 +68,7 @@ def test_stuck_sensor__reset_again_and_again__motor_stays_within_travel_and_comf
     assert loudest_db_sl < LOUDEST_DB_SL
 
 
-@pytest.mark.parametrize("hertz", [0.4, 1.0, 2.0, 5.0, 12.0])
+@pytest.mark.parametrize("hertz", [0.4, 2.0, 12.0])
 def test_reference__as_loud_as_may_be__takes_its_share_of_travel_and_no_more(hertz: float) -> None:
     guarded = Guarded(designed())
     time_s = np.arange(SOFT + round(RATE * max(1.0, 1.2 / hertz))) / RATE
@@ -83,6 +83,10 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowl
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
         for count in range(1, LOCK_FAULTS + 1):
+            with pytest.raises(BadInput, match="sensor fault 'drunk'; allowed: sound, open"):
+                rig.break_sensor("index", "drunk")
+            with pytest.raises(BadInput, match="sensor fault 'drift' without a value"):
+                rig.break_sensor("index", "drift")
             rig.break_sensor("index", "open")
             with pytest.raises(RigFault):
                 rig.play(np.zeros((200, 3)))
@@ -97,9 +101,14 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowl
         assert len(rig.play(np.zeros((20, 3)))) == 20
 
 
-def test_lock_out__sensor_fault__is_not_cleared_within_a_second() -> None:
+def test_lock_out__sensor_fault__is_not_cleared_within_a_second_but_a_late_interrupt_at_once() -> None:
     guarded = Guarded(designed())
     guarded.run(np.zeros((SOFT, 3)))
+    assert guarded.run(np.zeros((900, 3)), lateness=200).fault is Fault.LATE
+    assert lib.tact_board_clear(guarded.board)
+    assert guarded.board.sensor_faults == 0
+    assert lib.tact_board_arm(guarded.board)
+    guarded.start()
     guarded.break_sensor("open")
     run = guarded.run(np.zeros((200, 3)))
     assert run.fault is Fault.SENSOR_OPEN
@@ -108,39 +117,6 @@ def test_lock_out__sensor_fault__is_not_cleared_within_a_second() -> None:
         guarded.run(np.zeros((1, 3)))
         passed += 1
     assert passed == pytest.approx(LOCK_S * RATE, abs=3)
-
-
-def test_lock_out__late_interrupt__is_none() -> None:
-    guarded = Guarded(designed())
-    guarded.run(np.zeros((SOFT, 3)))
-    assert guarded.run(np.zeros((900, 3)), lateness=200).fault is Fault.LATE
-    assert lib.tact_board_clear(guarded.board)
-    assert guarded.board.sensor_faults == 0
-
-
-@pytest.mark.parametrize(
-    ("lie", "situation", "names", "within_ms"),
-    [
-        ("stuck at code 1000, ±2", "silence", {"jumps"}, 2.0),
-        ("stuck where it is, ±2 codes", "2 Hz, 40 dB SL", {"stuck"}, 120.0),
-        ("offset, step of 50 mV", "30 Hz, 40 dB SL", {"jumps"}, 2.0),
-        ("bit 10 turned over", "2 Hz, 40 dB SL", {"jumps"}, 2.0),
-    ],
-)
-def test_lying_sensor__as_promised__is_named_in_time(
-    lie: str, situation: str, names: set[str], within_ms: float
-) -> None:
-    found = try_lie(next(each for each in LIES if each[0] == lie), situation)
-    assert found.name in names | {"disagrees"}
-    assert found.after_ms <= within_ms
-
-
-def test_break_sensor__unknown_or_without_its_value__is_refused() -> None:
-    with in_process_rig(designed().display, 1) as rig:
-        with pytest.raises(BadInput, match="sensor fault 'drunk'; allowed: sound, open"):
-            rig.break_sensor("index", "drunk")
-        with pytest.raises(BadInput, match="sensor fault 'drift' without a value"):
-            rig.break_sensor("index", "drift")
 
 
 @pytest.mark.slow
@@ -164,7 +140,7 @@ SOAKED = [  # the finger fed forward for a tenth of that time in either format
 
 @pytest.mark.parametrize(
     ("controller", "seed", "seconds"),
-    [(controller, 1, 500.0 if controller == "fixed" else 300.0) for controller in CONTROLLERS] + SOAKED,
+    [(controller, 1, 300.0 if controller == "fixed" else 150.0) for controller in CONTROLLERS] + SOAKED,
 )
 def test_lawful_play__sound_sensors__trip_nothing(lawful: Path, controller: str, seed: int, seconds: float) -> None:
     """Before the guard took every tick's command into account, white noise was a stuck sensor once in 50 s."""

@@ -2,51 +2,27 @@
 
 import os
 import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import time
-from contextlib import redirect_stdout
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from tactuator.cli import main
 from tactuator.errors import DeviceFault
-from tactuator.io.display import parse_display
-from tactuator.io.model import read_model
-from tactuator.io.text import toml_text
-from tactuator.model.description import display_document
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.cards import list_cards
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import SUBSTEPS, Exciter, simulated_card
 from tactuator.rig.sound.stream import SoundGap
-from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
+from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0
 QUIET = {"noise": 0.0, "hum": 0.0}
+PROVOKED = 3
 
 
-def display(count: int, **sound: Any):
-    plant = {"num": [20.0], "den": [1.0, 200.0, 4.8e5]}
-    channel = {"sensor_gain_v_per_mm": 1.0, "travel_mm": 2.0, "plant": plant}
-    return parse_display(
-        {
-            "display": {"name": "card", "rate_hz": RATE_HZ, "delay_samples": 0},
-            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-            "feedback": {"structure": "none"},
-            "converter": {"range_v": 2.0},
-            "sound": {"output_full_scale_v": 2.0, "input_full_scale_v": 2.0, **sound},
-            "channel": [{"name": f"c{k + 1}", **channel} for k in range(count)],
-        }
-    )
-
-
-def opened(count: int, **sound: Any) -> SoundRig:
-    rig = open_rig("sound:-exciters", display(count, **sound))
+def opened(count: int) -> SoundRig:
+    scale = {"output_full_scale_v": 2.0, "input_full_scale_v": 2.0}
+    display = sound_display([f"c{k + 1}" for k in range(count)], RATE_HZ, 2.0, **scale)
+    rig = open_rig("sound:-exciters", display)
     assert isinstance(rig, SoundRig)
     return rig
 
@@ -55,14 +31,6 @@ def delay_of(asked: np.ndarray, heard: np.ndarray) -> int:
     size = 2 * asked.size
     cross = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(asked, size)))
     return int(np.argmax(cross[: asked.size]))
-
-
-def seen() -> list[str]:
-    """The name of the card, then those that PortAudio lists; the card stays for a while, for others to be there too."""
-    with simulated_card([None]) as card:
-        listed = [one.name for one in list_cards()]
-        time.sleep(1.0)
-        return [card.device, *listed]
 
 
 def exciter_and_wires() -> dict[str, object]:
@@ -107,30 +75,6 @@ def _multisine_against_truth(rig: SoundRig, exciter: Exciter) -> dict[str, objec
     }
 
 
-def recorded_and_identified() -> dict[str, object]:
-    """A hidden exciter of Q 21, its accelerometer the sensor, by the command line: by how much its model is off beyond
-    its band, where that is said to hold.
-    """
-    exciter = drawn_exciter(7)
-    document, w = display_document(exciter_display(exciter)), 2.0 * np.pi * exciter.resonance_hz
-    (channel,) = document["channel"]
-    channel["plant"] = {"num": [1e-3 * exciter.drive, 0.0, 0.0], "den": [1.0, w / exciter.q, w * w]}
-    channel["valid_hz"] = [10.0, 400.0]
-    with tempfile.TemporaryDirectory() as folder, simulated_card([exciter], seed=7) as card:
-        shown, taken, told = (f"{folder}/{name}" for name in ("display.toml", "record.h5", "model.json"))
-        Path(shown).write_text(toml_text(document), encoding="utf-8")
-        kept = ["--rig", f"sound:{card.device}", "--out", taken, "--duration-s", "20"]
-        with redirect_stdout(sys.stderr):
-            statuses = [main(["record", shown, *kept]), main(["identify", taken, "--out", told])]
-        model = read_model(told)
-    assert model.valid_hz is not None
-    hertz = np.geomspace(*model.valid_hz, 200)
-    s = 2j * np.pi * hertz
-    off_db = np.abs(20.0 * np.log10(np.abs(model.response(hertz) / (1e-3 * s**2 * exciter.response(hertz)))))
-    beyond = float(np.max(off_db - model.band_db(hertz)))
-    return {"statuses": statuses, "quantity": model.quantity, "valid_hz": model.valid_hz, "beyond_db": beyond}
-
-
 def server_killed() -> dict[str, object]:
     with simulated_card([None]) as card, opened(1) as rig:
         threading.Timer(1.0, card.server.kill).start()
@@ -141,31 +85,17 @@ def server_killed() -> dict[str, object]:
     return {"fault": "none"}
 
 
-def server_hung() -> dict[str, object]:
-    """The server is stopped, not ended: whoever asks it for something waits for ever."""
-    code = "import sys; from tactuator.cli import main; from tactuator.rig.sound import cards\n"
-    code += "cards.ANSWER_S = 1.0; sys.exit(main(['sound', 'devices']))"
-    with simulated_card([None]) as card:
-        os.kill(card.server.pid, signal.SIGSTOP)
-        try:
-            done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
-        finally:
-            card.server.kill()
-    return {"status": done.returncode, "words": done.stderr}
-
-
 def client_stopped() -> dict[str, object]:
     """The exciter's program is stopped for half a second, again and again; the card has to tell."""
-    told = provoked = 0
+    told = 0
     with simulated_card([None]) as card, opened(1) as rig:
-        for _ in range(5):
-            provoked += 1
 
-            def stop() -> None:
-                os.kill(card.client.pid, signal.SIGSTOP)
-                time.sleep(0.5)
-                os.kill(card.client.pid, signal.SIGCONT)
+        def stop() -> None:
+            os.kill(card.client.pid, signal.SIGSTOP)
+            time.sleep(0.5)
+            os.kill(card.client.pid, signal.SIGCONT)
 
+        for _ in range(PROVOKED):
             timer = threading.Timer(0.3, stop)
             timer.start()
             try:
@@ -175,4 +105,4 @@ def client_stopped() -> dict[str, object]:
                 told += 1
             timer.join()
             time.sleep(0.5)
-    return {"told": told, "provoked": provoked}
+    return {"told": told, "provoked": PROVOKED}

@@ -1,6 +1,6 @@
 """A sound card that is turned by hand: it calls back when the program sleeps, and its inputs hear its outputs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,19 +19,21 @@ OVERFLOW = 2  # PortAudio's paInputOverflow
 Answer = Callable[[np.ndarray], np.ndarray]
 
 
-def sound_display(**changes: Any) -> Display:
-    """Two channels on a card, each a light exciter of 150 Hz without loop; `changes` go into [sound]."""
+def sound_display(
+    names: Sequence[str] = ("left", "right"), rate_hz: float = RATE_HZ, range_v: float = 1.5, **changes: Any
+) -> Display:
+    """Channels on a card, each a light exciter of 150 Hz without loop; `changes` go into [sound]."""
     plant = {"num": [40.0], "den": [1.0, 2 * 0.2 * 942.5, 942.5**2], "delay_s": 0.0}
     channel = {"sensor_gain_v_per_mm": 2.0, "travel_mm": 1.0, "plant": plant}
     sound = {"output_full_scale_v": 2.0, "input_full_scale_v": 4.0} | changes
     return parse_display(
         {
-            "display": {"name": "two exciters", "rate_hz": RATE_HZ, "delay_samples": 0},
+            "display": {"name": "exciters", "rate_hz": rate_hz, "delay_samples": 0},
             "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
             "feedback": {"structure": "none"},
-            "converter": {"range_v": 1.5},
+            "converter": {"range_v": range_v},
             "sound": {key: value for key, value in sound.items() if value is not None},
-            "channel": [{"name": "left", **channel}, {"name": "right", **channel}],
+            "channel": [{"name": name, **channel} for name in names],
         }
     )
 
