@@ -1,5 +1,6 @@
 """The program's first lines, of `tactuator` and of `python -m tactuator`: they hold Ctrl-C while the rest loads."""
 
+import gc
 import os
 import signal
 import sys
@@ -17,9 +18,12 @@ def main() -> int:
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
+    gc.set_threshold(10_000)  # by the interpreter's own 700 it looks for garbage all the time that modules load
     from tactuator.cli.main import main as run  # noqa: PLC0415 -- not before the handler stands
 
-    return run()
+    status = run()
+    gc.freeze()  # or it would look through all that stays once more, at the end
+    return status
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

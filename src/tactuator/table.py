@@ -6,6 +6,7 @@ from operator import attrgetter
 from typing import Any
 
 _LONGEST = 180
+FREQUENCY = "frequency (Hz)"
 NOBODY_FELT_IT = "simulated: nobody felt this"
 """What a table or figure of simulated subjects says in itself."""
 

@@ -7,7 +7,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
@@ -191,10 +192,10 @@ class Asked:
     forgetting: Annotated[float, Field(gt=0.0, le=1.0, description="Of the recursion; 1 keeps everything.")] = 1.0
 
     def __post_init__(self) -> None:
-        for name, annotation in _annotations().items():
+        for name, (annotation, check) in _checks().items():
             value = getattr(self, name)
             try:
-                TypeAdapter(annotation).validate_python(value, strict=True)
+                check.validate_python(value, strict=True)
             except ValidationError:
                 raise BadInput(f"{value!r}", _allowed(annotation), key=name) from None
         origin_zeros, most = DERIVATIVES.get(self.quantity, 0), MOST_POLES if self.order is None else self.order
@@ -235,9 +236,9 @@ class Asked:
         )
 
 
-def _annotations() -> dict[str, Any]:
-    hints = get_type_hints(Asked, include_extras=True)
-    return {field.name: hints[field.name] for field in fields(Asked)}
+@cache
+def _checks() -> dict[str, tuple[Any, TypeAdapter[Any]]]:
+    return {name: (hint, TypeAdapter(hint)) for name, hint in get_type_hints(Asked, include_extras=True).items()}
 
 
 def _allowed(annotation: Any) -> str:

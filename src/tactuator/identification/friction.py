@@ -39,8 +39,8 @@ _BEYOND = 1.5
 none of these, the truth lay up to 1.2 departures away."""
 _SAMPLED = 0.0025
 """Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
-_ESTIMATES, _ROUNDS = 4, 12
-"""Most estimates of a record's form with friction off its command, and most steps of the level between them."""
+_ESTIMATES, _ROUNDS = 3, 12
+"""Most whole estimates of a record's form with friction off its command, and most steps of the level between them."""
 _FINE_AT_FIRST, _FINE, _REACH = 10.0 ** (1.0 / 32.0), 1.25**0.125, 15
 """Steps of a presliding distance, as ratios: where none is known, and about one that is, at most so many of them."""
 _STILL = 0.05
@@ -133,20 +133,20 @@ def fit_friction(
         return None
     measured = _measured_paths(signals, bare)
     level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
-    now: SpectralEstimate | None = None
+    if level.coulomb <= 0.0:
+        return None
+    # the first level is so rough that a quick estimate tells the next as well
+    now = estimate_of(level.off(signals), None, True)
+    level = _settled(signals, now, level, measured)
     for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
-        # the first level is so rough that a quick estimate tells the next as well
-        now, before, quick = estimate_of(level.off(signals), now, now is None), level, now is None
+        now, before = estimate_of(level.off(signals), now, False), level
         level = _settled(signals, now, level, measured)
-        if not quick and abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
+        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
             break
-    assert now is not None
     rubbed = _with_level(signals, now, before)
-    if rubbed is None:
-        return None
-    simpler = simplified(now, known, rubbed.shifts)
+    simpler = now if rubbed is None else simplified(now, known, rubbed.shifts)
     if simpler is now:
         return rubbed
     level = _settled(signals, simpler, before, measured)
@@ -178,8 +178,7 @@ def _settled(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
     """Return the level at which the estimate's form and the friction along its own path, or the measured one, agree."""
     for _ in range(_ROUNDS):
         ahead = _stepped(signals, now, level, measured)
-        change = abs(ahead.coulomb - level.coulomb)
-        level = ahead
+        change, level = abs(ahead.coulomb - level.coulomb), ahead
         if level.coulomb <= 0.0 or change < _STILL * level.deviation:
             break
         now = _again(now, level.off(signals))
@@ -190,8 +189,7 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
     """Return the estimate with its chosen fit fitted to other signals."""
     before = now.spectra[0]
     spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
-    given = equations_of(spectra)
-    chosen = refitted(replace(now.chosen, fits={}), given)
+    chosen = refitted(replace(now.chosen, fits={}), equations_of(spectra))
     return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
 
 

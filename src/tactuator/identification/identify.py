@@ -139,15 +139,11 @@ def _ranges(model: PlantModel, common: Prepared) -> list[Weighed]:
     ]
 
 
-def _unheard(_: str) -> None:
-    pass
-
-
 def identify(
     record: Record | Sequence[Record],
     *,
-    note: Callable[[str], None] = _unheard,
-    warn: Callable[[str], None] = _unheard,
+    note: Callable[[str], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
     **wishes: Any,
 ) -> Identification:
     """Return a continuous model of a record, or of several records of one mechanism at one rate.

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from tactuator.errors import BadInput
 from tactuator.model.coupling import Coupling
-from tactuator.model.plant import DERIVATIVES, Load, Quantity, System
+from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -116,8 +116,6 @@ def _system_document(system: ContinuousSystem) -> dict[str, Any]:
     }
 
 
-HIGHEST_RATE_HZ = 1e6
-"""Beyond it double precision has too few digits for what is slow."""
 KNOWN_EDGE = 1.05
 """A frequency within this factor of `valid_hz` counts as known."""
 

@@ -14,6 +14,7 @@ from tactuator.signals.systems import ContinuousSystem
 Quantity = Literal["displacement", "velocity", "acceleration"]
 DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Number of times that the displacement is differentiated to give the quantity."""
+HIGHEST_RATE_HZ = 1e6  # beyond it double precision has too few digits for what is slow
 _Root = Number | tuple[Number, Number]
 
 

@@ -10,16 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.model.description import HIGHEST_RATE_HZ, Channel, Display
-from tactuator.model.plant import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ
 from tactuator.model.plant_model import Weighed
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
+
+if TYPE_CHECKING:  # what a record's doubts do not need
+    from tactuator.model.description import Channel, Display
 
 
 @dataclass(frozen=True)
@@ -255,16 +258,14 @@ def _recorded_doubts(channel: Channel, rate_hz: float, travel_v: float) -> Itera
         yield from EXPECTED["recorded command"].doubts(recorded.command / channel.converter.range_v)
     if recorded.position is not None and channel.quantity == "displacement":
         yield from EXPECTED["recorded position"].doubts(recorded.position / travel_v)
-    gain = _UNITS_V_PER_MM.get(recorded.position_unit)
-    if gain is not None:
+    if (gain := _UNITS_V_PER_MM.get(recorded.position_unit)) is not None:
         yield from EXPECTED["recorded unit"].doubts(channel.sensor_gain_v_per_mm / gain)
 
 
 def curve_doubts(given: ThresholdCurve) -> Iterator[Doubt]:
     """Yield what can hardly be of a threshold curve, beside the library's over the frequencies of both."""
     usual = curve("bolanowski-1988")
-    shared = [hertz for hertz in given.frequency_hz.tolist() if usual.covers(hertz, hertz)]
-    frequency = np.array(shared)
+    frequency = np.array([hertz for hertz in given.frequency_hz.tolist() if usual.covers(hertz, hertz)])
     if frequency.size < 3:
         return
     level, known = given.level_db_re_1um_at(frequency), usual.level_db_re_1um_at(frequency)

@@ -22,8 +22,7 @@ from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.table import Chart, ChartLine, ResultTable
-from tactuator.verbs.nouns import FREQUENCY
+from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Place
 from tactuator.verbs.result import Result, figure
 

@@ -23,9 +23,8 @@ from tactuator.parameters import plain
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.nouns import coefficients, response_chart
 from tactuator.verbs.parameters import Place
-from tactuator.verbs.result import Result, figure
+from tactuator.verbs.result import Result, coefficients, figure, response_chart
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "

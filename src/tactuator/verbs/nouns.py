@@ -10,12 +10,10 @@ import numpy as np
 from tactuator.model.description import Display, display_document
 from tactuator.model.plant_model import PlantModel
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
-from tactuator.signals.decibels import db
 from tactuator.signals.record import Record
-from tactuator.table import Chart, ChartLine
-from tactuator.verbs.result import Result, figure
+from tactuator.table import FREQUENCY, Chart, ChartLine
+from tactuator.verbs.result import Result, coefficients, figure, response_chart
 
-FREQUENCY = "frequency (Hz)"
 _Z95 = 1.959964
 
 
@@ -29,21 +27,6 @@ def _thresholds(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) -> C
         drawn.append(ChartLine(label, hertz, level, "o-", half, colour=number))
         drawn.append(ChartLine(words, hertz, level + comfort_db_sl, "--", colour=number))
     return Chart(FREQUENCY, "level (dB re 1 µm, peak)", drawn, log_x=True)
-
-
-def coefficients(values: Any) -> str:
-    """Return the coefficients of a polynomial as they are told in a line."""
-    return "[" + ", ".join(f"{value:.5g}" for value in np.atleast_1d(values)) + "]"
-
-
-def response_chart(model: PlantModel, *shown: ChartLine) -> Chart:
-    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
-    hertz = np.geomspace(*model.band_hz, 300)
-    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
-    drawn = ChartLine(
-        "model, with its 95 % band", hertz, db(model.response(hertz)), half=model.band_db(hertz), colour=0
-    )
-    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
 
 
 class DisplayResult(Result, Display):

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from tactuator.errors import BadInput
-from tactuator.table import Chart, ResultTable
+from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 
 if TYPE_CHECKING:
+    from tactuator.model.plant_model import PlantModel
     from tactuator.report.chart import Axes
 
 _LONGEST = 499
@@ -152,6 +153,24 @@ def _cell(value: object, form: str = "g") -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:{form}}" if isinstance(value, float) else str(value)
+
+
+def coefficients(values: Iterable[float]) -> str:
+    """Return the coefficients of a polynomial as they are told in a line."""
+    return "[" + ", ".join(f"{value:.5g}" for value in values) + "]"
+
+
+def response_chart(model: "PlantModel", *shown: ChartLine) -> Chart:
+    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
+    import numpy as np
+
+    from tactuator.signals.decibels import db
+
+    hertz = np.geomspace(*model.band_hz, 300)
+    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
+    level, half = db(model.response(hertz)), model.band_db(hertz)
+    drawn = ChartLine("model, with its 95 % band", hertz, level, half=half, colour=0)
+    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
 
 
 def figure(value: float, unit: str = "", digits: int = 4) -> str:
