@@ -135,3 +135,16 @@ def test_pair__any_two_floats__are_read_as_they_lie(first, second, at):
     pair = lib.tact_float_pair_get(floats + 2 * at)
     assert np.array_equal([pair.first, pair.second], [first, second], equal_nan=True)
     assert [np.signbit(pair.first), np.signbit(pair.second)] == [np.signbit(first), np.signbit(second)]
+
+
+def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
+    """What the reference within comfort cannot account for: the position is held 8 V away for two seconds."""
+    held = np.concatenate([np.full(8000, -8.0), np.zeros(4000)]).astype(np.float32)
+    silent = np.zeros_like(held)
+    back = []
+    for gains in ((0.0, 0.0), (0.05, 0.0005)):
+        command = run_core(replace(PAPER, anti_windup=AntiWindup(gains)), silent, held).view(np.float32)
+        below = np.flatnonzero(command[8000:] < 9.99)
+        back.append(below[0] if below.size else 4000)
+    assert back[0] == 4000
+    assert back[1] < 400
