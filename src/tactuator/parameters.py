@@ -232,7 +232,6 @@ _UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
 def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
-    """Return what pydantic refused as an error that names the table and the key."""
     faults = error.errors(include_url=False)
     fault = next((each for each in faults if each["type"] in _UNKNOWN), faults[0])
     fields: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]

@@ -188,7 +188,6 @@ def _path_type(certain: bool) -> Any:
 
 
 def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
-    """Raise BadInput where what is written would replace what is read."""
     inputs = [(name, path) for name, option in known.items() if option.file for path in _paths(given[name])]
     for name, option in known.items():
         for place in _paths(given[name]) if option.writes and not option.file else ():
@@ -202,7 +201,6 @@ def _paths(value: Any) -> tuple[Path, ...]:
 
 
 def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
-    """Raise BadInput, in one line, where a file is not there."""
     for path in _paths(paths):
         try:
             path.stat()

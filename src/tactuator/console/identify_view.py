@@ -109,7 +109,6 @@ REQUESTS = {"identify.look": IdentifyLook, "identify.model": IdentifyModel}
 
 
 def _of_response(fit: ResponseModelResult, path: Path) -> Answer:
-    """Return the curves of a model of a frequency response, and how far it departs from each point."""
     response = read_foreign_response(path)
     points = _points(fit, response.frequency_hz, response.value())
     if response.phase_rad is None:
@@ -149,7 +148,6 @@ def _of_record(fit: IdentificationResult, record: Record | None) -> Answer:
 
 
 def _curves(fit: IdentificationResult | ResponseModelResult) -> Answer:
-    """Return magnitude and phase of a model over frequency, with their bands, and where it is valid."""
     return {name: digits(values) for name, values in fit.columns().items()} | {"valid_hz": fit.model.valid_hz}
 
 

@@ -47,7 +47,6 @@ class _Curved(ViewRequest):
     poles: int | None = None
 
     def curve(self, state: ConsoleState) -> ThresholdCurve | None:
-        """Return the curve that was drawn or uploaded, or None where the display's own stands."""
         if self.points is not None:
             frequency, level = np.array(self.points).T
             said = f"drawn in the console for {state.display(self.display).name}"

@@ -140,7 +140,6 @@ class RigConnection:
             return await asyncio.to_thread(session.answer, request)
 
     async def _tell(self) -> None:
-        """Send the status whenever it has changed, and points and refusals as they come."""
         while True:
             refused, self._page.refusals = self._page.refusals, []
             for text in refused:
@@ -181,7 +180,6 @@ class RigConnection:
                 await self._socket.send_bytes(content)
 
     async def _levels(self) -> None:
-        """Send the levels of the last second as long as samples come."""
         shown = 0
         while True:
             await asyncio.sleep(1.0 / LEVELS_HZ)

@@ -103,7 +103,6 @@ class RigWorker:
             self._let_go()
 
     def _guarded(self, job: Callable[[], None]) -> None:
-        """Do a job; tell of input that is refused, of a fault and of a rig that has gone."""
         try:
             job()
         except BadInput as error:
@@ -235,7 +234,6 @@ class RigWorker:
                 self._generator.ask(None)
 
     def _serve(self, order: orders.Order) -> None:
-        """Do what an order asks for that needs nothing to end."""
         match order:
             case orders.GenerateOrder():
                 if self._status.mode != "live" and order.wave is not None:
@@ -326,7 +324,6 @@ class RigWorker:
                 self._rig.rest()
 
     def _let_go(self) -> None:
-        """Bring the rig to rest and close it, if it is open."""
         opened, self._rig = self._rig, None
         if opened is not None:
             with suppress(TactuatorError):
@@ -455,7 +452,6 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
 
 
 def _within(response: Response, levels: ResponseLevels) -> str:
-    """Return the one line on a response: how near to the level asked, and between which frequencies."""
     greatest, (low, high) = np.max(np.abs(levels.error_db)), np.sort(response.frequency_hz)[[0, -1]]
     return f"felt within {greatest:.2f} dB of {response.level_db_sl:g} dB SL from {low:.4g} to {high:.4g} Hz"
 

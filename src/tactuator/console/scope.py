@@ -201,7 +201,6 @@ class View:
         return HEADER.pack(*counts, *rows, *counted) + np.ascontiguousarray(content, dtype="<f4").tobytes()
 
     def _stop(self, look: Look, span: int) -> int | None:
-        """Return the row at which the picture ends."""
         newest = self._samples.end
         if look.mode == "hold":
             self.done = True

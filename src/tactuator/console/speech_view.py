@@ -130,7 +130,6 @@ def _finger(felt: FingerFelt) -> Answer:
 
 
 def _tenths(values: Any, decimals: int = 1) -> Any:
-    """Return numbers as lists, rounded; None where there is none."""
     array = np.asarray(values, dtype=float)
     if array.ndim > 1:
         return [_tenths(row, decimals) for row in array]

@@ -354,7 +354,6 @@ class StudyAtRig:
         return {"key": key, "name": archive.name, "trials": result.trials, "command": command}
 
     def _stop(self) -> None:
-        """Stop at once what the experiment plays, as its operator's Stop does."""
         self._stopping = asyncio.get_running_loop().create_task(self._stopped())
 
     async def _stopped(self) -> None:
@@ -385,7 +384,6 @@ def _closed(lab: Lab | None, running: _Running) -> None:
 
 
 def _commands(running: _Running) -> list[list[str]]:
-    """Return what can be done in the view, and the command that does the same."""
     of = f"tactuator experiment {{}} --store {shlex.quote(running.store)}"
     return [
         ["begin or resume the study; start, pause and stop are then on the operator's page", running.command],
@@ -403,7 +401,6 @@ def protocol_path(uploads: UploadedFiles, key: str) -> Path:
 
 
 def _shipped() -> list[str]:
-    """Return the protocols that come with the package, relative to the folder of examples."""
     toml = [name for name in example_names() if name.endswith(".toml")]
     return [name for name in toml if name == "protocol.toml" or name.startswith("protocols/")]
 

@@ -253,7 +253,6 @@ def _intervals(connection: Connection) -> ExportTable:
 
 
 def _is_simulated() -> ColumnElement[bool]:
-    """Return the condition that nobody felt a run."""
     return or_(schema.run.c.respondent.in_(("simulated", "script")), schema.run.c.rig_simulated)
 
 

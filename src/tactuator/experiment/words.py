@@ -80,7 +80,6 @@ def difference(texts: Mapping[str, str], source: Mapping[str, str]) -> str | Non
 
 
 def _few(keys: Sequence[str]) -> str:
-    """Return the first of the keys, and how many more there are."""
     more = f" and {len(keys) - _KEYS_TOLD} more" if len(keys) > _KEYS_TOLD else ""
     return ", ".join(keys[:_KEYS_TOLD]) + more if keys else "none"
 

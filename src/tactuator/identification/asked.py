@@ -241,7 +241,6 @@ def _annotations() -> dict[str, Any]:
 
 
 def _allowed(annotation: Any) -> str:
-    """Return in words what a parameter may be, from its type and its bounds."""
     kind, info = get_args(annotation)
     choices = [choice for choice in get_args(kind) if isinstance(choice, str)]
     if choices:

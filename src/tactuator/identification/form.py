@@ -331,7 +331,6 @@ class Known:
                 yield known_form, sections_of(rest)
 
     def _form(self, poles: int, zeros: int, late: bool) -> Iterator[Form]:
-        """Yield the form of so many poles and zeros, if it can have all that is known."""
         placed = self.integrators + sum(len(section) for section in self.sections)
         if zeros <= poles and poles >= placed:
             form = Form(poles, zeros, late, self.integrators, self.origin_zeros, self.sections, self.pins)

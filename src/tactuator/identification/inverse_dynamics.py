@@ -244,7 +244,6 @@ class _Law:
 
     @property
     def left(self) -> float:
-        """Return the mean square of what is left."""
         return float(np.mean(self.rest**2))
 
 
@@ -286,7 +285,6 @@ class _Reading:
 
     @property
     def left(self) -> float:
-        """Return the mean square that the best law leaves."""
         return min(law.left for law in self.laws)
 
     @property

@@ -65,7 +65,6 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
     position = position - position.mean()
 
     def left_of(moving: FloatArray) -> Residual:
-        """Return what the fit leaves of the record's lines, weighted by its own spectrum."""
         shift = min(max(int(fit.delay_s * record.rate_hz + 1e-3) - 1, 0), command.size // 4)
         return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), 0.47 * record.rate_hz)
 

@@ -45,7 +45,6 @@ def _commented(text: str) -> str:
 
 
 def _left_out(key: str, about: Any, value: str | None = None) -> str:
-    """Return the comment for a key that a file leaves out: its default, or the value given, and what it means."""
     from tactuator.parameters import default  # noqa: PLC0415  NumPy, when it is needed
 
     line = f"# {key} = {value or default(about) or '...'}"
@@ -99,7 +98,6 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
 
 
 def _band(text: str, model: PlantModel) -> tuple[float, float]:
-    """Return the template's band (Hz) within that of the model."""
     band = re.search(r"^band_hz = \[([\d.]+), ([\d.]+)\]", text, flags=re.MULTILINE)
     assert band is not None  # every shipped display states its band; a test reads them all
     low, high = float(band[1]), float(band[2])
@@ -158,7 +156,6 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
 
 
 def _is_there(target: Path, content: bytes) -> bool:
-    """Return whether the file lies there already; raise BadInput where something else does."""
     if not target.exists():
         return False
     if not target.is_file() or target.read_bytes() != content:

@@ -135,7 +135,6 @@ class BandAnalysis:
         return tuple(means)
 
     def _weights(self, band: Band) -> tuple[int, NDArray[np.float32]]:
-        """Return the index of the band's first bin, and the weights from there on."""
         step = self.rate_hz / self.chunk
         half_edge = 0.5 * EDGE * (band.high_hz - band.low_hz)
         start, stop = int(np.ceil((band.low_hz - half_edge) / step)), int((band.high_hz + half_edge) / step) + 1
@@ -289,7 +288,6 @@ def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
 
 
 def _joined(parts: list[BandFrames]) -> tuple[Levels, Levels, Levels]:
-    """Return long and short frames, and the level over the whole of each band."""
     long_db, short_db = (np.concatenate([getattr(part, kind) for part in parts]) for kind in ("long_db", "short_db"))
     parts.clear()
     return long_db, short_db, np.concatenate((_mean_level(long_db), _mean_level(short_db)))

@@ -245,7 +245,6 @@ def _motion_doubts(channel: Channel) -> Iterator[Doubt]:
 
 
 def _recorded_doubts(channel: Channel, rate_hz: float, travel_v: float) -> Iterator[Doubt]:
-    """Yield doubts about the record that a channel's plant came from."""
     recorded = channel.recorded
     if recorded is None:
         return
@@ -295,7 +294,6 @@ def response_doubts(given: FrequencyResponse) -> tuple[str, ...]:
 
 
 def _is_round(*values: float) -> bool:
-    """Tell whether all values have two digits, as far as a file writes them."""
     return all(abs(float(f"{value:.1e}") / value - 1.0) < 2e-4 for value in values)
 
 

@@ -198,7 +198,6 @@ def parse_vibration_effect(text: str) -> Clip:
 
 
 def _unsure(times: FloatArray, strengths: Sequence[float]) -> tuple[str, ...]:
-    """Return what not every device has to play of an envelope."""
     steps, (least, most) = np.round(1e3 * np.diff(times)), SURE_STEP_MS
     findings = {
         f"{steps.size} control points; sure: {SURE_POINTS}": steps.size > SURE_POINTS,

@@ -113,7 +113,6 @@ def device_sheet(controller: Controller, channel: str, measured: Sequence[Respon
 
 
 def _untouched(measured: Sequence[Response], channel: str) -> Response | None:
-    """Return the strongest untouched response of a channel, None without any."""
     fitting = [each for each in measured if each.channel == channel and each.load == "none"]
     if measured and not fitting:
         got = ", ".join(f"{each.channel} ({each.load})" for each in measured)

@@ -154,7 +154,6 @@ def alike(layout: Sequence[int]) -> tuple[tuple[str, ...], ...]:
 
 
 def _laid_out(code: Code, layout: Sequence[int]) -> list[Burst]:
-    """Return the bursts with channels in the place of tactors, each channel once."""
     return [replace(burst, tactors=tuple(sorted({layout[tactor] for tactor in burst.tactors}))) for burst in code]
 
 

@@ -128,7 +128,6 @@ class Psychometric:
 
 @cache
 def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
-    """Return d' on a grid, and F at each of its points."""
     grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
     z = np.linspace(-9.0, 21.0, 3001)
     density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)

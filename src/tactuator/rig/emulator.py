@@ -61,7 +61,6 @@ class _Emulated:
             raise
 
     def send(self, content: bytes) -> None:
-        """Queue all bytes; raises LinkDown if the emulator has ended."""
         at = 0
         while at < len(content):
             self._require_alive()
@@ -77,7 +76,6 @@ class _Emulated:
         self.sent += len(content)
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return the bytes that have come; waits for at most timeout_s."""
         end = time.monotonic() + timeout_s
         while True:
             remaining_s = end - time.monotonic()
@@ -92,7 +90,6 @@ class _Emulated:
                 return b""
 
     def close(self) -> None:
-        """End the emulator and remove what it needed."""
         for handle in (self._to, self._from):
             if handle >= 0:
                 os.close(handle)

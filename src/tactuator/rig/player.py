@@ -97,7 +97,6 @@ class _Player:
         return Played(*times, self._stopped, saturated / rate)
 
     def _wished(self, wish: Callable[[], Wish]) -> Iterator[FloatArray]:
-        """Yield block after block of the reference, or of silence, as it is wished."""
         held = np.zeros((self._length, len(self._rig.channels)))
         while True:
             wanted = wish()

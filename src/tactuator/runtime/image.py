@@ -240,7 +240,6 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
 
 
 def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
-    """Raise BadInput, with the cause, unless a channel by itself is one that the core takes."""
     head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
     refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:

@@ -201,7 +201,6 @@ class _System:
         return (self.zeros.tobytes(), self.poles.tobytes(), self.gain)
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
-        """Return the numerator and the denominator of the response."""
         raise NotImplementedError
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -212,7 +211,6 @@ class _System:
 
     @property
     def is_proper(self) -> bool:
-        """Return whether there are no more zeros than poles."""
         return self.zeros.size <= self.poles.size
 
 

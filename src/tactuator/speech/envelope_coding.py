@@ -172,7 +172,6 @@ class _Carrier:
         return np.asarray(np.sin(2.0 * np.pi * np.mod(index * self._per_sample, 1.0)))
 
     def next(self, count: int) -> FloatArray:
-        """Return the samples that come next."""
         start, self._at = self._at, self._at + count
         if self._second is None:
             return self._sine(start + np.arange(count))

@@ -255,7 +255,6 @@ def render_file(
         sink, felt, peaks = None, None, np.zeros(len(making.channels))
 
         def written() -> Iterator[FloatArray]:
-            """Write the blocks on their way, and keep their peaks."""
             for block in making.blocks():
                 writer.write(block)
                 columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long

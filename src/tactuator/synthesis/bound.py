@@ -86,7 +86,6 @@ class _Program:
         return np.array([np.interp(places, self._u, unit) for unit in np.eye(self._u.size)]).T
 
     def least_db(self) -> float | None:
-        """Return the program's value, dB."""
         size = self._u.size
         above, most = self._fixed_rows()
         analytic = self._analytic()
@@ -195,7 +194,6 @@ def _turn(u: FloatArray) -> FloatArray:
 
 
 def _chi(q: FloatArray) -> FloatArray:
-    """Return Legendre's chi function of order two."""
     return np.asarray(0.5 * (scipy.special.spence(1.0 - q) - scipy.special.spence(1.0 + q)))
 
 

@@ -95,7 +95,6 @@ def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
-    """Return the gain, from the value at a point far from every root."""
     size = 1.0 + float(np.max(np.abs(np.concatenate([zeros, poles])), initial=0.0))
     point = size * (1.3 + 0.7j)
     value = complex(control.evalfr(system, point))

@@ -119,7 +119,6 @@ class _Goal:
     def of(
         cls, contours: Contours, level: float, grid_hz: FloatArray, band_hz: tuple[float, float], rate_hz: float
     ) -> _Goal:
-        """Return the goal of a strength level."""
         whole = np.linspace(0.0, 0.5 * rate_hz, _TRANSFORM // 2 + 1)
         phase = np.interp(grid_hz, whole, _minimum_phase(distance_db(contours, level, whole)))
         inside = (grid_hz >= band_hz[0]) & (grid_hz <= band_hz[1])

@@ -153,7 +153,6 @@ def _excess_db(finding: Finding) -> float:
 
 
 def _plants_table(drawn: Sequence[DrawnPlants]) -> ResultTable:
-    """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
     names = ("channel", "load", "plants", "from", "unstable", "max|S|", "flatness dB", "felt hum dB SL")
     rows = []
     for plants in drawn:

@@ -134,7 +134,6 @@ def correct(
 
 @contextmanager
 def _opened_books(store: Place, study: str | None, operator: str | None) -> "Iterator[tuple[Connection, Books]]":
-    """Yield a transaction of a store in which no session runs, and the books of a study there."""
     from tactuator.experiment.session.studies import books_of, fresh_token
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import Store, sessions_of
@@ -287,7 +286,6 @@ def _make_ready(place: "Apparatus", warning: str) -> None:
 
 
 def _lapses(texts: Sequence[str]) -> dict[str, float]:
-    """Read lapse rates of SUBJECT=RATE; raises BadInput for what has another form."""
     lapses = {}
     for code, text in _pairs("--lapse", "SUBJECT=RATE", texts):
         try:
@@ -381,7 +379,6 @@ _OPEN_DB = 100.0
 
 
 def _point(group: "GroupCurve", hertz: float) -> tuple[str, str]:
-    """Return level with standard error, and people, of a curve at a frequency; dashes where it has no point there."""
     at = [index for index, f in enumerate(group.curve.frequency_hz) if f == hertz and group.subjects[index]]
     if not at or group.curve.standard_error_db is None:
         return "–", "–"
@@ -496,7 +493,6 @@ _WORDS = {
 
 
 def _quality_row(key: str, value: object) -> tuple[str, str]:
-    """Return the words and the figure of one result, with its unit and digits."""
     name = key.removesuffix("_db").replace("_", " ")
     last = name.removeprefix("refit ")
     words = f"refit: {_WORDS.get(last, last)}" if last != name else _WORDS.get(name, name)

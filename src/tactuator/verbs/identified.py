@@ -46,7 +46,6 @@ class _FittedResult(Result):
         return np.geomspace(*self.model.band_hz, count)
 
     def _with_trust(self, fit: Mapping[str, str]) -> Mapping[str, str]:
-        """Return the headline: the polynomials, how they fit, and whether they are to be trusted."""
         trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, **fit, "trusted": trusted}
@@ -77,11 +76,9 @@ class _FittedResult(Result):
         return response_chart(self.model)
 
     def write(self, path: Place) -> None:
-        """Write model.json, which a display file names as a channel's plant."""
         write_identified(Path(path), self.model)
 
     def _document(self) -> dict[str, Any]:
-        """Return what `--json` prints of either."""
         model = self.model
         confidence = model.confidence()
         n, m = model.den.size - 1, model.num.size - 1
@@ -276,7 +273,6 @@ _TESTS = ("white_p", "uncorrelated_p", "unexplained")
 
 
 def _trust_document(row: Weighed) -> dict[str, Any]:
-    """Return a number that a model is judged by, and whether it is beyond its limit."""
     return {**plain(row), "beyond": row.beyond}
 
 

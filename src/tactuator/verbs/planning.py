@@ -115,7 +115,6 @@ def plan(
 
 
 def _spread_of(store: Path) -> tuple[float, str]:
-    """Return the spread between the people of a store, and where it comes from."""
     from tactuator.experiment.result.store_results import store_results
     from tactuator.experiment.simulated.planning import measured_spread
 

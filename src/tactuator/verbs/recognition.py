@@ -92,7 +92,6 @@ def recognise(
 
 
 def _terminal(task: "SessionTask") -> "Respondent":
-    """Return a person at the terminal, who types keys."""
     from tactuator.experiment.session.presented_session import Respondent
     from tactuator.experiment.session.session import Acknowledged, NextTrial
     from tactuator.experiment.trial import Trial
@@ -131,7 +130,6 @@ def _tell(text: str) -> None:
 
 
 def _typed(prompt: str) -> str:
-    """Return what a person types; the end of the input is an interruption."""
     sys.stderr.write(prompt)
     sys.stderr.flush()
     line = sys.stdin.readline()

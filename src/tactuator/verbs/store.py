@@ -257,7 +257,6 @@ def _scored(
 def _about(
     protocol: "StudyProtocol", row: "Found", age: float | None, posture: str, measured: "Sequence[MeasuredThreshold]"
 ) -> list[tuple[str, str]]:
-    """Return what the sheet says of person, day and display."""
     area = protocol.circumstances.contact_area_mm2
     return [
         ("study", protocol.study.name),

@@ -131,7 +131,6 @@ def _loop_plant(display: Display, index: int) -> SampledSystem:
 def _response(
     prefilter: FloatArray, feedback: FloatArray | None, plant: SampledSystem, grid: FloatArray
 ) -> ComplexArray:
-    """Return H over the plant, or over T where there is feedback."""
     response = rows_response(prefilter, grid, plant.rate_hz)
     if feedback is None:
         return response

@@ -383,7 +383,6 @@ class CurveBelief:
         return np.asarray(scipy.special.logsumexp(evidences.reshape(self.runs, count, -1), axis=1))
 
     def _keep(self, count: int) -> None:
-        """Keep the `count` heaviest components of every run and drop the others."""
         if count >= self.log_weight.shape[1]:
             return
         top = np.argsort(-self.log_weight, axis=1, kind="stable")[:, :count]

@@ -156,7 +156,6 @@ def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
 
 
 def _placed(procedure: Procedure, run: StoredRun) -> bool:
-    """Tell whether the procedure has all the frequencies that were played."""
     assert isinstance(procedure, WholeCurve)
     points = np.log(procedure.rule.prior.frequency_hz)
     return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - points).min(axis=1) < _SAME_FREQUENCY))

@@ -326,7 +326,6 @@ def open_study(
 def _version(
     connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None, who: str
 ) -> tuple[int, int]:
-    """Return the rows of the study and of the version of its protocol that has this text."""
     name, now = task.protocol.study.name, clock.utc()
     study = records.study_by_version(connection, text) or records.study_by_name(connection, name)
     if study is None:

@@ -129,7 +129,6 @@ def _check_same_chain(connection: Connection, source: Store, since: Head | None)
 
 
 def _parents(table: Table) -> Mapping[str, Table]:
-    """Return the tables that columns of a table refer to."""
     return {column.name: key.column.table for column in table.c for key in column.foreign_keys}
 
 

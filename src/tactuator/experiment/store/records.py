@@ -32,7 +32,6 @@ Tokens = Callable[[str, int], str]
 
 
 def _last(connection: Connection, column: Column[Any], *where: ColumnElement[bool]) -> Any:
-    """Return the largest value of a column among those rows, or None without any."""
     return connection.execute(select(func.max(column)).where(*where)).scalar()
 
 

@@ -123,7 +123,6 @@ class _Told(logging.Filter):
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether the record is of anything else."""
         error = record.exc_info[1] if record.exc_info else None
         return not (isinstance(error, KeyboardInterrupt | OSError) or type(error).__module__.startswith("pg8000"))
 
@@ -205,7 +204,6 @@ class Store:
             raise StoreFault(f"{self._short}: {_reason(error)}") from error
 
     def _torn(self) -> BadInput:
-        """Return the refusal of a file that was copied while a program wrote to it, without what is beside it."""
         query = select(func.count(), func.max(schema.response.c.server_received_utc)).select_from(schema.response)
         with self.engine.connect() as connection:
             answers, last = connection.execute(query).one()
@@ -366,6 +364,5 @@ def _begin_in_file(connection: Connection) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Return the database's own message in one line."""
     original = error.orig if isinstance(error, DBAPIError) else error
     return " ".join(str(original).split())

@@ -87,7 +87,6 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
 
 
 def _done(connection: Connection, paradigm: str, session: int | None, sessions: Mapping[int, Found]) -> list[Found]:
-    """Return the rows of finished runs of that paradigm, practice left out, in those sessions, or in one of them."""
     run = schema.run.c
     wanted = [run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
     if session is not None:
@@ -121,7 +120,6 @@ class _Rows:
         return cls(run, tuple(others))
 
     def of(self, run: int) -> tuple[NDArray[Any], ...]:
-        """Return the columns of one run."""
         mine = slice(*np.searchsorted(self.run, [run, run + 1]))
         return tuple(column[mine] for column in self.columns)
 
@@ -213,7 +211,6 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
 
 
 def _tone(label: str, level_db_sl: float | None) -> JudgedTone | None:
-    """Return the tone of an interval that had just one."""
     if level_db_sl is None:
         return None
     role, _, rest = label.partition(":")
