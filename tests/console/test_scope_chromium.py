@@ -156,7 +156,7 @@ def test_rig__whose_process_is_killed__is_told_and_can_be_opened_again(page, con
     import signal
 
     begun(page, console)
-    os.kill(console.host.process_id, signal.SIGKILL)
+    os.kill(console.host._process.pid, signal.SIGKILL)
     page.wait_for_selector("#rig-mode:has-text('the rig has gone')")
     page.wait_for_selector("#rig-more:has-text('open the rig again')")
     page.locator("#reopen").focus()

@@ -419,7 +419,6 @@ def thresholds(
         from tactuator.report.felt import psychometric_plate, thresholds_plate
 
         folder = Path(figures)
-        folder.mkdir(parents=True, exist_ok=True)
         new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
         thresholds_plate(results.people, results.reference, new, others).save(folder)

@@ -109,7 +109,6 @@ def plan(
     if figures is not None:
         from tactuator.report.chart import chart_plate
 
-        Path(figures).mkdir(parents=True, exist_ok=True)
         chart_plate(result.chart(), "plan").save(Path(figures))
     return result
 

@@ -4,8 +4,6 @@ A row is known by what it is (a trial: study, subject, visit, run, attempt, numb
 was merged stands in the same transaction as the rows: a merge that was broken off is gone on with, or done again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -197,7 +195,7 @@ class _Writing:
         asked: dict[Key, dict[str, Any]] = {}
         for row in rows:
             key = _key_of(table, row)
-            if any(parent in self._refused for parent in _ancestors(key, row, table)):
+            if not self._refused.isdisjoint([key, *(row[name] for name in _parents(table))]):
                 self._refused.add(key)
             else:
                 asked[key] = self._placed(table, row)
@@ -299,10 +297,6 @@ class _Writing:
         if differ:
             chain.change(self.connection, table, there[_primary(table)], differ, self.origin)
         return bool(differ)
-
-
-def _ancestors(key: Key, row: Mapping[str, Any], table: Table) -> list[Key]:
-    return [key, *(row[name] for name in _parents(table) if row[name] is not None)]
 
 
 def _words(key: Key) -> str:
