@@ -6,8 +6,6 @@ model has already is taken off (Bussgang, 1952). What is left is how far the gai
 model's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
