@@ -12,8 +12,9 @@ from tactuator.console import rig_orders, rig_worker
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.rig_orders import WAITING_MAX, WaitingOrders
 from tactuator.console.rig_process import RigProcess
-from tactuator.console.rig_worker import RigWorker, measured, points_of
+from tactuator.console.rig_worker import RigWorker, points_of
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.measure.response import stepped_sine
 from tactuator.rig.board.link import Mode
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
@@ -320,7 +321,7 @@ def loaded(controller) -> SimulatedRig:
 
 def test_points__of_a_sensor_that_stands_still__have_no_level(controller, tmp_path) -> None:
     order = order_of(controller, 30.0)
-    (found,) = measured(loaded(controller), order, lambda _: None)
+    (found,) = stepped_sine(loaded(controller), order.settings.frequency_hz, order.settings)
     still = replace(found, amplitude_v=np.zeros(1, dtype=complex))
     shown = points_of((still,), order, tmp_path, over=True).document
     assert json.loads(json.dumps(shown, allow_nan=False))["responses"][0]["level_db_sl"] == [None]
@@ -329,7 +330,7 @@ def test_points__of_a_sensor_that_stands_still__have_no_level(controller, tmp_pa
 def test_measured__level_of_nothing__refused(controller) -> None:
     """Its amplitude is zero in double precision, and a page was sent Infinity."""
     with pytest.raises(BadInput, match="-60 to 55 dB SL"):
-        measured(loaded(controller), order_of(controller, -(2.0**63)), lambda _: None)
+        stepped_sine(loaded(controller), [100.0], order_of(controller, -(2.0**63)).settings)
 
 
 PRESS = rig_orders.PressOrder("index", 0.1)

@@ -297,7 +297,8 @@ class RigWorker:
                     measured_so_far = responses
                     self._tell(points_of(responses, order, Path(folder), over))
 
-                measured(WatchedRig(self._opened, self._halt.is_set), order, tell)
+                watched, settings = WatchedRig(self._opened, self._halt.is_set), order.settings
+                stepped_sine(watched, np.array(settings.frequency_hz), settings, so_far=tell)
                 tell(measured_so_far, over=True)
         except RigHalted:
             self._rest()
@@ -420,13 +421,6 @@ def presented(
         raise
     else:
         say(None, over=True)
-
-
-def measured(
-    rig: Rig, order: orders.MeasureOrder, tell: Callable[[tuple[Response, ...]], None]
-) -> tuple[Response, ...]:
-    """Measure as `measure` does, and call `tell` with the responses so far after every point."""
-    return stepped_sine(rig, np.array(order.settings.frequency_hz), order.settings, so_far=tell)
 
 
 def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folder: Path, over: bool) -> orders.Points:

@@ -287,11 +287,6 @@ class _Reading:
     def left(self) -> float:
         return min(law.left for law in self.laws)
 
-    @property
-    def plain(self) -> FloatArray:
-        """Return the weights by the model's own law, (4,)."""
-        return self.laws[0].weights
-
     @cached_property
     def shares(self) -> FloatArray:
         """Return the evidence of each law, by Bayes' criterion over as many samples as are independent, sum one."""

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray, freeze_arrays
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
-from tactuator.signals.decibels import db, from_db
+from tactuator.signals.decibels import from_db
 from tactuator.table import brief
 
 
@@ -100,10 +100,8 @@ class ThresholdCurve:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "frequency_hz", "level_db_re_1um", "standard_error_db")
-        try:
+        with within(repr(self.name)):
             self._check()
-        except BadInput as error:
-            raise error.within(repr(self.name)) from None
 
     def _check(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_re_1um
@@ -173,16 +171,6 @@ def check_level(level_db_sl: float) -> None:
     if not LOWEST_DB_SL <= level_db_sl <= COMFORT_DB_SL:
         most = f"{COMFORT_DB_SL:g} dB SL, which is still comfortable"
         raise BadInput(f"level (--level) of {level_db_sl:g} dB SL", f"{LOWEST_DB_SL:g} to {most}")
-
-
-def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
-    """Return the peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
-    return from_db(level_db_sl) * curve.displacement_mm(frequency_hz)
-
-
-def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
-    """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
-    return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
 
 
 _SHIPPED: dict[str, tuple[str, Provenance, str, Contact]] = {

@@ -42,22 +42,6 @@ class Weibull:
 
 
 @dataclass(frozen=True)
-class Logistic:
-    """Logistic in dB: F = 1 / (1 + exp(-(slope_per_db x + logit F(0))))."""
-
-    slope_per_db: float = 0.5
-
-    def __post_init__(self) -> None:
-        _positive("logistic slope per dB", self.slope_per_db)
-
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
-        """Return F at `level_db` re threshold."""
-        start = np.asarray(at_threshold, dtype=np.float64)
-        exponent = -np.asarray(level_db, dtype=np.float64) * self.slope_per_db - np.log(start / (1.0 - start))
-        return np.asarray(1.0 / (1.0 + np.exp(np.clip(exponent, -700.0, 700.0))))
-
-
-@dataclass(frozen=True)
 class MaxOfM:
     """Signal detection: each of m intervals gives a unit normal, the signal's shifted by d', the largest is chosen.
 

@@ -526,7 +526,7 @@ def simulate(
     """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
     from tactuator.entry_points import plugins
     from tactuator.experiment.procedure.procedure import GROUP
-    from tactuator.experiment.simulated.judging_quality import TASKS
+    from tactuator.experiment.simulated.judging_quality import TASKS, JudgingSetting, simulate_judging
     from tactuator.experiment.simulated.quality import Setting, simulate_kind
     from tactuator.io.csv_tables import read_relative_curve
 
@@ -537,25 +537,16 @@ def simulate(
     if procedure in TASKS:
         if setting != Setting(runs, lapse=lapse, seed=seed) or truth is not None:
             raise BadInput(f"options of thresholds with {procedure}", "--runs, --lapse, --trials, --law, --seed")
-        return _judged(procedure, runs, lapse, seed, law, trials)
-    if law is not None:
+        with working(f"{runs} people", 1.0) as step:
+            figures = plain(simulate_judging(procedure, JudgingSetting(runs, lapse, seed, law, trials), step))
+    elif law is not None:
         raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
-    people = None if truth is None else read_relative_curve(Path(truth))
-    with working(f"{runs} runs", 1.0) as step:
-        quality = simulate_kind(procedure, setting, trials, people, step)
-    figures = plain(quality)
+    else:
+        people = None if truth is None else read_relative_curve(Path(truth))
+        with working(f"{runs} runs", 1.0) as step:
+            figures = plain(simulate_kind(procedure, setting, trials, people, step))
     assert isinstance(figures, dict)
     return QualityResult(procedure, runs, figures)
-
-
-def _judged(task: str, runs: int, lapse: float, seed: int, law: str | None, trials: int | None) -> QualityResult:
-    from tactuator.experiment.simulated.judging_quality import JudgingSetting, simulate_judging
-
-    with working(f"{runs} people", 1.0) as step:
-        quality = simulate_judging(task, JudgingSetting(runs, lapse, seed, law, trials), step)
-    figures = plain(quality)
-    assert isinstance(figures, dict)
-    return QualityResult(task, runs, figures)
 
 
 def _slope_range(text: str) -> tuple[float, float]:

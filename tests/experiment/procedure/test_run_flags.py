@@ -11,7 +11,8 @@ from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, 
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
 from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
-from tactuator.perception.psychometric import Logistic, Psychometric
+from tactuator.perception.psychometric import Psychometric
+from tests.experiment.conftest import Logistic
 
 LOUD_SHARE = 0.2
 """Share of all trials that are loud catch trials, as in the protocols that the package ships."""
@@ -27,7 +28,7 @@ def flagged(
     """
     rng = np.random.default_rng(seed)
     steep = rng.uniform(0.35, 0.75, runs)
-    model = Psychometric(Logistic(0.5), lapse=lapse)
+    model = Psychometric(Logistic(), lapse=lapse)
     edge = -np.log(model.at_threshold / (1.0 - model.at_threshold))
 
     def probability(level_db, numbers):
@@ -98,7 +99,7 @@ def test_quest_plus__estimate__is_of_the_product_of_prior_and_all_answers() -> N
 
 @pytest.mark.parametrize("target", [0.5**0.5, 0.5 ** (1.0 / 3.0)])
 def test_refit__target_of_the_procedure__is_where_psi_reaches_it(target: float) -> None:
-    rng, model = np.random.default_rng(4), Psychometric(Logistic(0.5), target=target)
+    rng, model = np.random.default_rng(4), Psychometric(Logistic(), target=target)
     levels = rng.integers(-6, 7, (40, 300)).astype(float)
     found = refit(levels, rng.random(levels.shape) < model.probability(levels), RefitPrior(target=target))
     assert float(np.mean(found.threshold_db)) == pytest.approx(0.0, abs=0.35)

@@ -18,7 +18,8 @@ from tactuator.experiment.procedure.run_flags import EXCLUDED_ODDS, unseen_notch
 from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve
-from tactuator.perception.psychometric import Logistic, Psychometric
+from tactuator.perception.psychometric import Psychometric
+from tests.experiment.conftest import Logistic
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)
 DECADES = np.log10(FINE_HZ)
@@ -217,7 +218,7 @@ def answered(points: int, runs: int, count: int, drift_db: float, seed: int) -> 
     point = rng.integers(points, size=(runs, count))
     threshold = np.take_along_axis(curve, point, axis=1) + drift_db * (np.arange(count) / (count - 1) - 0.5)
     level = np.round(2.0 * (np.take_along_axis(curve, point, axis=1) + rng.uniform(-3.0, 7.0, (runs, count)))) / 2.0
-    chance = Psychometric(Logistic(0.5), lapse=0.02).probability(level - threshold)
+    chance = Psychometric(Logistic(), lapse=0.02).probability(level - threshold)
     return Trials(point, level, rng.random(chance.shape) < chance)
 
 
@@ -329,7 +330,7 @@ def person(curve: np.ndarray, seed: int, trials: int = 150) -> tuple[WholeCurve,
     """Run a logistic person with that curve over FINE_HZ; return the run, and the truth at its points."""
     rng, run = np.random.default_rng(seed), WholeCurve(WholeCurveRule(trials))
     hertz = run.rule.prior.frequency_hz
-    shape = Psychometric(Logistic(0.5), lapse=0.02)
+    shape = Psychometric(Logistic(), lapse=0.02)
     while (placed := run.placement()) is not None:
         threshold = np.interp(np.log10(placed.frequency_hz), DECADES, curve)
         run.record(bool(rng.random() < shape.probability(placed.level_db_sl - threshold)))
@@ -423,7 +424,7 @@ def test_kind__loss_of_one_channel__leaves_the_band_of_the_other(channel) -> Non
 
 def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twelve() -> None:
     """None of the twelve was told above 6.1 dB where no trial was put to exclude a notch and none was weighed late."""
-    rule, rng, shape = WholeCurveRule(), np.random.default_rng(5), Psychometric(Logistic(0.5), lapse=0.02)
+    rule, rng, shape = WholeCurveRule(), np.random.default_rng(5), Psychometric(Logistic(), lapse=0.02)
     hertz, belief = rule.prior.frequency_hz, CurveBelief(rule.prior, rule.answering, 12)
     truth = 15.0 * np.exp(-0.5 * (np.log10(hertz / 192.0) / 0.06) ** 2)
     for _ in range(rule.trials):
