@@ -35,7 +35,6 @@ class _OfRecord(ViewRequest):
     rate_hz: Annotated[Finite, Field(gt=0.0)] | None = None
 
     def read(self, path: Path) -> Record:
-        """Return the record of a file, by the columns that were chosen or, without a choice, the usual ones."""
         return read_record(path, input_name=self.input, output_name=self.output, rate_hz=self.rate_hz)
 
 

@@ -93,7 +93,6 @@ class RigConnection:
                 self._rig.order(orders.GenerateOrder(None))
 
     async def _answer(self, number: int, request: PageRequest) -> Answer | None:
-        """Serve one request. Raises BadInput where it is refused."""
         controls, session = self._controls, self._session
         match request:
             case Acknowledge():

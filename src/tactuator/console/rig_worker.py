@@ -171,10 +171,7 @@ class RigWorker:
         self._end_as("idle")
         self._say(loaded=order.controller.content_hash)
 
-    # -- live ---------------------------------------------------------------------------------------------------------
-
     def _live(self) -> None:
-        """Play the generator and tell every sample until another order comes, then come to rest."""
         if self._rig is None:
             raise BadInput("the rig has gone", "open it again")
         if not self._status.loaded:
@@ -260,8 +257,6 @@ class RigWorker:
         self._tell(orders.Piece(self._status.given_back, rows.tobytes(), limited))
         self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
-    # -- an experiment ------------------------------------------------------------------------------------------------
-
     def _present(self, order: orders.PresentOrder) -> None:
         """Play what an experiment asks for; a halt that was ordered before it began counts."""
         if self._rig is None:
@@ -275,8 +270,6 @@ class RigWorker:
         for trace in presented(self._rig, order, self._halt.is_set, self._tell):
             self._tell_samples(trace)
         self._end_as("idle")
-
-    # -- measuring ----------------------------------------------------------------------------------------------------
 
     def _measure(self, order: orders.MeasureOrder) -> None:
         """Measure at the rig opened anew, so that it is what the command would measure; tell it point by point."""
@@ -304,10 +297,7 @@ class RigWorker:
             self._rest()
         self._end_as("idle")
 
-    # -- the rig itself -----------------------------------------------------------------------------------------------
-
     def _guard(self) -> dict[str, Any]:
-        """Return what the board's guard says, as words; nothing where there is no board."""
         if self._rig is None or not isinstance(self._opened, BoardRig):
             return {}
         status = self._opened.status()

@@ -53,7 +53,6 @@ class ToneTask(SessionTask):
         raise NotImplementedError
 
     def _expected(self, planned: PlannedRun, trials: float, intervals: int, feedback_s: float) -> tuple[float, float]:
-        """Return the number of trials of a run, fewer of practice, and how many seconds one of them plays."""
         hertz, protocol = planned.frequency_hz or self.apparatus.middle_hz, self.protocol
         played_s = protocol.timing.played_s(hertz, intervals, protocol.marks)
         return float(protocol.session.practice_trials if planned.practice else trials), played_s + feedback_s

@@ -142,7 +142,6 @@ class PresentedSession:
         return following
 
     def _count(self, following: NextTrial) -> int:
-        """Return how often this process has played the trial, this time included."""
         run, number, times = self._played
         same = (run, number) == (following.run, following.trial.number)
         self._played = (following.run, following.trial.number, times + 1 if same else 1)

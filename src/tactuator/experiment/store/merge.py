@@ -254,7 +254,6 @@ class _Writing:
         return other is not None
 
     def _numbered(self, table: Table, values: dict[str, Any]) -> dict[str, Any]:
-        """Give a protocol's version the next number of its study."""
         if table is schema.protocol_version:
             number = select(func.max(table.c.number)).where(table.c.study_id == values["study_id"])
             values["number"] = (self.connection.execute(number).scalar() or 0) + 1
