@@ -9,8 +9,6 @@ refuses is a `BadInput` that names the table and the key. Files, forms and the p
 fields (`parameters`, `allowed`, `default`): nothing of a parameter is written twice.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
@@ -232,7 +230,6 @@ _UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
 def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
-    """Return what pydantic refused as an error that names the table and the key."""
     faults = error.errors(include_url=False)
     fault = next((each for each in faults if each["type"] in _UNKNOWN), faults[0])
     fields: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]

@@ -8,8 +8,8 @@ import pytest
 
 from tactuator.console.rig_process import Levels
 from tactuator.console.scope import ScopeSamples
-from tactuator.perception.curve import level_db_sl
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.decibels import db
 
 RATE = 4000
 
@@ -28,7 +28,7 @@ def test_tone__on_the_simulated_rig__is_read_as_the_finger_feels_it(controller, 
     trace = rig.play(reference)
     moved = np.concatenate(felt)[-RATE:] * np.hanning(RATE)
     amplitude = 2.0 * abs(np.exp(-2j * np.pi * hertz * np.arange(RATE) / RATE) @ moved) / np.hanning(RATE).sum()
-    truth = float(level_db_sl(amplitude, hertz, controller.display.channels[1].threshold.curve))
+    truth = float(db(amplitude / controller.display.channels[1].threshold.curve.displacement_mm(hertz)))
     found = Levels(controller.display).of_rows(rows_of(trace)[-RATE:], hertz)[1]
     assert found.tone_db_sl == pytest.approx(truth, abs=0.25)
     assert found.level_db_sl == pytest.approx(truth, abs=1.0)

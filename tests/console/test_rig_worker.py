@@ -11,8 +11,9 @@ from tactuator.console import rig_orders, rig_worker
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.rig_orders import WAITING_MAX, WaitingOrders
 from tactuator.console.rig_process import RigProcess
-from tactuator.console.rig_worker import RigWorker, measured, points_of
+from tactuator.console.rig_worker import RigWorker, points_of
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.measure.response import stepped_sine
 from tactuator.rig.board.link import Mode
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
@@ -214,12 +215,12 @@ def order_of(controller, level_db_sl, frequency_hz=(100.0,), load="none", confid
 def test_measured__sensor_that_stands_still_or_level_of_nothing__has_no_level_or_is_refused(controller, tmp_path):
     rig, order = SimulatedRig(controller.display, 3), order_of(controller, 30.0, longest_s=0.5)
     rig.load(controller)
-    (response,) = measured(rig, order, lambda _: None)
+    (response,) = stepped_sine(rig, order.settings.frequency_hz, order.settings)
     still = replace(response, amplitude_v=np.zeros(1, dtype=complex))
     shown = points_of((still,), order, tmp_path, over=True).document
     assert json.loads(json.dumps(shown, allow_nan=False))["responses"][0]["level_db_sl"] == [None]
     with pytest.raises(BadInput, match="-60 to 55 dB SL"):  # an amplitude of zero: a page was sent Infinity
-        measured(rig, order_of(controller, -(2.0**63)), lambda _: None)
+        stepped_sine(rig, [100.0], order_of(controller, -(2.0**63)).settings)
 
 
 def test_orders__beyond_the_limit__are_refused_but_ends_and_those_that_somebody_waits_for_are_taken(controller):

@@ -129,7 +129,7 @@ def test_rig__of_two_pages__is_one_pages_waits_for_its_controller_and_is_opened_
         may_come.set()
         pressed(page, "#live", "#rig-mode:has-text('live')")
         frames_past(page)
-    os.kill(console.host.process_id, signal.SIGKILL)
+    os.kill(console.host._process.pid, signal.SIGKILL)
     page.wait_for_selector("#rig-mode:has-text('the rig has gone')")
     page.wait_for_selector("#rig-more:has-text('open the rig again')")
     page.set_default_timeout(60_000)

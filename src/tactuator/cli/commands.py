@@ -116,10 +116,6 @@ def build_app(verbs: Sequence[str] | None = None, listed: bool = False, part: st
     return app
 
 
-def _first_paragraph(verb: Verb) -> str:
-    return " ".join((inspect.getdoc(verb) or "").partition("\n\n")[0].split())
-
-
 def command_of(verb: Verb) -> Callable[..., None]:
     """Return the command of a verb: it looks for the files that are read, calls the verb and prints its result.
 
@@ -154,7 +150,8 @@ def command_of(verb: Verb) -> Callable[..., None]:
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
     if ends:
         parameters.append(_typer_parameter(_AS_JSON, _JSON, "as_json"))
-    command.__name__, command.__doc__ = verb.__name__, _first_paragraph(verb)
+    command.__name__ = verb.__name__
+    command.__doc__ = " ".join((inspect.getdoc(verb) or "").partition("\n\n")[0].split())
     vars(command)["__signature__"] = inspect.Signature(parameters)
     return command
 
@@ -226,7 +223,6 @@ def _paths(value: Any) -> tuple[Path, ...]:
 
 
 def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
-    """Raise BadInput, in one line, where a file is not there."""
     for path in _paths(paths):
         try:
             path.stat()

@@ -81,7 +81,6 @@ def _leave_at_once(status: int) -> NoReturn:
 
 
 def _status_of(arguments: Sequence[str]) -> int:
-    """Run the verb that the arguments name, say in one line what went wrong, and return the exit status."""
     try:
         named = [argument for argument in arguments if not argument.startswith("-")]
         completes = "_TACTUATOR_COMPLETE" in os.environ  # a shell completes options, too

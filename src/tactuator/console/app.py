@@ -1,7 +1,5 @@
 """The console's server: its page, the files of the page, and the connections that answer it; and how it ends."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os
@@ -9,7 +7,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from importlib.resources import files
@@ -18,15 +16,15 @@ import uvicorn
 from fastapi import FastAPI, Response, WebSocket
 
 from tactuator.console.connection import ConsoleConnection
-from tactuator.console.rig_connection import add_rig
+from tactuator.console.rig_connection import RigConnection
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
-from tactuator.console.study import StudyAtRig, add_study
+from tactuator.console.study import StudyAtRig
 from tactuator.console.uploads import add_file_routes
 from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file
-from tactuator.web.sockets import admitted
+from tactuator.web.sockets import CLOSE_ABSENT, admitted
 from tactuator.web.study_pages import StudyPages, add_study_pages
 
 _HEADERS = HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; media-src blob:"}
@@ -51,9 +49,10 @@ def build_console(
             await study.end()
 
     app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=ended)
-    add_rig(app, token, session, apart)
+    rig_served = None if session is None else lambda socket, at=session: RigConnection(socket, at, apart).serve()
+    _add_connection(app, "/ws/rig", token, rig_served)
     add_study_pages(app, pages, token)
-    add_study(app, token, study)
+    _add_connection(app, "/ws/study", token, None if study is None else study.serve)
 
     @app.get("/")
     async def page() -> Response:
@@ -64,14 +63,22 @@ def build_console(
         return static_file(name) or shared_file(name) or plain_text(_NOTHING, 404)
 
     add_file_routes(app, state.uploads, token)
-
-    @app.websocket("/ws")
-    async def connection(socket: WebSocket) -> None:
-        if await admitted(socket, token):
-            await ConsoleConnection(socket, state, apart).serve()
-
+    _add_connection(app, "/ws", token, lambda socket: ConsoleConnection(socket, state, apart).serve())
     answer_plainly(app, lambda: _NOTHING)
     return app
+
+
+def _add_connection(app: FastAPI, path: str, token: str, serve: Callable[[WebSocket], Awaitable[None]] | None) -> None:
+    """Add an address of pages that have the token. serve: None where the console has no rig."""
+
+    @app.websocket(path)
+    async def connection(socket: WebSocket) -> None:
+        if not await admitted(socket, token):
+            return
+        if serve is None:
+            await socket.close(CLOSE_ABSENT)
+        else:
+            await serve(socket)
 
 
 def static_file(name: str) -> Response | None:

@@ -1,7 +1,5 @@
 """The view Identify: a record that was uploaded, its columns, a model of it, and the file that `identify` writes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +35,6 @@ class _OfRecord(ViewRequest):
     rate_hz: Annotated[Finite, Field(gt=0.0)] | None = None
 
     def read(self, path: Path) -> Record:
-        """Return the record of a file, by the columns that were chosen or, without a choice, the usual ones."""
         return read_record(path, input_name=self.input, output_name=self.output, rate_hz=self.rate_hz)
 
 
@@ -109,7 +106,6 @@ REQUESTS = {"identify.look": IdentifyLook, "identify.model": IdentifyModel}
 
 
 def _of_response(fit: ResponseModelResult, path: Path) -> Answer:
-    """Return the curves of a model of a frequency response, and how far it departs from each point."""
     response = read_foreign_response(path)
     points = _points(fit, response.frequency_hz, response.value())
     if response.phase_rad is None:
@@ -149,7 +145,6 @@ def _of_record(fit: IdentificationResult, record: Record | None) -> Answer:
 
 
 def _curves(fit: IdentificationResult | ResponseModelResult) -> Answer:
-    """Return magnitude and phase of a model over frequency, with their bands, and where it is valid."""
     return {name: digits(values) for name, values in fit.columns().items()} | {"valid_hz": fit.model.valid_hz}
 
 

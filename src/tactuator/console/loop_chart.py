@@ -204,7 +204,6 @@ def _outputs(
 
 
 def _behind(first: States, second: States) -> States:
-    """Return two systems one behind the other."""
     apart = np.zeros((first.b.size, second.b.size))
     a = np.block([[first.a, apart], [np.outer(second.b, first.c), second.a]])
     b, c = np.append(first.b, second.b * first.d), np.append(second.d * first.c, second.c)

@@ -8,8 +8,6 @@ controller is taken apart into such factors; a point of the curve that is dragge
 lead or lag in its place, and the gain.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 import sys
@@ -225,7 +223,6 @@ def _by_frequency(side: str, root: complex, rate_hz: float) -> Factor:
 
 
 def _logarithms(root: complex, rate_hz: float) -> list[complex]:
-    """Return s of a real root, or of both of a pair."""
     s = complex(np.log(np.complex128(root)) * rate_hz)
     return [complex(s.real)] if abs(root.imag) < _REAL else [s, s.conjugate()]
 
@@ -256,7 +253,6 @@ def with_point_at(
 
 
 def _place_of_lead(shape: LoopShape, frequency_hz: float) -> int | None:
-    """Return where among the factors a lead stands at this frequency, or None."""
     for place, factor in enumerate(shape.factors):
         if factor.kind == "lead" and abs(np.log(factor["hz"] / frequency_hz)) < _SAME_PLACE:
             return place

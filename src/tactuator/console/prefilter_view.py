@@ -1,7 +1,5 @@
 """The view Prefilter and curve: the curve that a channel is to follow, moved by its points, and the prefilter's fit."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -47,7 +45,6 @@ class _Curved(ViewRequest):
     poles: int | None = None
 
     def curve(self, state: ConsoleState) -> ThresholdCurve | None:
-        """Return the curve that was drawn or uploaded, or None where the display's own stands."""
         if self.points is not None:
             frequency, level = np.array(self.points).T
             said = f"drawn in the console for {state.display(self.display).name}"

@@ -1,13 +1,11 @@
 """One connection of a page to the rig: orders in turn, frames as fast as the page draws them, and the status."""
 
-from __future__ import annotations
-
 import asyncio
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
-from fastapi import FastAPI, WebSocket
+from fastapi import WebSocket
 
 from tactuator.console import rig_orders as orders
 from tactuator.console.generator import GeneratorWave
@@ -15,7 +13,7 @@ from tactuator.console.requests import Answer, Count, PageRequest, Requests, ser
 from tactuator.console.rig_session import Expected, FilePeaks, Page, RigSession, Save, StopPlaying, UseController
 from tactuator.console.scope import Look, View
 from tactuator.errors import BadInput
-from tactuator.web.sockets import CLOSE_ABSENT, admitted, first_to_end, send
+from tactuator.web.sockets import first_to_end, send
 
 FRAMES_HZ = 50.0
 AHEAD = 2
@@ -58,20 +56,6 @@ REQUESTS: Requests[PageRequest] = {
 }
 
 
-def add_rig(app: FastAPI, token: str, session: RigSession | None, apart: Executor | None) -> None:
-    """Add the rig's address to the application. session: None where the console has no rig."""
-
-    @app.websocket("/ws/rig")
-    async def rig(socket: WebSocket) -> None:
-        if not await admitted(socket, token):
-            return
-        if session is None:
-            await socket.close(CLOSE_ABSENT)
-        else:
-            _listen(session)
-            await RigConnection(socket, session, apart).serve()
-
-
 def _listen(session: RigSession) -> None:
     """Let the pages be told what the rig's process tells; it comes on another thread."""
     loop = asyncio.get_running_loop()
@@ -99,6 +83,7 @@ class RigConnection:
 
     async def serve(self) -> None:
         """Serve the page until it goes; if it had the controls, the generator goes silent."""
+        _listen(self._session)
         self._controls.enter(self._page)
         try:
             requests = serve_requests(self._socket, REQUESTS, self._answer)
@@ -108,7 +93,6 @@ class RigConnection:
                 self._rig.order(orders.GenerateOrder(None))
 
     async def _answer(self, number: int, request: PageRequest) -> Answer | None:
-        """Serve one request. Raises BadInput where it is refused."""
         controls, session = self._controls, self._session
         match request:
             case Acknowledge():
@@ -140,7 +124,6 @@ class RigConnection:
             return await asyncio.to_thread(session.answer, request)
 
     async def _tell(self) -> None:
-        """Send the status whenever it has changed, and points and refusals as they come."""
         while True:
             refused, self._page.refusals = self._page.refusals, []
             for text in refused:
@@ -181,7 +164,6 @@ class RigConnection:
                 await self._socket.send_bytes(content)
 
     async def _levels(self) -> None:
-        """Send the levels of the last second as long as samples come."""
         shown = 0
         while True:
             await asyncio.sleep(1.0 / LEVELS_HZ)

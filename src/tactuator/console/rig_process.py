@@ -1,7 +1,5 @@
 """The rig's process seen from the server: its orders, its newest samples and their levels, and its status."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -90,7 +88,7 @@ class Levels:
         return levels
 
     def _level(
-        self, weight: _Weight, spectrum: FloatArray, tone_db_sl: float | None, command_mean_v: float
+        self, weight: "_Weight", spectrum: FloatArray, tone_db_sl: float | None, command_mean_v: float
     ) -> ChannelLevel:
         # in threshold units: amplitude of a sinusoid at each line
         units = spectrum * 2.0 / (_HANN_SUM * self._length) * weight.per_volt
@@ -110,7 +108,7 @@ class _Weight:
     band: FloatArray
 
     @classmethod
-    def of(cls, channel: Channel, lines: FloatArray) -> _Weight:
+    def of(cls, channel: Channel, lines: FloatArray) -> "_Weight":
         low, high = channel.threshold.band_hz
         threshold_v = channel.threshold_voltage(np.maximum(lines, lines[1]))
         # a window's side reaches two lines beyond: without the lowest two there is no leakage of the mean
@@ -181,11 +179,6 @@ class RigProcess:
             tone_hz = wave.frequency_hz if wave is not None and wave.kind == "tone" else None
             self._felt = (end, self.levels.of(self.samples, tone_hz))
         return self._felt[1]
-
-    @property
-    def process_id(self) -> int | None:
-        """Return the id of the process that holds the rig."""
-        return self._process.pid
 
     def close(self) -> None:
         """Bring the rig to rest, and end the process."""

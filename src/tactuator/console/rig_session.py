@@ -1,7 +1,5 @@
 """The rig as the pages use it: who has the controls, the controller that is loaded, and orders made of requests."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 from collections.abc import Callable
@@ -252,7 +250,6 @@ class RigSession:
         return self._controller
 
     def _expected(self, level_db_sl: float) -> Answer:
-        """Return the levels that the controller's model expects over the bands of the channels."""
         low = min(channel.threshold.band_hz[0] for channel in self._display.channels)
         high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
@@ -262,7 +259,6 @@ class RigSession:
         return asked | {"curves": expected_curves(controller, level_db_sl, frequency_hz), "hum": hum}
 
     def _record(self, request: Save) -> Answer:
-        """Return the samples of a channel as the text of a record, which `identify` reads."""
         column = self.channels.index(self._display.channel(request.channel).name)
         rate_hz = self._display.rate_hz
         rows = self.rig.samples.rows(max(0, request.end - round(request.span_s * rate_hz)), request.end)

@@ -103,7 +103,6 @@ class RigWorker:
             self._let_go()
 
     def _guarded(self, job: Callable[[], None]) -> None:
-        """Do a job; tell of input that is refused, of a fault and of a rig that has gone."""
         try:
             job()
         except BadInput as error:
@@ -172,10 +171,7 @@ class RigWorker:
         self._end_as("idle")
         self._say(loaded=order.controller.content_hash)
 
-    # -- live ---------------------------------------------------------------------------------------------------------
-
     def _live(self) -> None:
-        """Play the generator and tell every sample until another order comes, then come to rest."""
         if self._rig is None:
             raise BadInput("the rig has gone", "open it again")
         if not self._status.loaded:
@@ -235,7 +231,6 @@ class RigWorker:
                 self._generator.ask(None)
 
     def _serve(self, order: orders.Order) -> None:
-        """Do what an order asks for that needs nothing to end."""
         match order:
             case orders.GenerateOrder():
                 if self._status.mode != "live" and order.wave is not None:
@@ -262,8 +257,6 @@ class RigWorker:
         self._tell(orders.Piece(self._status.given_back, rows.tobytes(), limited))
         self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
-    # -- an experiment ------------------------------------------------------------------------------------------------
-
     def _present(self, order: orders.PresentOrder) -> None:
         """Play what an experiment asks for; a halt that was ordered before it began counts."""
         if self._rig is None:
@@ -277,8 +270,6 @@ class RigWorker:
         for trace in presented(self._rig, order, self._halt.is_set, self._tell):
             self._tell_samples(trace)
         self._end_as("idle")
-
-    # -- measuring ----------------------------------------------------------------------------------------------------
 
     def _measure(self, order: orders.MeasureOrder) -> None:
         """Measure at the rig opened anew, so that it is what the command would measure; tell it point by point."""
@@ -299,16 +290,14 @@ class RigWorker:
                     measured_so_far = responses
                     self._tell(points_of(responses, order, Path(folder), over))
 
-                measured(WatchedRig(self._opened, self._halt.is_set), order, tell)
+                watched, settings = WatchedRig(self._opened, self._halt.is_set), order.settings
+                stepped_sine(watched, np.array(settings.frequency_hz), settings, so_far=tell)
                 tell(measured_so_far, over=True)
         except RigHalted:
             self._rest()
         self._end_as("idle")
 
-    # -- the rig itself -----------------------------------------------------------------------------------------------
-
     def _guard(self) -> dict[str, Any]:
-        """Return what the board's guard says, as words; nothing where there is no board."""
         if self._rig is None or not isinstance(self._opened, BoardRig):
             return {}
         status = self._opened.status()
@@ -326,7 +315,6 @@ class RigWorker:
                 self._rig.rest()
 
     def _let_go(self) -> None:
-        """Bring the rig to rest and close it, if it is open."""
         opened, self._rig = self._rig, None
         if opened is not None:
             with suppress(TactuatorError):
@@ -425,13 +413,6 @@ def presented(
         say(None, over=True)
 
 
-def measured(
-    rig: Rig, order: orders.MeasureOrder, tell: Callable[[tuple[Response, ...]], None]
-) -> tuple[Response, ...]:
-    """Measure as `measure` does, and call `tell` with the responses so far after every point."""
-    return stepped_sine(rig, np.array(order.settings.frequency_hz), order.settings, so_far=tell)
-
-
 def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folder: Path, over: bool) -> orders.Points:
     """Return what a page shows of a measurement, and the file that `measure --out response.csv` would write of it."""
     path = folder / "response.csv"
@@ -455,7 +436,6 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
 
 
 def _within(response: Response, levels: ResponseLevels) -> str:
-    """Return the one line on a response: how near to the level asked, and between which frequencies."""
     greatest, (low, high) = np.max(np.abs(levels.error_db)), np.sort(response.frequency_hz)[[0, -1]]
     return f"felt within {greatest:.2f} dB of {response.level_db_sl:g} dB SL from {low:.4g} to {high:.4g} Hz"
 

@@ -1,7 +1,5 @@
 """The newest samples of a rig, by their number, and pictures of them: what a page's width can show, as bytes."""
 
-from __future__ import annotations
-
 import struct
 import threading
 from dataclasses import dataclass
@@ -201,7 +199,6 @@ class View:
         return HEADER.pack(*counts, *rows, *counted) + np.ascontiguousarray(content, dtype="<f4").tobytes()
 
     def _stop(self, look: Look, span: int) -> int | None:
-        """Return the row at which the picture ends."""
         newest = self._samples.end
         if look.mode == "hold":
             self.done = True

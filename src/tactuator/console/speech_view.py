@@ -1,7 +1,5 @@
 """The view Speech: a speech file on the fingers of a display, what is asked of them and what they feel of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,7 +128,6 @@ def _finger(felt: FingerFelt) -> Answer:
 
 
 def _tenths(values: Any, decimals: int = 1) -> Any:
-    """Return numbers as lists, rounded; None where there is none."""
     array = np.asarray(values, dtype=float)
     if array.ndim > 1:
         return [_tenths(row, decimals) for row in array]

@@ -1,7 +1,5 @@
 """The displays that a console works on, and the controllers that were made for them."""
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from collections import OrderedDict
@@ -228,12 +226,10 @@ class _Newest(OrderedDict[tuple[Any, ...], _Value]):
         self._most = most
 
     def keep(self, key: tuple[Any, ...], value: _Value) -> None:
-        """Keep a value; of many the oldest are forgotten."""
         self[key] = value
         while len(self) > self._most:
             self.popitem(last=False)
 
     def forget(self, display: str) -> None:
-        """Forget what was made for a display."""
         for key in [key for key in self if key[0] == display]:
             del self[key]

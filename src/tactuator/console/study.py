@@ -1,7 +1,5 @@
 """The view Experiment: protocols and stores to begin from, and the study that is open at the console's rig."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import queue
@@ -14,7 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints
 
@@ -46,7 +44,7 @@ from tactuator.model.controller import Controller
 from tactuator.rig.rig import Finger, Rig, Trace, join_traces
 from tactuator.verbs.experiment import export
 from tactuator.web.lab import Lab
-from tactuator.web.sockets import CLOSE_ABSENT, admitted, send
+from tactuator.web.sockets import send
 from tactuator.web.study_pages import StudyPages
 
 _SILENT_S = 30.0
@@ -231,19 +229,6 @@ REQUESTS = {"experiment.start": ExperimentStart, "experiment.look": ExperimentLo
 _STUDY_REQUESTS: Requests[PageRequest] = {"begin": BeginStudy, "end": EndStudy, "export": ExportStudy}
 
 
-def add_study(app: FastAPI, token: str, study: StudyAtRig | None) -> None:
-    """Add the study's address to the application. study: None where the console has no rig."""
-
-    @app.websocket("/ws/study")
-    async def connection(socket: WebSocket) -> None:
-        if not await admitted(socket, token):
-            return
-        if study is None:
-            await socket.close(CLOSE_ABSENT)
-        else:
-            await study.serve(socket)
-
-
 @dataclass(frozen=True)
 class _Running:
     """The study that is open, and what has to be closed after it."""
@@ -329,6 +314,7 @@ class StudyAtRig:
             amend = request.amend or None
             study = open_study(database, task, text, SystemClock(), fresh_token, amend, path.parent)
             lab = Lab(study, request.auto_start, _SHOWN if place.simulated else "")
+            stack.callback(lab.close)
             command = self._command(request, path.name)
             return lab, _Running(protocol.study.name, request.store, command, stack.pop_all())
 
@@ -338,9 +324,9 @@ class StudyAtRig:
             running, self._running = self._running, None
             if running is None:
                 return
-            lab = await self._pages.close()
+            await self._pages.close()
             try:
-                await asyncio.to_thread(_closed, lab, running)
+                await asyncio.to_thread(running.held.close)
             finally:
                 self._session.controls.free()
 
@@ -354,7 +340,6 @@ class StudyAtRig:
         return {"key": key, "name": archive.name, "trials": result.trials, "command": command}
 
     def _stop(self) -> None:
-        """Stop at once what the experiment plays, as its operator's Stop does."""
         self._stopping = asyncio.get_running_loop().create_task(self._stopped())
 
     async def _stopped(self) -> None:
@@ -378,14 +363,7 @@ class StudyAtRig:
         )
 
 
-def _closed(lab: Lab | None, running: _Running) -> None:
-    with running.held:
-        if lab is not None:
-            lab.close()
-
-
 def _commands(running: _Running) -> list[list[str]]:
-    """Return what can be done in the view, and the command that does the same."""
     of = f"tactuator experiment {{}} --store {shlex.quote(running.store)}"
     return [
         ["begin or resume the study; start, pause and stop are then on the operator's page", running.command],
@@ -403,7 +381,6 @@ def protocol_path(uploads: UploadedFiles, key: str) -> Path:
 
 
 def _shipped() -> list[str]:
-    """Return the protocols that come with the package, relative to the folder of examples."""
     toml = [name for name in example_names() if name.endswith(".toml")]
     return [name for name in toml if name == "protocol.toml" or name.startswith("protocols/")]
 

@@ -1,7 +1,5 @@
 """Meaning and unit of every exported column: one dictionary for all formats."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Exports: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its data dictionary, whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -64,7 +62,6 @@ def export(store: Store, folder: Path, form: str) -> int:
 
 
 def _write_tidy(data: Exported, folder: Path) -> None:
-    """Write a CSV for each table, dictionary.csv for all of them, and the protocols' settings."""
     meanings = [("table", "column", "description", "unit")]
     for name, table in data.tables.items():
         table.write(folder / f"{name}.csv")
@@ -84,7 +81,6 @@ def _write_read_me(data: Exported, folder: Path) -> None:
 
 
 def _write_psych_ds(data: Exported, folder: Path) -> None:
-    """Write trials and intervals of each subject and task, and the tables of all, described in schema.org's words."""
     variables: dict[str, Meaning] = {}
     for column in (column for table in data.tables.values() if table.rows for column in table.columns):
         variables.setdefault(column.name, column)
@@ -120,7 +116,6 @@ def _write_psych_ds(data: Exported, folder: Path) -> None:
 
 
 def _write_bids(data: Exported, folder: Path) -> None:
-    """Write runs of each subject with side-cars, the subjects, and thresholds as a dataset derived from them."""
     about = {"Name": study_names(data), "BIDSVersion": "1.10.0"}
     by = {"GeneratedBy": [{"Name": "tactuator", "Version": __version__}]}
     write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", **by})
@@ -181,7 +176,6 @@ def _write_session(data: Exported, trials: list[TableRow], place: Path, entities
 
 
 def _events(trials: list[TableRow], played: list[TableRow]) -> str:
-    """Return every interval of a run, in the order of time, as separated values."""
     began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
     first = min(began.values())
     rows: list[list[Value]] = []

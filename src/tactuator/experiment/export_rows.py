@@ -1,7 +1,5 @@
 """A store as tables of plain values, in the order of the dictionary, and as text; withdrawn data are left out."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -253,7 +251,6 @@ def _intervals(connection: Connection) -> ExportTable:
 
 
 def _is_simulated() -> ColumnElement[bool]:
-    """Return the condition that nobody felt a run."""
     return or_(schema.run.c.respondent.in_(("simulated", "script")), schema.run.c.rig_simulated)
 
 

@@ -1,7 +1,5 @@
 """Words by their key, from a language file: shipped ones, or one that a laboratory wrote."""
 
-from __future__ import annotations
-
 import string
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -80,7 +78,6 @@ def difference(texts: Mapping[str, str], source: Mapping[str, str]) -> str | Non
 
 
 def _few(keys: Sequence[str]) -> str:
-    """Return the first of the keys, and how many more there are."""
     more = f" and {len(keys) - _KEYS_TOLD} more" if len(keys) > _KEYS_TOLD else ""
     return ", ".join(keys[:_KEYS_TOLD]) + more if keys else "none"
 

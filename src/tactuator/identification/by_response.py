@@ -1,7 +1,5 @@
 """A model from a frequency response by itself: what a data sheet or another instrument gives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

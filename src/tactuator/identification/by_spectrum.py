@@ -1,7 +1,5 @@
 """The frequency domain's estimate of a record as an identification: model, band, tests, and what speaks against it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -100,7 +98,6 @@ def identification(
 def _beside_free(
     result: Identification, common: Prepared, estimate: SpectralEstimate, free: SpectralEstimate
 ) -> Identification:
-    """Return the identification with fixed values beside what the records show without them."""
     alone = _model(common, free, free.chosen)
     alone = replace(alone, valid_hz=_valid(alone, free))
     beside = [choice for choice in (free.chosen, free.other) if choice is not None]

@@ -1,7 +1,5 @@
 """Sensor calibration: pairs of displacement and voltage become a gain with its confidence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +91,7 @@ def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bo
         centred = x - x[kept].mean()
         leverage = 1.0 / kept.sum() + centred**2 / np.sum(centred[kept] ** 2)
         if kept.sum() < x.size:
-            scatter = max(scatter, _robust_scatter(residual))
+            scatter = max(scatter, float(1.4826 * np.median(residual)))
         spread = scatter * np.sqrt(np.where(kept, np.maximum(1.0 - leverage, 0.05), 1.0 + leverage))
         bound = scipy.stats.t.isf(_OUTLIER_PROBABILITY / (2.0 * x.size), max(kept.sum() - 2, 1))
         now = residual <= bound * spread + 1e-12 * np.ptp(y)
@@ -101,10 +99,6 @@ def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bo
             break
         kept = now
     return kept
-
-
-def _robust_scatter(residual: NDArray[np.float64]) -> float:
-    return float(1.4826 * np.median(residual))
 
 
 def _fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:

@@ -244,7 +244,6 @@ class _Law:
 
     @property
     def left(self) -> float:
-        """Return the mean square of what is left."""
         return float(np.mean(self.rest**2))
 
 
@@ -286,13 +285,7 @@ class _Reading:
 
     @property
     def left(self) -> float:
-        """Return the mean square that the best law leaves."""
         return min(law.left for law in self.laws)
-
-    @property
-    def plain(self) -> FloatArray:
-        """Return the weights by the model's own law, (4,)."""
-        return self.laws[0].weights
 
     @cached_property
     def shares(self) -> FloatArray:

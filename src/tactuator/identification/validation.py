@@ -1,7 +1,5 @@
 """A model on a record that its fit never saw: fit, residual, and how much of that record's response is in the band."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -65,7 +63,6 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
     position = position - position.mean()
 
     def left_of(moving: FloatArray) -> Residual:
-        """Return what the fit leaves of the record's lines, weighted by its own spectrum."""
         shift = min(max(int(fit.delay_s * record.rate_hz + 1e-3) - 1, 0), command.size // 4)
         return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), 0.47 * record.rate_hz)
 

@@ -183,7 +183,6 @@ def _checked(line: str) -> str:
 
 
 def _parts(line: str, delimiter: str | None) -> list[str]:
-    """Return the cells of a line, those in quotation marks without them."""
     if '"' not in line:
         return [cell.strip() for cell in line.strip().split(delimiter)]
     return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter or " "), [])]

@@ -1,7 +1,5 @@
 """Display files: TOML to `Display`, with the measured environment that one may name (environment.json)."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -340,7 +338,6 @@ class _Plant:
 
     @property
     def systems(self) -> tuple[ContinuousSystem, ...]:
-        """Return the plant and its family."""
         return self.system, *self.family
 
 
@@ -369,7 +366,6 @@ def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
 
 
 def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
-    """Return what a model file tells of its record; None where it tells nothing."""
     record = document.get("record")
     record = record if isinstance(record, Mapping) else {}
     spans = {"command": "command_half_span", "position": "position_half_span", "rate_hz": "rate_hz"}

@@ -48,11 +48,6 @@ def identified_text(model: PlantModel) -> str:
     return _text(model, model.family(_FAMILY, np.random.default_rng(0)))
 
 
-def write_identified(path: str | Path, model: PlantModel) -> None:
-    """Write the text of `identified_text`, whole or not at all."""
-    write_text(path, identified_text(model))
-
-
 def _text(model: PlantModel, family: Sequence[ContinuousSystem]) -> str:
     return json.dumps(model_document(model, family), indent=1, allow_nan=False) + "\n"
 

@@ -1,7 +1,5 @@
 """The examples that come with tactuator: copied out, and as display and protocol files to start from."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -45,7 +43,6 @@ def _commented(text: str) -> str:
 
 
 def _left_out(key: str, about: Any, value: str | None = None) -> str:
-    """Return the comment for a key that a file leaves out: its default, or the value given, and what it means."""
     from tactuator.parameters import default  # noqa: PLC0415  NumPy, when it is needed
 
     line = f"# {key} = {value or default(about) or '...'}"
@@ -71,7 +68,7 @@ def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:
     return (EXAMPLES / folder / f"{kind}.toml").read_text(encoding="utf-8")
 
 
-def with_model(text: str, model: PlantModel, path: str) -> str:
+def with_model(text: str, model: "PlantModel", path: str) -> str:
     """Return the text of a display file whose plant is the model in the file `path`.
 
     The band is narrowed to the frequencies (Hz) of which the model says something. Loads, which are in the units of a
@@ -98,8 +95,7 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     return text
 
 
-def _band(text: str, model: PlantModel) -> tuple[float, float]:
-    """Return the template's band (Hz) within that of the model."""
+def _band(text: str, model: "PlantModel") -> tuple[float, float]:
     band = re.search(r"^band_hz = \[([\d.]+), ([\d.]+)\]", text, flags=re.MULTILINE)
     assert band is not None  # every shipped display states its band; a test reads them all
     low, high = float(band[1]), float(band[2])
@@ -158,7 +154,6 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
 
 
 def _is_there(target: Path, content: bytes) -> bool:
-    """Return whether the file lies there already; raise BadInput where something else does."""
     if not target.exists():
         return False
     if not target.is_file() or target.read_bytes() != content:

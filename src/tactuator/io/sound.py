@@ -1,7 +1,5 @@
 """Sound files: the length that a head states, held against the bytes that are there, and a library's own remarks."""
 
-from __future__ import annotations
-
 import os
 import struct
 import threading
@@ -86,13 +84,11 @@ def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int
 
 
 def _end_of_au(file: BinaryIO, head: bytes) -> int:
-    """Return where the samples of an AU end by its own statement; 0 where it does not say."""
     start, length = struct.unpack(f"{'>' if head[:4] == b'.snd' else '<'}II", head[4:12])
     return 0 if length in _STREAMED else int(start + length)
 
 
 def _end_of_rf64(file: BinaryIO, head: bytes) -> int:
-    """Return where an RF64 ends by its own statement, in its first chunk; 0 where it does not say."""
     return int(struct.unpack("<Q", head[20:28])[0]) + 8 if head[12:16] == b"ds64" else 0
 
 
@@ -101,7 +97,6 @@ def _end_of_w64(file: BinaryIO, head: bytes) -> int:
 
 
 def _end_of_caf(file: BinaryIO, head: bytes) -> int:
-    """Return where the samples of a CAF end by its own statement; 0 where it does not say."""
     file.seek(8)
     while len(chunk := file.read(12)) == 12:
         (length,) = struct.unpack(">q", chunk[4:])

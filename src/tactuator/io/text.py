@@ -1,7 +1,5 @@
 """Text files that others wrote: their encoding, their limits, and the numbers in their cells."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import json

@@ -8,8 +8,6 @@ envelope at a low rate. Its mean square over a frame is twice the band's power t
 power, 10 log10 of the mean square envelope. Bands up to 40 Hz are looked at over 500 ms, those above over 100 ms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -135,7 +133,6 @@ class BandAnalysis:
         return tuple(means)
 
     def _weights(self, band: Band) -> tuple[int, NDArray[np.float32]]:
-        """Return the index of the band's first bin, and the weights from there on."""
         step = self.rate_hz / self.chunk
         half_edge = 0.5 * EDGE * (band.high_hz - band.low_hz)
         start, stop = int(np.ceil((band.low_hz - half_edge) / step)), int((band.high_hz + half_edge) / step) + 1
@@ -289,7 +286,6 @@ def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
 
 
 def _joined(parts: list[BandFrames]) -> tuple[Levels, Levels, Levels]:
-    """Return long and short frames, and the level over the whole of each band."""
     long_db, short_db = (np.concatenate([getattr(part, kind) for part in parts]) for kind in ("long_db", "short_db"))
     parts.clear()
     return long_db, short_db, np.concatenate((_mean_level(long_db), _mean_level(short_db)))

@@ -3,8 +3,6 @@
 Nothing heavy is imported here, so that a face can tell its defaults at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -261,7 +261,6 @@ class _Player:
 
     @property
     def periods(self) -> int:
-        """Return the number of periods averaged."""
         return len(self._kept)
 
     def play(self, settle_s: float) -> None:

@@ -1,7 +1,5 @@
 """A display: channels with plants, sensors, converters, loads, what is asked of them; its tables, and their hash."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator
@@ -51,7 +49,7 @@ def document_hash(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def display_document(display: Display) -> dict[str, Any]:
+def display_document(display: "Display") -> dict[str, Any]:
     """Return plain tables that `parse_display` makes an equal display of: curves with points, plants as roots."""
     wires = () if display.sound is None else display.sound.wires
     card = {} if display.sound is None else {"sound": _own(display.sound)}
@@ -74,20 +72,13 @@ def _own(table: Any) -> dict[str, Any]:
 
 
 _WHERE_SAID = (
-    "contours",
-    "covariance",
-    "valid_hz",
-    "model_error_db",
-    "model_error_hz",
-    "controller",
-    "models",
-    "recorded",
+    "contours", "covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "models", "recorded",
     "unchanged",
-)
+)  # fmt: skip
 """Keys of a channel that are left out where nothing is said."""
 
 
-def _channel_document(channel: Channel) -> dict[str, Any]:
+def _channel_document(channel: "Channel") -> dict[str, Any]:
     given, threshold = channel.feedback.controller, plain(channel.threshold)
     if not channel.threshold.curve.contact.said:
         del threshold["curve"]["contact"]

@@ -1,13 +1,11 @@
 """Plants and loads: a system as the tables of a file write it, and the impedance of what touches a display."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from tactuator.arrays import ComplexArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.parameters import NotNegative, Number, from_table, kept_by, table
 from tactuator.signals.systems import ContinuousSystem
 
@@ -58,10 +56,8 @@ def system_of(value: Any, *where: str) -> ContinuousSystem:
         plant = from_table(PlantTable, value, *where)
     else:
         raise BadInput(f"{value!r}", "{ num, den } or { zeros, poles, gain }", where=where)
-    try:
+    with within(*where):
         return plant.system()
-    except BadInput as error:
-        raise error.within(*where) from None
 
 
 System = Annotated[ContinuousSystem, *kept_by(system_of, "`{ num, den }` or `{ zeros, poles, gain }`")]

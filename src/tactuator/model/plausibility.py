@@ -6,8 +6,6 @@ below or above them. Its bounds leave room for whatever a person can feel: a sli
 What cannot be speaks against a verdict, and what is only unusual leaves it open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -40,7 +38,7 @@ class Plausible:
     above: str
     impossible: bool = False
 
-    def doubts(self, value: float) -> Iterator[Doubt]:
+    def doubts(self, value: float) -> "Iterator[Doubt]":
         """Yield the doubt about a value outside the bounds; nothing for one within them."""
         if not self.low <= value <= self.high:
             yield Doubt(self, float(value))
@@ -248,7 +246,6 @@ def _motion_doubts(channel: Channel) -> Iterator[Doubt]:
 
 
 def _recorded_doubts(channel: Channel, rate_hz: float, travel_v: float) -> Iterator[Doubt]:
-    """Yield doubts about the record that a channel's plant came from."""
     recorded = channel.recorded
     if recorded is None:
         return
@@ -296,7 +293,6 @@ def response_doubts(given: FrequencyResponse) -> tuple[str, ...]:
 
 
 def _is_round(*values: float) -> bool:
-    """Tell whether all values have two digits, as far as a file writes them."""
     return all(abs(float(f"{value:.1e}") / value - 1.0) < 2e-4 for value in values)
 
 

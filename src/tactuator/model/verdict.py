@@ -4,8 +4,6 @@ Whoever judges (a model, a measurement, a build) makes findings of one kind, so 
 An objective is met only if something was judged and nothing that counts stayed open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -125,10 +123,6 @@ class Objective:
             return Outcome.NOT_MET
         return Outcome.MET if Outcome.MET in outcomes and not open_ones else Outcome.NOT_JUDGED
 
-    def of(self, channel: str, load: str) -> tuple[Finding, ...]:
-        """Return the findings on one channel under one load."""
-        return tuple(finding for finding in self.findings if (finding.channel, finding.load) == (channel, load))
-
     def worst(self) -> tuple[Finding, ...]:
         """Return one finding for each channel, measured plant and quantity: what is not met before what is open before
         what is met, and of those the one with the greatest excess. This fits a screen at any number of loads."""
@@ -164,11 +158,6 @@ class Verdict:
         if Outcome.NOT_MET in outcomes:
             return Outcome.NOT_MET
         return Outcome.MET if outcomes == {Outcome.MET} else Outcome.NOT_JUDGED
-
-    @property
-    def met(self) -> bool:
-        """Tell whether every objective is met."""
-        return self.outcome is Outcome.MET
 
     @property
     def sentence(self) -> str:

@@ -1,7 +1,5 @@
 """The report: report.html, the figures (every counterpart of the paper's, and a few that it has not), summary.json."""
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Mapping, Sequence
@@ -261,7 +259,6 @@ def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
 
 
 def _worst(objective: Objective) -> list[Finding]:
-    """Return for each quantity that was judged the finding that comes nearest to its limit, or passes it by most."""
     worst: dict[str, Finding] = {}
     for finding in objective.worst():
         known = worst.get(finding.quantity)
@@ -271,7 +268,6 @@ def _worst(objective: Objective) -> list[Finding]:
 
 
 def _worded(finding: Finding) -> str:
-    """Return a finding as a person reads it: what was found where, and what is allowed."""
     if finding.value is None:
         return f"{finding.quantity}: {finding.outcome}, {finding.remark}"
     unit = f" {finding.unit}" if finding.unit else ""

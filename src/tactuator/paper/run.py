@@ -275,7 +275,6 @@ def calibrate(plan: Plan) -> dict[str, CalibrationResult]:
 
 
 def _travel_v(channel: Channel) -> float:
-    """Return the sensor's volts at the end of the travel, by the display file."""
     return channel.travel_mm * channel.sensor_gain_v_per_mm
 
 

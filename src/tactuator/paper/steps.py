@@ -2,8 +2,6 @@
 every channel's response at the paper's levels, without and with a finger; speech as felt.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -83,12 +81,8 @@ def judge_prefilters(display: Display) -> Prefilters:
         channel.name: fit_prefilter(channel, c, display.rate_hz, display.delay_samples, poles=paper.PREFILTER_POLES)
         for channel in display.channels
     }
-    return Prefilters(_judged(index, paper_response()), _judged(index, sampled), fitted)
-
-
-def paper_response() -> TwoDegreeLoop:
-    """Return H = F T in continuous time, as the paper prints it; of unit gain at rest."""
-    return TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
+    printed = TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
+    return Prefilters(_judged(index, printed), _judged(index, sampled), fitted)
 
 
 def _judged(channel: Channel, loop: TwoDegreeLoop) -> Judged:

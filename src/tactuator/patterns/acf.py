@@ -5,8 +5,6 @@ A file is JSON5. `emphasis_ducking` is what the continuous signal is multiplied 
 says the contrary of the first).
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator
@@ -109,7 +107,6 @@ def parse_json5(text: str) -> Any:
 
 
 def _json(text: str) -> Iterator[str]:
-    """Yield the tokens of a JSON5 text as those of JSON."""
     comma, before = "", ""
     for kind, token in _tokens(text):
         if comma and not (token in "]}" and before not in ("", "[", "{", ":", ",")):
@@ -126,7 +123,6 @@ def _json(text: str) -> Iterator[str]:
 
 
 def _tokens(text: str) -> Iterator[tuple[str, str]]:
-    """Yield kind and JSON's spelling of every token but space."""
     at = 0
     while at < len(text):
         match = _TOKEN.match(text, at)
@@ -162,7 +158,6 @@ def _number(token: str) -> str:
 
 
 def _name(token: str, text: str, at: int) -> str:
-    """Return a name as a key, or as the word of JSON that it is."""
     while (space := _TOKEN.match(text, at)) is not None and space.lastgroup == "space":
         at = space.end()
     if text[at : at + 1] != ":" and token in ("true", "false", "null"):

@@ -4,8 +4,6 @@ Core Haptics sets entries that are missing to their defaults, clamps values to t
 it does not know; so does this. A continuous event has to have a duration, of 30 s at most ("hapticContinuous").
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -166,7 +164,6 @@ def _control_points(
     control: Mapping[str, Any], kind: str, where: str, stretches: Mapping[str, list[list[tuple[float, float]]]],
     notes: _Notes,
 ) -> None:  # fmt: skip
-    """Add the points of a parameter curve, or the single one of a dynamic parameter, to those of its control."""
     name = control.get("ParameterID")
     start_s = number_of(control, "Time", 0.0, LONGEST_S, where, missing=0.0)
     points = [control] if kind == "Parameter" else rows_of(part_of(control, "ParameterCurveControlPoints"), where)
@@ -199,7 +196,6 @@ def _course(stretches: list[list[tuple[float, float]]], rest: float) -> Breakpoi
 
 
 def _within(course: Breakpoints, start_s: float, end_s: float) -> Breakpoints:
-    """Return the part of a course that an event needs."""
     first = max(int(np.searchsorted(course.time_s, start_s)) - 1, 0)
     last = int(np.searchsorted(course.time_s, end_s, side="right")) + 1
     return Breakpoints(course.time_s[first:last], course.value[first:last])

@@ -5,8 +5,6 @@ every device has to play is told by `VibratorEnvelopeEffectInfo`. What an intens
 `BasicToPwleSegmentAdapter` does (all Android Open Source Project, Apache-2.0, read and not copied).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -198,7 +196,6 @@ def parse_vibration_effect(text: str) -> Clip:
 
 
 def _unsure(times: FloatArray, strengths: Sequence[float]) -> tuple[str, ...]:
-    """Return what not every device has to play of an envelope."""
     steps, (least, most) = np.round(1e3 * np.diff(times)), SURE_STEP_MS
     findings = {
         f"{steps.size} control points; sure: {SURE_POINTS}": steps.size > SURE_POINTS,

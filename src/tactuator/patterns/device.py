@@ -1,7 +1,5 @@
 """What a display can do, as other people's tools ask for it: greatest acceleration and level, rise, an ACF, a sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -113,7 +111,6 @@ def device_sheet(controller: Controller, channel: str, measured: Sequence[Respon
 
 
 def _untouched(measured: Sequence[Response], channel: str) -> Response | None:
-    """Return the strongest untouched response of a channel, None without any."""
     fitting = [each for each in measured if each.channel == channel and each.load == "none"]
     if measured and not fitting:
         got = ", ".join(f"{each.channel} ({each.load})" for each in measured)

@@ -6,8 +6,6 @@ of 10 ms, of which points that lie on the line between others are left out. A re
 all but the strongest; that is told.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -64,7 +62,6 @@ def read_clip(path: str | Path, legacy: bool = False) -> Clip:
 
 
 def _times(rows: Sequence[Mapping[str, Any]], where: str) -> list[float]:
-    """Return the times of an envelope's points, which do not go back."""
     times = [number_of(row, "time", 0.0, LONGEST_S, f"{where}[{k}]") for k, row in enumerate(rows)]
     for k, (before, after) in enumerate(pairwise(times)):
         if after < before:

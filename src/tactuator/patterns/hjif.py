@@ -4,8 +4,6 @@ The rules are those that MPEG's reference software holds a file to (`IOJson`); o
 over, and told. Times are ticks of the file's timescale, frequencies hertz.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -150,7 +148,6 @@ class _Reader:
         self, effect: Mapping[str, Any], library: Mapping[Any, Any], kind: str, limits: tuple[int, int], gain: float,
         where: str,
     ) -> None:  # fmt: skip
-        """Take an effect in, or that of the library which it names."""
         types = ("Reference", "Basis") if self.profile == "Simple Parametric" else ("Reference", "Basis", "Composite")
         named, position = _text(effect, "effect_type", types, where), effect.get("position")
         at_s = whole_of(effect, "position", -_MOST_TICKS, _MOST_TICKS, where) / self.ticks_per_s
@@ -207,7 +204,6 @@ def _points(pairs: list[tuple[float, float]]) -> Breakpoints:
 
 
 def _check_device(device: Mapping[str, Any], where: str) -> None:
-    """Raise BadInput for a reference device whose frequencies are not in order."""
     _text(device, "name", (), where)
     keys = [key for key in ("minimum_frequency", "resonance_frequency", "maximum_frequency") if key in device]
     values = [number_of(device, key, 0.0, 1e6, where) for key in keys]

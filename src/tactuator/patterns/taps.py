@@ -154,7 +154,6 @@ def alike(layout: Sequence[int]) -> tuple[tuple[str, ...], ...]:
 
 
 def _laid_out(code: Code, layout: Sequence[int]) -> list[Burst]:
-    """Return the bursts with channels in the place of tactors, each channel once."""
     return [replace(burst, tactors=tuple(sorted({layout[tactor] for tactor in burst.tactors}))) for burst in code]
 
 
@@ -273,49 +272,10 @@ _OF_ARPABET = {
 }  # fmt: skip
 """Where TAPS has another name. The word lists of its rebuild have all but the last three (bee, bake, lie, lot, bore,
 bow, due); those are what is left of both sets of 39."""
-_ARPABET = frozenset(
-    [
-        "AA",
-        "AE",
-        "AH",
-        "AO",
-        "AW",
-        "AY",
-        "B",
-        "CH",
-        "D",
-        "DH",
-        "EH",
-        "ER",
-        "EY",
-        "F",
-        "G",
-        "HH",
-        "IH",
-        "IY",
-        "JH",
-        "K",
-        "L",
-        "M",
-        "N",
-        "NG",
-        "OW",
-        "OY",
-        "P",
-        "R",
-        "S",
-        "SH",
-        "T",
-        "TH",
-        "UH",
-        "UW",
-        "V",
-        "W",
-        "Y",
-        "Z",
-        "ZH",
-    ]
-)
+_ARPABET = frozenset((
+    "AA", "AE", "AH", "AO", "AW", "AY", "B", "CH", "D", "DH", "EH", "ER", "EY", "F", "G", "HH", "IH", "IY", "JH", "K",
+    "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH", "UW", "V", "W", "Y", "Z", "ZH",
+))  # fmt: skip
 _SILENCES = frozenset(("", "SIL", "SP", "SPN", "PAU", "#", "<EPS>", "_"))
 _TOKEN = re.compile(r'"((?:[^"]|"")*)"|(?<![\w.\[])(-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?![\w\]])')
 

@@ -4,8 +4,6 @@ The strength of a tone is named by the level, dB SL, of an equally strong tone a
 its strength level, as the phon names a loudness by the level of a tone of 1 kHz.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import field
 from functools import cached_property
@@ -16,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray, freeze_arrays
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.parameters import Numbers, Positive, table
 from tactuator.perception.curve import Contact, Provenance
 from tactuator.table import brief
@@ -57,11 +55,9 @@ class Contours:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "frequency_hz", "level_db_sl", "db_sl", "low_db_sl", "high_db_sl")
-        try:
+        with within(repr(self.name)):
             self._check_shapes()
             self._check_levels()
-        except BadInput as error:
-            raise error.within(repr(self.name)) from None
 
     def _check_shapes(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_sl
@@ -124,10 +120,6 @@ class Contours:
             lower = bare[row + 1, column] * (1.0 - part) + bare[row + 1, column + 1] * part
             ends.append(np.asarray(centre + upper * (1.0 - share) + lower * share))
         return ends[0], ends[1]
-
-    def covers(self, low_hz: float, high_hz: float) -> bool:
-        """Return whether the points reach over the whole band."""
-        return bool(self.frequency_hz[0] <= low_hz and high_hz <= self.frequency_hz[-1])
 
     @property
     def content_hash(self) -> str:

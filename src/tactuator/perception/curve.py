@@ -2,8 +2,6 @@
 as they are felt.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray, freeze_arrays
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
-from tactuator.signals.decibels import db, from_db
+from tactuator.signals.decibels import from_db
 from tactuator.table import brief
 
 
@@ -46,7 +44,7 @@ class Contact:
         stated = {key: getattr(self, key) for key in parameters(Contact) if getattr(self, key) not in (None, "")}
         return {key: _words(key, value) for key, value in stated.items()}
 
-    def differences(self, other: Contact) -> Iterator[tuple[str, str, str]]:
+    def differences(self, other: "Contact") -> Iterator[tuple[str, str, str]]:
         """Yield key, this one's words and the other's, where both state it and they differ.
 
         Sites are the same where one's words are among the other's: "fingertip" and "index fingertip". Areas and forces
@@ -102,10 +100,8 @@ class ThresholdCurve:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "frequency_hz", "level_db_re_1um", "standard_error_db")
-        try:
+        with within(repr(self.name)):
             self._check()
-        except BadInput as error:
-            raise error.within(repr(self.name)) from None
 
     def _check(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_re_1um
@@ -175,16 +171,6 @@ def check_level(level_db_sl: float) -> None:
     if not LOWEST_DB_SL <= level_db_sl <= COMFORT_DB_SL:
         most = f"{COMFORT_DB_SL:g} dB SL, which is still comfortable"
         raise BadInput(f"level (--level) of {level_db_sl:g} dB SL", f"{LOWEST_DB_SL:g} to {most}")
-
-
-def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
-    """Return the peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
-    return from_db(level_db_sl) * curve.displacement_mm(frequency_hz)
-
-
-def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
-    """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
-    return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
 
 
 _SHIPPED: dict[str, tuple[str, Provenance, str, Contact]] = {

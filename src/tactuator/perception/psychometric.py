@@ -5,8 +5,6 @@ The threshold is where psi itself, lapses included, reaches `target`; with guess
 3-down-1-up track balances (Levitt 1971, Table I).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
@@ -41,22 +39,6 @@ class Weibull:
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         return weibull_rise(level_db, self.slope, at_threshold)
-
-
-@dataclass(frozen=True)
-class Logistic:
-    """Logistic in dB: F = 1 / (1 + exp(-(slope_per_db x + logit F(0))))."""
-
-    slope_per_db: float = 0.5
-
-    def __post_init__(self) -> None:
-        _positive("logistic slope per dB", self.slope_per_db)
-
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
-        """Return F at `level_db` re threshold."""
-        start = np.asarray(at_threshold, dtype=np.float64)
-        exponent = -np.asarray(level_db, dtype=np.float64) * self.slope_per_db - np.log(start / (1.0 - start))
-        return np.asarray(1.0 / (1.0 + np.exp(np.clip(exponent, -700.0, 700.0))))
 
 
 @dataclass(frozen=True)
@@ -128,7 +110,6 @@ class Psychometric:
 
 @cache
 def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
-    """Return d' on a grid, and F at each of its points."""
     grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
     z = np.linspace(-9.0, 21.0, 3001)
     density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)

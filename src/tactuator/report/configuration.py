@@ -1,7 +1,5 @@
 """Figures 3, 6 and 8: the mechanism, the loop and the processor, drawn from the real configuration and its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -58,7 +56,6 @@ def _canvas(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _draw_box(axes: Axes, box: _Box) -> None:
-    """Draw a block with its name above its small print."""
     corner = (box.centre[0] - box.width / 2.0, box.centre[1] - box.height / 2.0)
     style = "round,pad=0,rounding_size=0.06"
     axes.add_patch(FancyBboxPatch(corner, box.width, box.height, style, facecolor="#f3f7fb", edgecolor=BLUE))
@@ -70,13 +67,11 @@ def _draw_box(axes: Axes, box: _Box) -> None:
 
 
 def _draw_sum(axes: Axes, centre: Point, signs: str = "") -> None:
-    """Draw a summing junction with its signs at its lower left."""
     axes.add_patch(Circle(centre, 0.13, facecolor="white", edgecolor=INK, zorder=3))
     axes.text(centre[0] - 0.17, centre[1] - 0.24, signs, ha="center", fontsize=9, color=INK)
 
 
 def _draw_path(axes: Axes, points: Sequence[Point], label: str = "", above: float = 0.1) -> None:
-    """Draw a line through the points, an arrow at its end, and a label over the middle of its first stretch."""
     for start, end in pairwise(points[:-1]):
         axes.plot([start[0], end[0]], [start[1], end[1]], color=INK, linewidth=1.0, zorder=1)
     arrow = {"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0, "linewidth": 1.0}
@@ -98,7 +93,6 @@ def _as_corners(f: SampledSystem) -> ContinuousSystem:
 
 
 def _formula(system: ContinuousSystem) -> tuple[str, ...]:
-    """Return the system as a fraction, or by its corner frequencies where that would not fit a box."""
     num, den = printed_polynomials(system)
     if max(len(num), len(den)) <= 24:
         return num, "──────────", den

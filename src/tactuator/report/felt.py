@@ -1,7 +1,5 @@
 """Figures of what is felt: thresholds, psychometric functions, the equality of figure 2, and speech asked and felt."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -153,7 +151,6 @@ def thresholds_plate(
 
 
 def _draw_new(axes: Axes, new: ThresholdCurve, others: Mapping[str, ThresholdCurve], fine: FloatArray) -> None:
-    """Draw the new curve with its standard error, and the others, at the frequencies `fine`."""
     level = new.level_db_re_1um_at(fine)
     axes.plot(fine, level, color=BLUE, linestyle="--", linewidth=1.6, label="new curve")
     if new.standard_error_db is not None:
@@ -164,7 +161,6 @@ def _draw_new(axes: Axes, new: ThresholdCurve, others: Mapping[str, ThresholdCur
 
 
 def _draw_person(axes: Axes, person: PersonThresholds, at: FloatArray, index: int) -> None:
-    """Draw a person's thresholds at the frequencies `at`, in the colour and with the mark of that index."""
     colour, marker = CYCLE[1 + index % (len(CYCLE) - 1)], _MARKERS[index % len(_MARKERS)]
     axes.errorbar(
         at, person.level_db_re_1um, np.nan_to_num(person.standard_error_db), fmt=marker, color=colour, markersize=4,

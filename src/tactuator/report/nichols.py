@@ -1,7 +1,5 @@
 """The Nichols chart of a loop and the envelopes of its family, with margins marked and labels that do not collide."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -203,7 +201,6 @@ class _Track:
 
 
 def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
-    """Set axes that cover the data between -50 dB and its top, and mark the critical point."""
     bottom, top = -50.0, 20.0
     lowest_deg, highest_deg = -200.0, 0.0
     for track in tracks:
@@ -223,7 +220,6 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
 
 
 def _grid(axes: Axes, limits: Margins) -> None:
-    """Draw contours of |T| in dB (solid) and of its phase (dotted), and those of |T| and |S| that the loop touches."""
     phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(all="ignore"):

@@ -2,8 +2,6 @@
 type, colours that stay apart in print and for colour-blind readers.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -126,7 +124,8 @@ class Plate:
         return stream.getvalue()
 
     def save(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.csv into `folder`, each whole or not at all."""
+        """Write NAME.svg and NAME.csv into `folder`, which is made if it is not there, each whole or not at all."""
+        folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / f"{self.name}.svg", self.svg())
         write_text(folder / f"{self.name}.csv", self.csv())
 

@@ -139,7 +139,6 @@ def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterat
 
 
 def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield what is to be known of the record, and how well the model follows it."""
     model = fit.model
     sure = "" if fit.between.certain else "; not certain, so the band covers the other as well"
     yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {_SAID_BY[fit.between.source]}{sure}"

@@ -1,7 +1,5 @@
 """Boards that there are, by the board.toml of their folders in firmware/, and the programs that are built for them."""
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """QEMU as a transport: a process of our own that runs a board's program, reached over FIFOs or its UART."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select
@@ -38,7 +36,7 @@ def emulator_command(board: str, program: Path, counting: str | None, serial: st
     ]  # fmt: skip
 
 
-def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> Emulator | EmulatorUart:
+def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> "Emulator | EmulatorUart":
     """Return a board in QEMU, by the fastest way there is to it."""
     return Emulator(board, counting) if find_board(board).has_fifos else EmulatorUart(board, counting)
 
@@ -61,7 +59,6 @@ class _Emulated:
             raise
 
     def send(self, content: bytes) -> None:
-        """Queue all bytes; raises LinkDown if the emulator has ended."""
         at = 0
         while at < len(content):
             self._require_alive()
@@ -77,7 +74,6 @@ class _Emulated:
         self.sent += len(content)
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return the bytes that have come; waits for at most timeout_s."""
         end = time.monotonic() + timeout_s
         while True:
             remaining_s = end - time.monotonic()
@@ -92,7 +88,6 @@ class _Emulated:
                 return b""
 
     def close(self) -> None:
-        """End the emulator and remove what it needed."""
         for handle in (self._to, self._from):
             if handle >= 0:
                 os.close(handle)

@@ -162,7 +162,6 @@ def _play(rig: BoardRig) -> Played:
 
 
 def _play_touched(rig: BoardRig) -> Played:
-    """Play noise while a finger comes and goes."""
     finger = rig.finger(rig.channels[0])
     loads = [load.name for load in rig.display.channels[0].loads]
     traces = []

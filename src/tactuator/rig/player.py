@@ -1,7 +1,5 @@
 """Playing a reference on a rig: with progress, pause, a stop that ramps, and at rest on any fault."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -97,7 +95,6 @@ class _Player:
         return Played(*times, self._stopped, saturated / rate)
 
     def _wished(self, wish: Callable[[], Wish]) -> Iterator[FloatArray]:
-        """Yield block after block of the reference, or of silence, as it is wished."""
         held = np.zeros((self._length, len(self._rig.channels)))
         while True:
             wanted = wish()

@@ -3,8 +3,6 @@
 An emulator's FIFOs are in `emulator`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import select

@@ -2,8 +2,6 @@
 feeds forward for a finger (core/touch/feed_forward.h).
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.model.controller import ChannelController, Controller, FeedForward, pair_turns
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import (
@@ -224,14 +222,12 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
         raise BadInput(
             f"{channel.limits.command_v:g}", f"at most {_Q31_RANGE_MAX_V:g} V in Q31", where=where, key="command_v"
         )
-    try:
+    with within(*where):
         sections = list(q31_cascade(channel.prefilter_sos, rate_hz, REFERENCE_FULL_SCALE))
         if channel.feedback_sos is not None:
             sections += q31_cascade(channel.feedback_sos, rate_hz, VOLTS_FULL_SCALE)
         first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
         third = q31_conditioning(conditioning(channel))
-    except BadInput as error:
-        raise error.within(*where) from None
     most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
     mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
     gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
@@ -240,7 +236,6 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
 
 
 def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
-    """Raise BadInput, with the cause, unless a channel by itself is one that the core takes."""
     head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
     refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:

@@ -1,7 +1,5 @@
 """The simulated display with its controller, run by the core in blocks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

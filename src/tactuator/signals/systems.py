@@ -48,17 +48,8 @@ def check_sections(sos: ArrayLike) -> FloatArray:
 
 
 def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
-    """Return the response of a cascade of sections.
-
-    Parameters
-    ----------
-    sos: shape (n, 6), rows b0, b1, b2, a0, a1, a2 in powers of z^-1.
-    frequency_hz: any shape, in hertz.
-    rate_hz: sampling rate.
-
-    Returns
-    -------
-    Complex response, the shape of `frequency_hz`. Relative error below 1e-12 up to 64 kHz.
+    """Return the complex response of a cascade of sections at `frequency_hz` (any shape, hertz): its relative error is
+    below 1e-12 up to 64 kHz. sos: (n, 6), rows b0, b1, b2, a0, a1, a2 in powers of z^-1.
     """
     difference = backward_difference(frequency_hz, rate_hz)
     response = np.ones_like(difference)
@@ -201,7 +192,6 @@ class _System:
         return (self.zeros.tobytes(), self.poles.tobytes(), self.gain)
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
-        """Return the numerator and the denominator of the response."""
         raise NotImplementedError
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -212,7 +202,6 @@ class _System:
 
     @property
     def is_proper(self) -> bool:
-        """Return whether there are no more zeros than poles."""
         return self.zeros.size <= self.poles.size
 
 

@@ -6,8 +6,6 @@ Filters are causal Butterworth, their states go on between blocks; the sum for e
 at the end, with linear phase.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
@@ -172,7 +170,6 @@ class _Carrier:
         return np.asarray(np.sin(2.0 * np.pi * np.mod(index * self._per_sample, 1.0)))
 
     def next(self, count: int) -> FloatArray:
-        """Return the samples that come next."""
         start, self._at = self._at, self._at + count
         if self._second is None:
             return self._sine(start + np.arange(count))

@@ -6,8 +6,6 @@ that of the sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit i
 20 log10(sqrt(2) x).
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -255,7 +253,6 @@ def render_file(
         sink, felt, peaks = None, None, np.zeros(len(making.channels))
 
         def written() -> Iterator[FloatArray]:
-            """Write the blocks on their way, and keep their peaks."""
             for block in making.blocks():
                 writer.write(block)
                 columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long

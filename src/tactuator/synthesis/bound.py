@@ -15,8 +15,6 @@ What is numerical: x has 60 nodes. With 90 the bound was 0.1 to 0.7 dB lower on 
 lower. It is no proof. Why three sections stay far above it: decision 0345.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -86,7 +84,6 @@ class _Program:
         return np.array([np.interp(places, self._u, unit) for unit in np.eye(self._u.size)]).T
 
     def least_db(self) -> float | None:
-        """Return the program's value, dB."""
         size = self._u.size
         above, most = self._fixed_rows()
         analytic = self._analytic()
@@ -195,7 +192,6 @@ def _turn(u: FloatArray) -> FloatArray:
 
 
 def _chi(q: FloatArray) -> FloatArray:
-    """Return Legendre's chi function of order two."""
     return np.asarray(0.5 * (scipy.special.spence(1.0 - q) - scipy.special.spence(1.0 + q)))
 
 

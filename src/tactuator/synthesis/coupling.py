@@ -11,8 +11,6 @@ are stable each by itself are stable together
 Beyond the frequencies of a measured coupling its last values are held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -142,7 +140,6 @@ class CoupledLoops:
         return replace(finding, outcome=Outcome.MET, remark=remark)
 
     def _grid_hz(self) -> FloatArray:
-        """Return the frequencies on which the coupled loops are examined: those of every loop and of the coupling."""
         coupling, top = self.display.coupling, 0.5 * self.display.rate_hz
         parts = [analysis_grid_hz(loop.feedback) for loop in self.loops if loop.feedback is not None]
         if coupling.measured is not None:

@@ -4,8 +4,6 @@ python-control is optional and imported when asked for. Systems go over as state
 polynomials: its transfer functions lose all their digits for a prefilter in series with a loop at 4 kHz.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 from typing import Any
@@ -95,7 +93,6 @@ def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
-    """Return the gain, from the value at a point far from every root."""
     size = 1.0 + float(np.max(np.abs(np.concatenate([zeros, poles])), initial=0.0))
     point = size * (1.3 + 0.7j)
     value = complex(control.evalfr(system, point))

@@ -11,8 +11,6 @@ met), or neither (not judged; more plants would tell). (Clopper & Pearson 1934, 
 limits illustrated in the case of the binomial", Biometrika 26.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -129,7 +127,6 @@ class _Judge:
     strength: StrengthShaping | None = None
 
     def open(self, objective: str, quantity: str, remark: str) -> Finding:
-        """Return a finding that was not judged, and why."""
         channel, load, whose = self.channel.name, self.member.name, self.member.measured
         return Finding(objective, channel, load, Outcome.NOT_JUDGED, quantity, remark=remark, model=whose)
 
@@ -204,7 +201,6 @@ class _Judge:
                 yield self.open("iii", RESONANCE, words)
 
     def mains(self) -> Iterator[Finding]:
-        """Judge objective ii, line by line."""
         environment = self.channel.environment
         if self.loop.feedback is None:
             yield self.open("ii", FELT_HUM, NO_LOOP)
@@ -263,7 +259,6 @@ class _Judge:
         return replace(finding, remark=f"{finding.remark}; {whole}" if finding.remark else whole)
 
     def _against_loads(self) -> str:
-        """Return what would help a display that a load changes."""
         if self.loop.feedback is None:
             return "a loop: nothing else holds the position against a load"
         if self.feed_forward is None:

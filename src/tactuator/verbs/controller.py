@@ -200,7 +200,6 @@ def wordlength(
 
 
 def _draw_resolution(controller: "Controller", folder: Path) -> dict[str, Any]:
-    """Write the figure of the bits that coefficients need, and return its numbers."""
     from tactuator.model.plant import HIGHEST_RATE_HZ
     from tactuator.report.controller import resolution_plate
     from tactuator.report.plate import save_plates

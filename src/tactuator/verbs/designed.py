@@ -1,7 +1,5 @@
 """Controllers and verdicts with a result's manners."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -152,7 +150,6 @@ def _excess_db(finding: Finding) -> float:
 
 
 def _plants_table(drawn: Sequence[DrawnPlants]) -> ResultTable:
-    """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
     names = ("channel", "load", "plants", "from", "unstable", "max|S|", "flatness dB", "felt hum dB SL")
     rows = []
     for plants in drawn:

@@ -134,7 +134,6 @@ def correct(
 
 @contextmanager
 def _opened_books(store: Place, study: str | None, operator: str | None) -> "Iterator[tuple[Connection, Books]]":
-    """Yield a transaction of a store in which no session runs, and the books of a study there."""
     from tactuator.experiment.session.studies import books_of, fresh_token
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import Store, sessions_of
@@ -287,7 +286,6 @@ def _make_ready(place: "Apparatus", warning: str) -> None:
 
 
 def _lapses(texts: Sequence[str]) -> dict[str, float]:
-    """Read lapse rates of SUBJECT=RATE; raises BadInput for what has another form."""
     lapses = {}
     for code, text in _pairs("--lapse", "SUBJECT=RATE", texts):
         try:
@@ -381,7 +379,6 @@ _OPEN_DB = 100.0
 
 
 def _point(group: "GroupCurve", hertz: float) -> tuple[str, str]:
-    """Return level with standard error, and people, of a curve at a frequency; dashes where it has no point there."""
     at = [index for index, f in enumerate(group.curve.frequency_hz) if f == hertz and group.subjects[index]]
     if not at or group.curve.standard_error_db is None:
         return "–", "–"
@@ -422,7 +419,6 @@ def thresholds(
         from tactuator.report.felt import psychometric_plate, thresholds_plate
 
         folder = Path(figures)
-        folder.mkdir(parents=True, exist_ok=True)
         new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
         thresholds_plate(results.people, results.reference, new, others).save(folder)
@@ -496,7 +492,6 @@ _WORDS = {
 
 
 def _quality_row(key: str, value: object) -> tuple[str, str]:
-    """Return the words and the figure of one result, with its unit and digits."""
     name = key.removesuffix("_db").replace("_", " ")
     last = name.removeprefix("refit ")
     words = f"refit: {_WORDS.get(last, last)}" if last != name else _WORDS.get(name, name)
@@ -531,7 +526,7 @@ def simulate(
     """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
     from tactuator.entry_points import plugins
     from tactuator.experiment.procedure.procedure import GROUP
-    from tactuator.experiment.simulated.judging_quality import TASKS
+    from tactuator.experiment.simulated.judging_quality import TASKS, JudgingSetting, simulate_judging
     from tactuator.experiment.simulated.quality import Setting, simulate_kind
     from tactuator.io.csv_tables import read_relative_curve
 
@@ -542,25 +537,16 @@ def simulate(
     if procedure in TASKS:
         if setting != Setting(runs, lapse=lapse, seed=seed) or truth is not None:
             raise BadInput(f"options of thresholds with {procedure}", "--runs, --lapse, --trials, --law, --seed")
-        return _judged(procedure, runs, lapse, seed, law, trials)
-    if law is not None:
+        with working(f"{runs} people", 1.0) as step:
+            figures = plain(simulate_judging(procedure, JudgingSetting(runs, lapse, seed, law, trials), step))
+    elif law is not None:
         raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
-    people = None if truth is None else read_relative_curve(Path(truth))
-    with working(f"{runs} runs", 1.0) as step:
-        quality = simulate_kind(procedure, setting, trials, people, step)
-    figures = plain(quality)
+    else:
+        people = None if truth is None else read_relative_curve(Path(truth))
+        with working(f"{runs} runs", 1.0) as step:
+            figures = plain(simulate_kind(procedure, setting, trials, people, step))
     assert isinstance(figures, dict)
     return QualityResult(procedure, runs, figures)
-
-
-def _judged(task: str, runs: int, lapse: float, seed: int, law: str | None, trials: int | None) -> QualityResult:
-    from tactuator.experiment.simulated.judging_quality import JudgingSetting, simulate_judging
-
-    with working(f"{runs} people", 1.0) as step:
-        quality = simulate_judging(task, JudgingSetting(runs, lapse, seed, law, trials), step)
-    figures = plain(quality)
-    assert isinstance(figures, dict)
-    return QualityResult(task, runs, figures)
 
 
 def _slope_range(text: str) -> tuple[float, float]:

@@ -226,7 +226,6 @@ def _require_board(rig: str) -> None:
 
 
 def _controller(controller: "Controller | Place | None") -> "Controller":
-    """Return the controller, that of a file, or the one that `design` makes for the paper's display."""
     from tactuator.synthesis.design import design_controller
 
     if controller is not None:

@@ -73,7 +73,6 @@ class GivenReference(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether the levels differ by no more than was allowed."""
         return self.loss.level_rms_db <= self.most_loss_db
 
     def to_dict(self) -> dict[str, Any]:

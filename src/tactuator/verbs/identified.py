@@ -1,7 +1,5 @@
 """Models that were identified, of a record or of a response, and a sensor's gain, with a result's manners."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,9 +13,10 @@ from tactuator.identification.coupling import CoupledPair
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
 from tactuator.identification.standing import FixedAgainstOwn
-from tactuator.io.model import write_coupling, write_identified
+from tactuator.io.atomic import write_text
+from tactuator.io.model import identified_text, write_coupling
 from tactuator.model.coupling import RADIUS, CoupledResponse
-from tactuator.model.plant_model import PlantModel, Weighed
+from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
 from tactuator.parameters import plain
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
@@ -45,7 +44,6 @@ class _FittedResult(Result):
         return np.geomspace(*self.model.band_hz, count)
 
     def _with_trust(self, fit: Mapping[str, str]) -> Mapping[str, str]:
-        """Return the headline: the polynomials, how they fit, and whether they are to be trusted."""
         trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
         model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
         return {**model, **fit, "trusted": trusted}
@@ -76,11 +74,9 @@ class _FittedResult(Result):
         return response_chart(self.model)
 
     def write(self, path: Place) -> None:
-        """Write model.json, which a display file names as a channel's plant."""
-        write_identified(Path(path), self.model)
+        write_text(path, identified_text(self.model))
 
     def _document(self) -> dict[str, Any]:
-        """Return what `--json` prints of either."""
         model = self.model
         confidence = model.confidence()
         n, m = model.den.size - 1, model.num.size - 1
@@ -102,7 +98,7 @@ class _FittedResult(Result):
             "order": self.order,
             "trusted": not self.model.distrust,
             "distrust": self.model.distrust,
-            "trust": [_trust_document(row) for row in model.trust],
+            "trust": [{**plain(row), "beyond": row.beyond} for row in model.trust],
             "frf": self.columns(),
             "remarks": self.remarks,
             "fixed": [_fixed_document(value) for value in self.fixed],
@@ -272,11 +268,6 @@ class CoupledModels(Result):
 
 _POLYNOMIALS = ("num", "den", "delay_s")
 _TESTS = ("white_p", "uncorrelated_p", "unexplained")
-
-
-def _trust_document(row: Weighed) -> dict[str, Any]:
-    """Return a number that a model is judged by, and whether it is beyond its limit."""
-    return {**plain(row), "beyond": row.beyond}
 
 
 def _fixed_document(known: FixedAgainstOwn) -> dict[str, Any]:

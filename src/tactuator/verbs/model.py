@@ -162,7 +162,6 @@ def record(
 
 
 def _put(load: str, channel: str, rig: "Rig") -> None:
-    """Put a load on a channel of a rig that has a finger to do it; elsewhere a person does."""
     touch = getattr(rig, "finger", None)
     if touch is not None:
         touch(channel).touch(load)
@@ -363,7 +362,6 @@ def identify(
 
 
 def _joint(source: "Record | JointRecord | Place") -> "JointRecord | None":
-    """Return the record of several channels that is given, or in a file of our own; None for any other."""
     from tactuator.io.record import read_joint_record
     from tactuator.signals.record import JointRecord, Record
 

@@ -1,7 +1,5 @@
 """The chain's nouns with a result's manners: displays, records, curves, models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,7 +16,6 @@ _Z95 = 1.959964
 
 
 def _thresholds(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) -> Chart:
-    """Return the chart of threshold curves by their label, each with what is comfortable above it."""
     drawn = []
     for number, (label, curve) in enumerate(curves.items()):
         hertz, level, error = curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db

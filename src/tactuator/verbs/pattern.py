@@ -30,7 +30,6 @@ class PatternResult(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether there is nothing in it that a device need not play."""
         return not self.clip.unsure
 
     def headline(self) -> Mapping[str, str]:
@@ -154,7 +153,6 @@ class ClipResult(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether the display falls short by no more than was allowed."""
         return self.rendered.loss.shortfall_db_sl <= self.most_loss_db
 
     def headline(self) -> Mapping[str, str]:

@@ -38,7 +38,6 @@ class PhonemesResult(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether the display falls short by no more than was allowed."""
         return self._worst_db <= self.most_loss_db
 
     def _shown(self) -> list[str]:

@@ -109,13 +109,11 @@ def plan(
     if figures is not None:
         from tactuator.report.chart import chart_plate
 
-        Path(figures).mkdir(parents=True, exist_ok=True)
         chart_plate(result.chart(), "plan").save(Path(figures))
     return result
 
 
 def _spread_of(store: Path) -> tuple[float, str]:
-    """Return the spread between the people of a store, and where it comes from."""
     from tactuator.experiment.result.store_results import store_results
     from tactuator.experiment.simulated.planning import measured_spread
 

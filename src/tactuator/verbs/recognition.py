@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from tactuator.experiment.result.confusion import AbxResult, SubjectResult
     from tactuator.experiment.result.information import Information
     from tactuator.experiment.session.presented_session import Respondent
-    from tactuator.experiment.session.session import Session
     from tactuator.experiment.session.task import SessionTask
 
 
@@ -82,17 +81,12 @@ def recognise(
             sitting = Sitting("person" if scripted is None else "script")
             presented = PresentedSession(open_session(study, code, sitting=sitting))
             with working(code, sum(run.trials or 0 for run in presented.session.runs)) as step:
-
-                def show(session: "Session") -> None:
-                    step(session.trials)
-
-                trials = run_session(presented, scripted or _terminal(task), show)
+                trials = run_session(presented, scripted or _terminal(task), lambda session: step(session.trials))
             simulated = scripted is not None or place.simulated
     return AnsweredResult(code, trials, store, simulated)
 
 
 def _terminal(task: "SessionTask") -> "Respondent":
-    """Return a person at the terminal, who types keys."""
     from tactuator.experiment.session.presented_session import Respondent
     from tactuator.experiment.session.session import Acknowledged, NextTrial
     from tactuator.experiment.trial import Trial
@@ -131,7 +125,6 @@ def _tell(text: str) -> None:
 
 
 def _typed(prompt: str) -> str:
-    """Return what a person types; the end of the input is an interruption."""
     sys.stderr.write(prompt)
     sys.stderr.flush()
     line = sys.stdin.readline()

@@ -310,7 +310,6 @@ class MeasuredResponses(Result):
 
 
 def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, str]:
-    """Return the cells of a measured point, by the head of their column."""
     magnitude_v = response.magnitude_v[k]
     ratio = float(response.distortion_v[k] / magnitude_v) if magnitude_v > 0.0 else inf
     return {
@@ -331,7 +330,6 @@ def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, 
 
 
 def _learnt_line(learnt: "Learnt") -> str:
-    """Return a line on what an adaptive channel has learnt before the measurement."""
     if learnt.weight is None:
         return f"{learnt.channel}: adaptive; the rig does not tell its weights"
     mass, rest = learnt.weight

@@ -39,7 +39,6 @@ class Result:
         return {name: str(value) for name, value in values.items() if isinstance(value, str | int | float | Path)}
 
     def _told_fields(self) -> list[str]:
-        """Return the names of the fields that are told, in JSON and at a glance: those that `repr` has."""
         return [field.name for field in dataclasses.fields(self) if field.repr]  # type: ignore[arg-type]
 
     def columns(self) -> Mapping[str, Any]:
@@ -106,7 +105,6 @@ class Result:
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        """Return the headline as a table for notebooks."""
         import html
 
         rows = "".join(

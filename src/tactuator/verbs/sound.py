@@ -153,7 +153,6 @@ def calibrate_output(
 
 
 def _asked_number() -> float:
-    """Return the number that a person types; BadInput for anything else."""
     sys.stderr.write("what did the multimeter read, V rms? ")
     sys.stderr.flush()
     line = sys.stdin.readline()
@@ -176,7 +175,6 @@ class EqualisedResult(Result):
         return self.calibrated.flat
 
     def _shortfalls(self) -> dict[str, str]:
-        """Return why each channel is not felt flat, nothing for one that is."""
         allowed = self.calibrated.controller.display.objectives.flatness_db
         return {channel.name: channel.shortfall(allowed) for channel in self.calibrated.channels}
 
@@ -273,7 +271,6 @@ def calibrate_display(
 
 
 def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationRequest", seed: int) -> EqualisedResult:
-    """Calibrate, and write what came of it."""
     import numpy as np
 
     from tactuator.measure.open_loop import NoEqualiser, calibrate
@@ -295,7 +292,6 @@ def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationReq
 
 
 def _kept(reached: "NoEqualiser", rig: str, out: Path) -> NoDesign:
-    """Write what was measured, and return the refusal that tells where it is and how to go on."""
     from tactuator.report.open_loop import write_measured
 
     names = ", ".join(write_measured(out, reached, rig, _now()))

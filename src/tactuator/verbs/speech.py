@@ -334,7 +334,6 @@ def _wishes() -> "Iterator[Callable[[], Wish]]":
 
 @contextmanager
 def _keys_at_once() -> Iterator[None]:
-    """Let keys come without Enter, where there is a terminal."""
     if not sys.stdin.isatty():
         yield
         return

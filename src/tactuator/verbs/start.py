@@ -83,7 +83,6 @@ def init(
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
-    """Return the text of a display file of that kind, with the model of a file as its plant if there is one."""
     from tactuator.io.model import read_model as read
     from tactuator.io.shipped import display_template, with_model
 

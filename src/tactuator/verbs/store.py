@@ -40,7 +40,6 @@ class VerifiedResult(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether every row is as it was written."""
         return not self.altered
 
     def tables(self) -> Sequence[ResultTable | str]:
@@ -76,27 +75,9 @@ def _verified(database: Any, head: str | None = None) -> VerifiedResult:
     return VerifiedResult(database.name, last[0], f"{last[0]}:{last[1]}", tuple(altered))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class BackupResult(Result):
-    """A whole copy of a store, which was read again and verified."""
-
-    verified: VerifiedResult
-
-    @property
-    def holds(self) -> bool:
-        """Return whether every row of the copy is as it was written."""
-        return self.verified.holds
-
-    def to_dict(self) -> dict[str, Any]:
-        return self.verified.to_dict()
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        return self.verified.tables()
-
-
 def backup(
     store: StoreArgument, out: Annotated[Place, Argument("File to write.", metavar="OUT", writes=True)]
-) -> BackupResult:
+) -> VerifiedResult:
     """Copy a store whole, also while it is served. The copy is verified; its head is worth keeping elsewhere.
 
     Raises BadInput where the place cannot be written.
@@ -106,7 +87,7 @@ def backup(
     with closing(Store(store, must_exist=True, whole=False)) as database:
         database.backup(Path(out))
     with closing(Store(Path(out), must_exist=True)) as copy:
-        return BackupResult(_verified(copy))
+        return _verified(copy)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +102,6 @@ class MergedResult(Result):
 
     @property
     def holds(self) -> bool:
-        """Return whether nothing contradicted."""
         return not self.conflicts
 
     def tables(self) -> Sequence[ResultTable | str]:
@@ -257,7 +237,6 @@ def _scored(
 def _about(
     protocol: "StudyProtocol", row: "Found", age: float | None, posture: str, measured: "Sequence[MeasuredThreshold]"
 ) -> list[tuple[str, str]]:
-    """Return what the sheet says of person, day and display."""
     area = protocol.circumstances.contact_area_mm2
     return [
         ("study", protocol.study.name),

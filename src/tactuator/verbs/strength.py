@@ -134,9 +134,7 @@ def contours(
     if figures is not None and results.group is not None:
         from tactuator.report.chart import chart_plate
 
-        folder = Path(figures)
-        folder.mkdir(parents=True, exist_ok=True)
-        chart_plate(result.chart(), "contours", results.group.source).save(folder)
+        chart_plate(result.chart(), "contours", results.group.source).save(Path(figures))
     return result
 
 
@@ -204,7 +202,5 @@ def judged(
     if figures is not None:
         from tactuator.report.chart import chart_plate
 
-        folder = Path(figures)
-        folder.mkdir(parents=True, exist_ok=True)
-        chart_plate(result.chart(), kind, f"{len(runs)} runs").save(folder)
+        chart_plate(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
     return result

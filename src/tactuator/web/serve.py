@@ -122,7 +122,6 @@ def _shared(own: "Store", place: str) -> "Shared":
 
 
 def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str]) -> None:
-    """Write the addresses to standard error."""
     named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
     lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
     lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]

@@ -1,7 +1,5 @@
 """Connections: sending, receiving, and ending the parts of a connection together."""
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 from collections.abc import Coroutine, Mapping
@@ -77,7 +75,6 @@ async def who_is(socket: WebSocket, people: Mapping[str, str]) -> str | None:
 
 
 async def _name_of(socket: WebSocket, people: Mapping[str, str]) -> str | None:
-    """Return whose token the first message is, or None."""
     try:
         async with asyncio.timeout(_TOKEN_TIMEOUT_S):
             received = await receive_text(socket)

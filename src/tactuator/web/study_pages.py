@@ -1,7 +1,5 @@
 """The pages of a study on any server: subjects' and the operator's, for as long as a lab is open there."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
@@ -65,16 +63,15 @@ class StudyPages:
         else:
             task.result()
 
-    async def close(self) -> Lab | None:
-        """End every connection, and return the lab that was open; it is for the caller to close."""
-        lab, self.lab = self.lab, None
+    async def close(self) -> None:
+        """End every connection to the lab, which is for the caller to close."""
+        self.lab = None
         while self._open:
             tasks = list(self._open)
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
             self._open.difference_update(tasks)
-        return lab
 
 
 def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[str, str]) -> None:

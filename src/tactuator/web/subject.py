@@ -1,7 +1,5 @@
 """A subject's connection: presents trials, takes answers, and acknowledges each only when it is in the store."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
@@ -181,7 +179,6 @@ class SubjectTab:
             raise _Interrupted(message)
 
     async def _listen(self, duration_s: float) -> None:
-        """Handle for so long what the page says; an interruption ends it."""
         until_s = asyncio.get_running_loop().time() + duration_s
         while True:
             try:
@@ -192,7 +189,6 @@ class SubjectTab:
             await self._take(incoming)
 
     async def _is_ready(self, presented: PresentedSession, announced: tuple[str, str]) -> bool:
-        """Wait until the subject goes on from what the page was told; return False where something else comes now."""
         while presented.comes == announced:
             message = await self._until_changed()
             if isinstance(message, Ready) and message.stage == announced[0]:
@@ -220,7 +216,6 @@ class SubjectTab:
         return message
 
     async def _next_message(self) -> SubjectMessage:
-        """Return the next message; answers, also those that are sent again, are saved and acknowledged at any time."""
         return await self._take(await self._messages.get())
 
     async def _take(self, incoming: _Incoming) -> SubjectMessage:
@@ -230,7 +225,6 @@ class SubjectTab:
         return incoming.message
 
     async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:
-        """Hold the session until the subject goes on, stop it for today, or end it for good."""
         session, code = presented.session, self.row.subject_code
         if session.stage in ("done", "ended"):
             return
@@ -253,7 +247,6 @@ class SubjectTab:
         await self._save_or_report(lambda: session.note("resume", "by the subject"))
 
     async def _answer(self, presented: PresentedSession, message: AnswerMessage, incoming: _Incoming) -> None:
-        """Save an answer and acknowledge it, or say why it is refused."""
         answer = records.Answer(
             message.response,
             incoming.received,

@@ -4,8 +4,6 @@ The paper's remark on sampling rate and resolution in figures: coefficients of f
 the faster the loop is sampled, those in d = z - 1 do not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -131,7 +129,6 @@ def _loop_plant(display: Display, index: int) -> SampledSystem:
 def _response(
     prefilter: FloatArray, feedback: FloatArray | None, plant: SampledSystem, grid: FloatArray
 ) -> ComplexArray:
-    """Return H over the plant, or over T where there is feedback."""
     response = rows_response(prefilter, grid, plant.rate_hz)
     if feedback is None:
         return response

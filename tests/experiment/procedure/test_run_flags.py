@@ -10,7 +10,8 @@ import pytest
 
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, tables
 from tactuator.experiment.procedure.refit import RefitPrior, refit
-from tactuator.perception.psychometric import Logistic, Psychometric
+from tactuator.perception.psychometric import Psychometric
+from tests.experiment.conftest import Logistic
 from witnesses.people.flags import LOUD_SHARE, judged
 
 
@@ -43,7 +44,7 @@ def test_quest_plus__estimate__is_of_the_product_of_prior_and_all_answers() -> N
 
 @pytest.mark.parametrize("target", [0.5**0.5, 0.5 ** (1.0 / 3.0)])
 def test_refit__target_of_the_procedure__is_where_psi_reaches_it(target: float) -> None:
-    rng, model = np.random.default_rng(4), Psychometric(Logistic(0.5), target=target)
+    rng, model = np.random.default_rng(4), Psychometric(Logistic(), target=target)
     levels = rng.integers(-6, 7, (40, 300)).astype(float)
     found = refit(levels, rng.random(levels.shape) < model.probability(levels), RefitPrior(target=target))
     assert float(np.mean(found.threshold_db)) == pytest.approx(0.0, abs=0.35)

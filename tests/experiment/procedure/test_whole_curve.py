@@ -17,7 +17,8 @@ from tactuator.experiment.procedure.run_flags import EXCLUDED_ODDS, unseen_notch
 from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.quality import Setting, simulate_curve
 from tactuator.perception.curve import RelativeCurve
-from tactuator.perception.psychometric import Logistic, Psychometric
+from tactuator.perception.psychometric import Psychometric
+from tests.experiment.conftest import Logistic
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)
 
@@ -128,7 +129,7 @@ def answered(points: int, runs: int, count: int, drift_db: float, seed: int) -> 
     point = rng.integers(points, size=(runs, count))
     threshold = np.take_along_axis(curve, point, axis=1) + drift_db * (np.arange(count) / (count - 1) - 0.5)
     level = np.round(2.0 * (np.take_along_axis(curve, point, axis=1) + rng.uniform(-3.0, 7.0, (runs, count)))) / 2.0
-    chance = Psychometric(Logistic(0.5), lapse=0.02).probability(level - threshold)
+    chance = Psychometric(Logistic(), lapse=0.02).probability(level - threshold)
     return Trials(point, level, rng.random(chance.shape) < chance)
 
 
@@ -196,7 +197,7 @@ def test_belief__same_trials_in_another_order__ends_as_the_same_curve() -> None:
 
 def people(truth: np.ndarray, trials: int, seed: int) -> tuple[CurveBelief, np.ndarray]:
     """Run logistic people with such curves, (people, points); return what is believed, and the points of all trials."""
-    rule, rng, shape = WholeCurveRule(), np.random.default_rng(seed), Psychometric(Logistic(0.5), lapse=0.02)
+    rule, rng, shape = WholeCurveRule(), np.random.default_rng(seed), Psychometric(Logistic(), lapse=0.02)
     belief, played, everybody = CurveBelief(rule.prior, rule.answering, len(truth)), [], np.arange(len(truth))
     for _ in range(trials):
         point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)

@@ -7,7 +7,7 @@ from scipy.stats import norm
 from tactuator.errors import BadInput
 from tactuator.experiment.simulated.sitting import Observer
 from tactuator.perception.curve import curve
-from tactuator.perception.psychometric import Logistic, MaxOfM, Psychometric, Weibull
+from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 
 CURVE = curve("bolanowski-1988")
 
@@ -34,7 +34,7 @@ def test_max_of_m__two_intervals__is_the_textbook_d_prime_over_root_two() -> Non
     assert model.probability(level) == pytest.approx(norm.cdf(d_prime / np.sqrt(2.0)), abs=1e-4)
 
 
-@pytest.mark.parametrize("shape", [Weibull(1.5), Logistic(0.4), MaxOfM(3)])
+@pytest.mark.parametrize("shape", [Weibull(1.5), MaxOfM(3)])
 @pytest.mark.parametrize("lapse", [0.0, 0.03])
 def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: Weibull, lapse: float) -> None:
     model = Psychometric(shape, lapse=lapse)
@@ -47,6 +47,6 @@ def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: W
 def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float]) -> None:
     with pytest.raises(BadInput, match=rf"{next(iter(settings))} .*allowed: 0 "):
         Psychometric(Weibull(), **settings)
-    for shape, amiss in ((Weibull, (0.0,)), (Logistic, (-1.0,)), (MaxOfM, (1,)), (MaxOfM, (3, 0.0))):
+    for shape, amiss in ((Weibull, (0.0,)), (MaxOfM, (1,)), (MaxOfM, (3, 0.0))):
         with pytest.raises(BadInput):
             shape(*amiss)

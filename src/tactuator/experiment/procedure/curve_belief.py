@@ -18,8 +18,6 @@ answers, the evidence for a feature of normal amplitude is known in closed form 
 early in the run can still be found late.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -383,7 +381,6 @@ class CurveBelief:
         return np.asarray(scipy.special.logsumexp(evidences.reshape(self.runs, count, -1), axis=1))
 
     def _keep(self, count: int) -> None:
-        """Keep the `count` heaviest components of every run and drop the others."""
         if count >= self.log_weight.shape[1]:
             return
         top = np.argsort(-self.log_weight, axis=1, kind="stable")[:, :count]

@@ -206,7 +206,6 @@ class CurvePrior(CurveShares):
         ]
 
     def _lossy(self) -> list[CurveKind]:
-        """Return losses that are not local, those of one channel by their sizes."""
         offset, wave, part = self.normal_offset_db, 1.5 * self.normal_wave_db, self.channel_share / len(_LOST_SHARES)
         channels: tuple[tuple[Literal["pacinian", "other"], float], ...] = (("pacinian", 0.7), ("other", 0.3))
         lost = [

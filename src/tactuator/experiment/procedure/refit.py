@@ -6,8 +6,6 @@ is the posterior's central interval, so it carries the uncertainty of slope and 
 taken separately and put together do not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -133,7 +131,6 @@ def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPr
 
 
 def _middle(levels: FloatArray) -> FloatArray:
-    """Return the median level of the second half of each run's trials."""
     trials = np.sum(np.isfinite(levels), axis=1)
     late = np.where(np.arange(levels.shape[1]) >= trials[:, None] // 2, levels, np.nan)
     return np.asarray(np.nanmedian(late, axis=1))

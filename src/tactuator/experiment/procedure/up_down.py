@@ -253,7 +253,6 @@ class _State:
         self.steps = np.array(rule.steps_db)
 
     def record(self, correct: NDArray[np.bool_]) -> None:
-        """Move every track that is not over by its outcome."""
         rule = self.rule
         self.trials += self.alive
         self.streak = np.where(correct, np.maximum(self.streak, 0) + 1, np.minimum(self.streak, 0) - 1)

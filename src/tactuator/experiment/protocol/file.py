@@ -129,7 +129,6 @@ def _text(path: str | Path) -> str:
 
 
 def _parsed(text: str, where: str, form: type[_P]) -> _P:
-    """Return the protocol of the text, whose kind is `form` or one of its kinds."""
     try:
         document = parse_toml(text)
     except BadInput as error:

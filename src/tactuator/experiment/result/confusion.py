@@ -58,7 +58,6 @@ def threshold_table(thresholds: Sequence[MeasuredThreshold], words: Words) -> Re
 
 
 def _notches(thresholds: Sequence[MeasuredThreshold], words: Words) -> list[str]:
-    """Return a note for each whole curve with frequencies where its trials cannot exclude a notch."""
     runs: dict[int, list[str]] = {}
     for each in thresholds:
         if each.notch_trials:
@@ -104,12 +103,10 @@ def information_table(title: str, information: Information, words: Words, simula
 
 
 def _nobody(words: Words, simulated: bool) -> tuple[str, ...]:
-    """Return the note of a table that nobody felt, or none."""
     return (words("results.simulated"),) if simulated else ()
 
 
 def _number(value: float, digits: int) -> str:
-    """Return the number with so many digits after the point, or a dash for NaN."""
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -218,7 +215,6 @@ def _results(
     draws: int,
     only: str | None = None,
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
-    """Return the results of everybody in a study, and of all together; or of one subject alone."""
     trials, asking, name = _trials(connection, study), protocol.recognition, protocol.study.name
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
     durations = {row.label: row.duration_s for row in connection.execute(query)}

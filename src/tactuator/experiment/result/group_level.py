@@ -9,8 +9,6 @@ factor s undoes the fall of s in small groups, as a division by n - 1 does where
 Norms come from a file that the clinic gives with its source: none is shipped, since none was found free.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence
@@ -21,7 +19,7 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.text import read_text
 
 _LEAST_SPREAD_DB, _MOST_SPREAD_DB = 0.1, 60.0
@@ -153,15 +151,13 @@ def read_norm(path: str | Path) -> Norm:
     """
     lines = [line for line in read_text(Path(path)).splitlines() if line.strip()]
     source = lines[0].partition("source:")[2].strip() if lines and lines[0].startswith("#") else ""
-    try:
+    with within(f"norm {path}"):
         if not source:
             raise BadInput("no source", "a first line `# source: where the values are from`")
         table = csv.DictReader(line for line in lines if not line.startswith("#"))
         if tuple(table.fieldnames or ()) != _COLUMNS:
             raise BadInput(f"columns {', '.join(table.fieldnames or ()) or 'none'}", ", ".join(_COLUMNS))
         return Norm(source, tuple(_row(row) for row in table))
-    except BadInput as error:
-        raise error.within(f"norm {path}") from None
 
 
 def _row(cells: dict[str, str]) -> NormRow:

@@ -5,8 +5,6 @@ depend on the level, so all stimuli of a run contribute, the loudest most. Below
 the level, and only stimuli near threshold contribute.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,12 +138,7 @@ def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, thre
     return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= threshold_db_sl + _FELT_RE_THRESHOLD_DB)
 
 
-def is_simulated(run: StoredRun) -> bool:
-    """Return whether nobody felt the run, because the rig's display or the subject was simulated."""
-    return was_simulated(run.session.subject_group, run.run)
-
-
 def was_simulated(group: str, run: Any) -> bool:
-    """Return the same of a subject's group and a row with a run's respondent, rig and rig_simulated."""
+    """Return whether nobody felt a run: the subject (of that group) or the display of the run's row was simulated."""
     nobody = run.respondent in ("simulated", "script") or group == "simulated"
     return nobody or bool(run.rig_simulated) or str(run.rig).partition(":")[0] in _SIMULATED_RIGS

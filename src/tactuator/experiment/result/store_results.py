@@ -1,7 +1,5 @@
 """Results of a store: its thresholds, psychometric functions, the curve across subjects, and how it was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -108,16 +106,9 @@ def _shares(
 
 
 CIRCUMSTANCES = (
-    "subject_group",
-    "experimenter",
-    "site",
-    "surround",
-    "contact_area_mm2",
-    "skin_temperature_c",
-    "preload_n",
-    "masking_sound",
-    "masking_level_db_spl",
-)
+    "subject_group", "experimenter", "site", "surround", "contact_area_mm2", "skin_temperature_c", "preload_n",
+    "masking_sound", "masking_level_db_spl",
+)  # fmt: skip
 """Columns of a session that stand in the file of a curve."""
 
 

@@ -1,7 +1,5 @@
 """Equal-strength contours of a store's people and of their group, and the balance between fingers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,7 +108,6 @@ def _of(runs: Sequence[AnsweredRun], subject: str) -> list[Answered]:
 
 
 def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
-    """Return frequencies over what was matched, the reference among them."""
     hertz = keys.matches(trials).frequency_hz
     low, high = min(float(hertz.min()), keys.frequency_hz), max(float(hertz.max()), keys.frequency_hz)
     grid = np.geomspace(low, high, _POINTS)
@@ -154,7 +151,6 @@ def _above(curve: ThresholdCurve, matches: Matches, setting: ContourSetting) -> 
 
 
 def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contact, simulated: bool) -> Contours:
-    """Return the mean contours of all people, over the band that all of them matched, with the band of the mean."""
     every = [person.contours for person in people]
     first = every[0]
     inside = [curves for curves in every if curves.reference_hz == first.reference_hz]
@@ -176,7 +172,6 @@ def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contac
 
 
 def _balance(runs: Sequence[AnsweredRun], keys: MatchingKeys) -> tuple[FingerBalance, ...]:
-    """Return the balance of every finger that was matched at the standard's own frequency."""
     fingers = dict.fromkeys(run.finger for run in runs if run.finger != keys.finger)
     balances = []
     for finger in fingers:
@@ -196,7 +191,6 @@ def _same_frequency(keys: MatchingKeys, trial: Answered) -> bool:
 
 
 def _mean(values: Sequence[Measured]) -> Measured:
-    """Return the mean over people with its interval; of one person, that person's."""
     if len(values) == 1:
         return values[0]
     each = np.array([value.value for value in values])

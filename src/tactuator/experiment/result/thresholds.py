@@ -1,7 +1,5 @@
 """Thresholds from stored runs: the procedure's own number, the Bayesian refit, and the flags of the run."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +20,7 @@ from tactuator.experiment.result.played import (
     catch_kinds,
     delivered_level,
     hum_is_felt,
-    is_simulated,
+    was_simulated,
 )
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.table import brief
@@ -156,7 +154,6 @@ def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
 
 
 def _placed(procedure: Procedure, run: StoredRun) -> bool:
-    """Tell whether the procedure has all the frequencies that were played."""
     assert isinstance(procedure, WholeCurve)
     points = np.log(procedure.rule.prior.frequency_hz)
     return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - points).min(axis=1) < _SAME_FREQUENCY))
@@ -203,7 +200,7 @@ class _Level:
     bound: str
 
     @classmethod
-    def censored(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> _Level:
+    def censored(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> "_Level":
         least, most = float(played_db_sl.min()), float(played_db_sl.max())
         bound = ">=" if level > most else "<=" if level < least else ""
         level = float(np.clip(level, least, most))
@@ -282,6 +279,6 @@ def _threshold(
         flags=tuple(sorted({*names, *(name for name, true in playing.items() if true)})),
         lapse_power=power[0],
         drift_power=power[1],
-        simulated=is_simulated(run),
+        simulated=was_simulated(run.session.subject_group, run.run),
         study_number=run.session.study_id,
     )

@@ -2,8 +2,6 @@
 task, any of `tactuator.tasks`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -55,7 +53,6 @@ class ToneTask(SessionTask):
         raise NotImplementedError
 
     def _expected(self, planned: PlannedRun, trials: float, intervals: int, feedback_s: float) -> tuple[float, float]:
-        """Return the number of trials of a run, fewer of practice, and how many seconds one of them plays."""
         hertz, protocol = planned.frequency_hz or self.apparatus.middle_hz, self.protocol
         played_s = protocol.timing.played_s(hertz, intervals, protocol.marks)
         return float(protocol.session.practice_trials if planned.practice else trials), played_s + feedback_s
@@ -158,7 +155,7 @@ class JudgingTask(ToneTask):
         intervals = max(len(task.asked(self.words).intervals), 1)
         return self._expected(planned, task.plans(self.words)[planned.part].trials, intervals, self.rules.feedback_s)
 
-    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> JudgingCourse:
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> "JudgingCourse":
         """Return the course of a run from its beginning."""
         seed = run_seed(self.protocol, subject, planned.position, attempt, visit)
         return JudgingCourse(self, planned, seed, self.protocol.task.begin(planned.part, self.place, seed))

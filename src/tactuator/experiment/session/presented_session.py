@@ -1,7 +1,5 @@
 """A session at a rig, and its run with a subject who is not at a browser: a person at a terminal, a script."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -41,7 +39,7 @@ class Respondent:
 
 
 def run_session(
-    presented: PresentedSession,
+    presented: "PresentedSession",
     respondent: Respondent,
     progress: Callable[[Session], None] = lambda session: None,
     rest: Callable[[float], None] = time.sleep,
@@ -76,7 +74,7 @@ def run_session(
     return answered
 
 
-def _trial(presented: PresentedSession, respondent: Respondent, run: int) -> int:
+def _trial(presented: "PresentedSession", respondent: Respondent, run: int) -> int:
     """Run one trial and return its run. run: that of the trial before."""
     following = presented.session.next_trial()
     if following.run != run:
@@ -144,7 +142,6 @@ class PresentedSession:
         return following
 
     def _count(self, following: NextTrial) -> int:
-        """Return how often this process has played the trial, this time included."""
         run, number, times = self._played
         same = (run, number) == (following.run, following.trial.number)
         self._played = (following.run, following.trial.number, times + 1 if same else 1)

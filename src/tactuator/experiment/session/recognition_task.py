@@ -105,7 +105,6 @@ def keep_items(
 
 
 def _refuse_taken_keys(connection: Connection, study: int, keys: Sequence[str]) -> None:
-    """Raise BadInput where a new item's key belongs to another item of the study."""
     options = schema.response_option
     taken = set(connection.execute(select(options.c.key).where(options.c.study_id == study)).scalars())
     for key in keys:

@@ -3,8 +3,6 @@
 Subjects are enrolled and corrected without any apparatus; what stood where something was corrected stays as an event.
 """
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -326,7 +324,6 @@ def open_study(
 def _version(
     connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None, who: str
 ) -> tuple[int, int]:
-    """Return the rows of the study and of the version of its protocol that has this text."""
     name, now = task.protocol.study.name, clock.utc()
     study = records.study_by_version(connection, text) or records.study_by_name(connection, name)
     if study is None:

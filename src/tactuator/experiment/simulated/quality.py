@@ -216,7 +216,6 @@ def run_procedure(procedure: ProcedureKeys, setting: Setting, rng: np.random.Gen
 
 
 def _run_each(procedure: ProcedureKeys, runs: int, probability: Probability, rng: np.random.Generator) -> Tracks:
-    """Return the tracks of any procedure, whose runs are made one after the other."""
     levels, correct, estimates = list[list[float]](), list[list[bool]](), np.full(runs, np.nan)
     for number in range(runs):
         run, at, mine = procedure.build(_GUESS, Playable()), list[float](), list[bool]()

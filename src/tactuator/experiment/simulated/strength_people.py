@@ -110,7 +110,6 @@ class StrengthPerson:
         return int(np.argmax(np.array(felt_db_sl) / self.amplitude_jnd_db + noise))
 
     def _first(self, tones: Sequence[JudgedTone], rng: np.random.Generator) -> str:
-        """Return the finger that came first of the two of an interval."""
         early, late = tones
         apart_ms = 1e3 * (late.onset_s - early.onset_s) / self.order_jnd_ms
         noise = rng.standard_normal() * np.sqrt(2.0) / d_prime(2)

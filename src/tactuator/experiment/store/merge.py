@@ -4,8 +4,6 @@ A row is known by what it is (a trial: study, subject, visit, run, attempt, numb
 was merged stands in the same transaction as the rows: a merge that was broken off is gone on with, or done again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -129,7 +127,6 @@ def _check_same_chain(connection: Connection, source: Store, since: Head | None)
 
 
 def _parents(table: Table) -> Mapping[str, Table]:
-    """Return the tables that columns of a table refer to."""
     return {column.name: key.column.table for column in table.c for key in column.foreign_keys}
 
 
@@ -198,7 +195,7 @@ class _Writing:
         asked: dict[Key, dict[str, Any]] = {}
         for row in rows:
             key = _key_of(table, row)
-            if any(parent in self._refused for parent in _ancestors(key, row, table)):
+            if not self._refused.isdisjoint([key, *(row[name] for name in _parents(table))]):
                 self._refused.add(key)
             else:
                 asked[key] = self._placed(table, row)
@@ -257,7 +254,6 @@ class _Writing:
         return other is not None
 
     def _numbered(self, table: Table, values: dict[str, Any]) -> dict[str, Any]:
-        """Give a protocol's version the next number of its study."""
         if table is schema.protocol_version:
             number = select(func.max(table.c.number)).where(table.c.study_id == values["study_id"])
             values["number"] = (self.connection.execute(number).scalar() or 0) + 1
@@ -300,10 +296,6 @@ class _Writing:
         if differ:
             chain.change(self.connection, table, there[_primary(table)], differ, self.origin)
         return bool(differ)
-
-
-def _ancestors(key: Key, row: Mapping[str, Any], table: Table) -> list[Key]:
-    return [key, *(row[name] for name in _parents(table) if row[name] is not None)]
 
 
 def _words(key: Key) -> str:

@@ -1,7 +1,5 @@
 """Reading and writing of studies, subjects, sessions, runs, trials and the responses to them, in a store."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -32,7 +30,6 @@ Tokens = Callable[[str, int], str]
 
 
 def _last(connection: Connection, column: Column[Any], *where: ColumnElement[bool]) -> Any:
-    """Return the largest value of a column among those rows, or None without any."""
     return connection.execute(select(func.max(column)).where(*where)).scalar()
 
 

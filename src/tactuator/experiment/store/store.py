@@ -1,7 +1,5 @@
 """The database of an experiment, SQLite or PostgreSQL: every commit is on disk before it is acknowledged."""
 
-from __future__ import annotations
-
 import fcntl
 import importlib.util
 import logging
@@ -76,7 +74,7 @@ def _lock(handle: int, store: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
+def opened_store(place: str | os.PathLike[str]) -> "Iterator[Store]":
     """Yield the database at the place, open for the length of the context; it is made if it is not there.
 
     A database that was made here is taken away at the end if it holds no study, or if what was asked for was refused
@@ -108,7 +106,7 @@ _WRITING = 1
 """User version of a file that a program writes to, or wrote to when it was killed."""
 
 
-def _holds(store: Store, table: Table) -> bool:
+def _holds(store: "Store", table: Table) -> bool:
     with store.read() as connection:
         return bool(connection.execute(select(exists(select(table.c.id)))).scalar_one())
 
@@ -123,7 +121,6 @@ class _Told(logging.Filter):
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether the record is of anything else."""
         error = record.exc_info[1] if record.exc_info else None
         return not (isinstance(error, KeyboardInterrupt | OSError) or type(error).__module__.startswith("pg8000"))
 
@@ -197,15 +194,11 @@ class Store:
         """Write a mark, and what was committed so far, into the file itself. Raises StoreFault where it cannot."""
         if not self.is_file:
             return
-        try:
-            with closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
-                plain.execute(f"PRAGMA user_version = {mark}")
-                plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        except _DAMAGED as error:
-            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+        with self._faults_told(), closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
+            plain.execute(f"PRAGMA user_version = {mark}")
+            plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def _torn(self) -> BadInput:
-        """Return the refusal of a file that was copied while a program wrote to it, without what is beside it."""
         query = select(func.count(), func.max(schema.response.c.server_received_utc)).select_from(schema.response)
         with self.engine.connect() as connection:
             answers, last = connection.execute(query).one()
@@ -225,17 +218,15 @@ class Store:
             raise BadInput(f"store {self.name}", "a file; `experiment merge` copies a server's")
         if out.exists() and os.path.samestat(out.stat(), self.path.stat()):
             raise BadInput(f"{out} is the store itself", "another place")
-        try:
-            with (
-                atomic_path(out, is_store=True) as beside,
-                closing(sqlite3.connect(self.path)) as source,
-                closing(sqlite3.connect(beside)) as copy,
-            ):
-                source.backup(copy)
-                copy.execute("PRAGMA journal_mode = DELETE")
-                copy.execute("PRAGMA user_version = 0")
-        except _DAMAGED as error:
-            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+        with (
+            self._faults_told(),
+            atomic_path(out, is_store=True) as beside,
+            closing(sqlite3.connect(self.path)) as source,
+            closing(sqlite3.connect(beside)) as copy,
+        ):
+            source.backup(copy)
+            copy.execute("PRAGMA journal_mode = DELETE")
+            copy.execute("PRAGMA user_version = 0")
         out.chmod(_PRIVATE)
 
     def _make_tables(self, must_exist: bool) -> None:
@@ -264,9 +255,12 @@ class Store:
         with self.engine.connect().execution_options(writes=True) as connection, connection.begin():
             yield connection
 
-    @property
-    def _short(self) -> str:
-        return self.path.name if self.is_file else self.name
+    @contextmanager
+    def _faults_told(self) -> Iterator[None]:
+        try:
+            yield
+        except self._faults as error:
+            raise StoreFault(f"{self.path.name if self.is_file else self.name}: {_reason(error)}") from error
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:
@@ -274,20 +268,14 @@ class Store:
 
         Raises StoreFault where it cannot be; nothing of it is then in the store.
         """
-        try:
-            with self._writing() as connection:
-                yield connection
-        except self._faults as error:
-            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+        with self._faults_told(), self._writing() as connection:
+            yield connection
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Open a view of the store that keeps nobody from writing. Raises StoreFault where it cannot be read."""
-        try:
-            with self.engine.connect() as connection:
-                yield connection
-        except self._faults as error:
-            raise StoreFault(f"{self._short}: {_reason(error)}") from error
+        with self._faults_told(), self.engine.connect() as connection:
+            yield connection
 
     def close(self) -> None:
         """Close the database and its file; the mark of a program that was killed goes with what SQLite kept of it."""
@@ -366,6 +354,5 @@ def _begin_in_file(connection: Connection) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Return the database's own message in one line."""
     original = error.orig if isinstance(error, DBAPIError) else error
     return " ".join(str(original).split())

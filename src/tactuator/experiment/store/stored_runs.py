@@ -1,7 +1,5 @@
 """Runs with their trials, and answers to tasks, as they are in the store, ready for analysis."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -87,7 +85,6 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
 
 
 def _done(connection: Connection, paradigm: str, session: int | None, sessions: Mapping[int, Found]) -> list[Found]:
-    """Return the rows of finished runs of that paradigm, practice left out, in those sessions, or in one of them."""
     run = schema.run.c
     wanted = [run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
     if session is not None:
@@ -108,7 +105,7 @@ class _Rows:
     columns: tuple[NDArray[Any], ...]
 
     @classmethod
-    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> _Rows:
+    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> "_Rows":
         """Read the query's rows of numbers, the run's id first; a cell without a value is NaN.
 
         They come as plain tuples from the driver's own cursor: a Row for each of millions took as long as SQLite.
@@ -121,7 +118,6 @@ class _Rows:
         return cls(run, tuple(others))
 
     def of(self, run: int) -> tuple[NDArray[Any], ...]:
-        """Return the columns of one run."""
         mine = slice(*np.searchsorted(self.run, [run, run + 1]))
         return tuple(column[mine] for column in self.columns)
 
@@ -213,7 +209,6 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
 
 
 def _tone(label: str, level_db_sl: float | None) -> JudgedTone | None:
-    """Return the tone of an interval that had just one."""
     if level_db_sl is None:
         return None
     role, _, rest = label.partition(":")

@@ -209,7 +209,6 @@ class DiscriminationRun:
         return JudgedTone(role, finger or self.finger, self.frequency_hz, level_db_sl, duration_s=lasts_s)
 
     def _changed(self, difference: float, level_db_sl: float) -> tuple[JudgedTone, ...]:
-        """Return the interval that differs, as far as it can be played."""
         tone = self._tone(_TARGET, level=level_db_sl)
         if self.task.of == "amplitude":
             return (replace(tone, level_db_sl=min(level_db_sl + difference, COMFORT_DB_SL)),)

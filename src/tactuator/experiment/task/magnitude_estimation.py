@@ -5,8 +5,6 @@ repeats and people then stand for each tone, and the exponent at a frequency is 
 that of the amplitude (Stevens 1968).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -59,7 +57,7 @@ class EstimationKeys(TaskKeys):
         """Return one run of all tones."""
         return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> "EstimationRun":
         """Return a fresh run."""
         return EstimationRun(self, seed)
 

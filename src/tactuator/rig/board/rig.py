@@ -1,7 +1,5 @@
 """A board as a rig, whatever runs the core's firmware, behind any transport; and its finger ports."""
 
-from __future__ import annotations
-
 import math
 import struct
 import time
@@ -229,7 +227,6 @@ class BoardRig(Rig):
         raise BadInput("the board does not come to rest", "a board whose timer runs")
 
     def _begin(self, drives: bool) -> None:
-        """Begin a run of the kind that is wanted and wait until its soft start is over."""
         status = self.client.status()
         status.require_no_fault()
         if status.mode is Mode.RUNNING and status.run == self._run and self._drives == drives:
@@ -247,7 +244,6 @@ class BoardRig(Rig):
             self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
 
     def _arm(self) -> None:
-        """Bring the board to rest, ready for a run of another number."""
         self.rest()
         self.client.must(Request.ARM)
         self._run = (self.client.status().run + 1) & 0xFFFFFFFF

@@ -3,8 +3,6 @@
 Layouts: core/link/link.h, core/board/stimulus.h.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -110,7 +108,6 @@ class BoardStream:
         return True
 
     def _feed(self, start: int) -> None:
-        """Send one request's worth of rows."""
         if not self._waits and self._got == self.end == self.first:
             taken = self._feed_first(start)
         else:
@@ -146,7 +143,6 @@ class BoardStream:
         return taken
 
     def _read(self) -> TraceRows | None:
-        """Read the next piece of the trace, if it is worth asking for."""
         last = not len(self._rows) and self._tick >= self.end
         worth = 0 if self._waits or last else _READ_ROWS
         if self._tick - self._got < worth:
