@@ -72,9 +72,16 @@ def _own(table: Any) -> dict[str, Any]:
 
 
 _WHERE_SAID = (
-    "contours", "covariance", "valid_hz", "model_error_db", "model_error_hz", "controller", "models", "recorded",
+    "contours",
+    "covariance",
+    "valid_hz",
+    "model_error_db",
+    "model_error_hz",
+    "controller",
+    "models",
+    "recorded",
     "unchanged",
-)  # fmt: skip
+)
 """Keys of a channel that are left out where nothing is said."""
 
 

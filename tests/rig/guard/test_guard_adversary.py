@@ -6,6 +6,7 @@ Everything is drawn from one seed; `make soak` draws hundreds. The judge is the 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,7 +111,8 @@ def misbehaving(rng: np.random.Generator, of: Made) -> Controller:
         for bit, name, gains in ((1, "feedback_sos", (-2.0, 3.0)), (2, "prefilter_sos", (-5.0, 0.0))):
             if kind & bit:
                 count, gain = int(rng.integers(1, 4)), 10.0 ** rng.uniform(*gains)
-                channel = replace(channel, **{name: sections(rng, count, gain)})
+                changed: dict[str, Any] = {name: sections(rng, count, gain)}
+                channel = replace(channel, **changed)
         channels.append(channel)
     return replace(of(), channels=tuple(channels))
 

@@ -106,9 +106,16 @@ def _shares(
 
 
 CIRCUMSTANCES = (
-    "subject_group", "experimenter", "site", "surround", "contact_area_mm2", "skin_temperature_c", "preload_n",
-    "masking_sound", "masking_level_db_spl",
-)  # fmt: skip
+    "subject_group",
+    "experimenter",
+    "site",
+    "surround",
+    "contact_area_mm2",
+    "skin_temperature_c",
+    "preload_n",
+    "masking_sound",
+    "masking_level_db_spl",
+)
 """Columns of a session that stand in the file of a curve."""
 
 
