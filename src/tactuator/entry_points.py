@@ -3,6 +3,8 @@
 The project's own rigs, procedures and codings are declared in pyproject.toml like anybody's, and found the same way.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points

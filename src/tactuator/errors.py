@@ -21,6 +21,8 @@ An error is data: where it is (outermost first), which key, what was got and wha
 of them, one line, and it is the only place that does; nothing reads a sentence.
 """
 
+from __future__ import annotations
+
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -9,6 +9,8 @@ refuses is a `BadInput` that names the table and the key. Files, forms and the p
 fields (`parameters`, `allowed`, `default`): nothing of a parameter is written twice.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import json
 from collections.abc import Callable, Mapping

@@ -2,6 +2,8 @@
 matrices of a few dozen columns, whatever the machine has.
 """
 
+from __future__ import annotations
+
 import multiprocessing
 import os
 import signal

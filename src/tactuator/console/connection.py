@@ -1,5 +1,7 @@
 """The connection of the console's page: requests are answered in turn, figures follow when they are ready."""
 
+from __future__ import annotations
+
 import asyncio
 from concurrent.futures import Executor
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """The view Display: a display file as text and as a form, judged as it is written, and the channels to be drawn."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence

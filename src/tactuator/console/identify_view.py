@@ -1,5 +1,7 @@
 """The view Identify: a record that was uploaded, its columns, a model of it, and the file that `identify` writes."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any

@@ -8,6 +8,8 @@ controller is taken apart into such factors; a point of the curve that is dragge
 lead or lag in its place, and the gain.
 """
 
+from __future__ import annotations
+
 import cmath
 import math
 import sys

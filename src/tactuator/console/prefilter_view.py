@@ -1,5 +1,7 @@
 """The view Prefilter and curve: the curve that a channel is to follow, moved by its points, and the prefilter's fit."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Annotated
 

@@ -4,6 +4,8 @@ A message is `{"id": number, "do": name, ...}`; the rest are the fields of the d
 the table of its connection. The answer bears the number, and an `error` with its place where the request is refused.
 """
 
+from __future__ import annotations
+
 import asyncio
 import logging
 import shlex
@@ -48,7 +50,7 @@ class PageRequest:
 class ViewRequest(PageRequest):
     """A request that is answered beside the loop's: it may take seconds, and runs on a thread of its own."""
 
-    def answer(self, state: "ConsoleState") -> Answer:
+    def answer(self, state: ConsoleState) -> Answer:
         """Return what the page is to show, plain JSON. Raises TactuatorError in words for what cannot be done."""
         raise NotImplementedError
 
@@ -77,7 +79,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 async def serve_requests(
-    socket: "WebSocket", requests: Requests[Asked], answer: Callable[[int, Asked], Awaitable[Answer | None]]
+    socket: WebSocket, requests: Requests[Asked], answer: Callable[[int, Asked], Awaitable[Answer | None]]
 ) -> None:
     """Answer a page's requests, one after another, until it goes. answer: called with the number and the request; what
     it returns is sent, and None where nothing is.

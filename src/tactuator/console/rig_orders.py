@@ -1,5 +1,7 @@
 """Orders to the process that holds the rig, those that wait for it, and what it tells of the rig."""
 
+from __future__ import annotations
+
 import queue
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal

@@ -1,5 +1,7 @@
 """The rig as the pages use it: who has the controls, the controller that is loaded, and orders made of requests."""
 
+from __future__ import annotations
+
 import asyncio
 import io
 from collections.abc import Callable

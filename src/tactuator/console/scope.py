@@ -1,5 +1,7 @@
 """The newest samples of a rig, by their number, and pictures of them: what a page's width can show, as bytes."""
 
+from __future__ import annotations
+
 import struct
 import threading
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """The view Speech: a speech file on the fingers of a display, what is asked of them and what they feel of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

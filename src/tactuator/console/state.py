@@ -1,5 +1,7 @@
 """The displays that a console works on, and the controllers that were made for them."""
 
+from __future__ import annotations
+
 import hashlib
 import tomllib
 from collections import OrderedDict

@@ -1,5 +1,7 @@
 """Files that were dropped on the page: kept in a folder of the server's own, gone when it ends; and their routes."""
 
+from __future__ import annotations
+
 import hmac
 import re
 import secrets

@@ -1,5 +1,7 @@
 """Rendering of a corpus, which can be restarted, with a manifest that does not depend on who did the work."""
 
+from __future__ import annotations
+
 import fcntl
 import json
 import os

@@ -1,5 +1,7 @@
 """The work on one file of a corpus, in any process: the task holds all it needs, the outcome all that came of it."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections import Counter

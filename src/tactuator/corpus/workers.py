@@ -2,6 +2,8 @@
 order.
 """
 
+from __future__ import annotations
+
 import gc
 import logging
 import os
@@ -160,7 +162,7 @@ class DaskCluster:
         """Leave the cluster; what was not begun is given up."""
         self._client.close()
 
-    def __enter__(self) -> "DaskCluster":
+    def __enter__(self) -> DaskCluster:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,7 @@
 """Meaning and unit of every exported column: one dictionary for all formats."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 

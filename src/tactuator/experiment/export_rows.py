@@ -1,5 +1,7 @@
 """A store as tables of plain values, in the order of the dictionary, and as text; withdrawn data are left out."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json

@@ -5,6 +5,8 @@ Two streams carry the same events with the same time stamps: one names them, the
 described as XDF, the format of LSL's recorders, expects. A trial is told when it is over, with the times of its onsets.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import socket

@@ -1,5 +1,7 @@
 """Words by their key, from a language file: shipped ones, or one that a laboratory wrote."""
 
+from __future__ import annotations
+
 import string
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """Things that a user knows or wishes of the model that is identified: each with its default, bounds and sentence."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections import Counter
@@ -62,7 +64,7 @@ class Fixed:
         return f"{self.name}={self.value:g}" + (f",{self.q:g}" if self.name == "resonance" else "")
 
     @classmethod
-    def parse(cls, text: str) -> "Fixed":
+    def parse(cls, text: str) -> Fixed:
         """Return the value of a text NAME=VALUE, or resonance=HERTZ,Q. Raises BadInput."""
         name, equals, rest = text.partition("=")
         values = rest.split(",")
@@ -207,7 +209,7 @@ class Asked:
         if self.method != "refined" and self.fixed:
             raise BadInput(f"fixed values with the method {self.method!r}", "with 'refined' alone")
 
-    def of(self, about: Mapping[str, str]) -> "Asked":
+    def of(self, about: Mapping[str, str]) -> Asked:
         """Return the same for a record of which that is told: its quantity, where none was asked for."""
         if self.quantity != "auto":
             return self

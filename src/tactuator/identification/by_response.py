@@ -1,5 +1,7 @@
 """A model from a frequency response by itself: what a data sheet or another instrument gives."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

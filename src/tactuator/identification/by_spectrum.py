@@ -1,5 +1,7 @@
 """The frequency domain's estimate of a record as an identification: model, band, tests, and what speaks against it."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -7,6 +7,8 @@ lost samples is cut at the loss into records of one mechanism, their delay known
 others, as in a chirp, only a jump of the residual shows the loss: the longest part without one is used.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

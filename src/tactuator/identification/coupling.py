@@ -7,6 +7,8 @@ Identification: A Frequency Domain Approach, 2012, sections 2.7 and 4.3). Any ex
 channels differently: orthogonal multisines, one channel after the other, random phases.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import permutations
 

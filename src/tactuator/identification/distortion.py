@@ -5,6 +5,8 @@ command, and what differs between realisations beyond the noise (Pintelon and Sc
 Frequency Domain Approach, 2012, chapter 4: the best linear approximation and its total and noise variance).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -49,7 +51,7 @@ class Distortion:
             return np.nan_to_num(self.odd)
         return np.sqrt(np.maximum(self.total**2 - self.noise**2, 0.0))
 
-    def scaled(self, gain: float) -> "Distortion":
+    def scaled(self, gain: float) -> Distortion:
         """Return the same in other units of the response."""
         levels = {name: gain * getattr(self, name) for name in ("value", "noise", "total", "even", "odd")}
         return replace(self, **levels, variance=gain**2 * self.variance)

@@ -7,6 +7,8 @@ foot follows the denominator where the gain is known. Those of the denominator b
 which it is a sum of products, of the first degree in each. So all derivatives are exact.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -279,7 +281,7 @@ class Known:
     pins: tuple[Pin, ...] = ()
 
     @property
-    def without_values(self) -> "Known":
+    def without_values(self) -> Known:
         """Return the same without known poles and values, but for poles and zeros at s = 0."""
         return replace(self, sections=(), pins=())
 
@@ -290,7 +292,7 @@ class Known:
         lead = max((pin.power for pin in self.pins if pin.kind == "lead"), default=0)
         return max(1, placed, self.origin_zeros + lead, (self.zeros or 0) + lead)
 
-    def in_scale(self, scale_rad_s: float) -> "Known":
+    def in_scale(self, scale_rad_s: float) -> Known:
         """Return the same in scaled time."""
         sections = tuple(tuple(a / scale_rad_s ** (k + 1) for k, a in enumerate(section)) for section in self.sections)
         powers = {"gain": 0, "lead": 2}

@@ -4,6 +4,8 @@ The Coulomb level and the presliding distance are those that explain most of wha
 again to first order; then the engine fits the record anew with the friction off its command, until both stay.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property

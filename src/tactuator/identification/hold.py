@@ -5,6 +5,8 @@ Band-limited commands: the response itself (Pintelon and Schoukens, System Ident
 2012, chapter 6).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -62,7 +64,7 @@ class Grid:
         """Return 1 - 1/z to full precision, (m,)."""
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
-    def like(self, scale_rad_s: float, hold: Hold) -> "Grid":
+    def like(self, scale_rad_s: float, hold: Hold) -> Grid:
         """Return the same lines in another scale of time, under a hold; what depends on neither is not done again."""
         grid = replace(self, scale_rad_s=scale_rad_s, hold=hold)
         grid.__dict__.update(back=self.back, step=self.step)

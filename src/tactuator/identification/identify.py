@@ -1,5 +1,7 @@
 """From a record to a model with its uncertainty: all of identification behind one function."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -11,6 +11,8 @@ spectrum the estimate is consistent in closed loop too, as long as all lines up 
 loop feeds back of the noise is causal, so that its sum over the whole circle vanishes.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -120,7 +122,7 @@ class Equations:
     shift: int
 
     @property
-    def parts(self) -> "tuple[Equations, ...]":
+    def parts(self) -> tuple[Equations, ...]:
         """Return the equations of each record: of this one alone."""
         return (self,)
 
@@ -230,7 +232,7 @@ class LocalResponse:
     excitation: FloatArray
     lines: FloatArray
 
-    def at(self, keep: NDArray[np.bool_]) -> "LocalResponse":
+    def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""
         return LocalResponse(
             self.frequency_hz[keep], self.value[keep], self.variance[keep], self.noise[keep], self.excitation[keep],

@@ -1,5 +1,7 @@
 """Records of a motor with friction and no spring, identified by its equation of motion."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

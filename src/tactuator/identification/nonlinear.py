@@ -6,6 +6,8 @@ leaves the state of a hysteresis along the motion. Of each the part that a linea
 (Bussgang, 1952). What is left is how far the gain at other sizes may be from the model's.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 
 import numpy as np

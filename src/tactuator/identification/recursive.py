@@ -6,6 +6,8 @@ Sensor noise is in the regressors on the right, so the estimate is biased; `refi
 the estimated A afterwards, which makes the bias small, not zero (Young, Recursive Estimation, 2011, chapter 8).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 

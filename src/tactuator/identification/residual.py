@@ -7,6 +7,8 @@ filter can only follow causally (identifiability in a loop: Soderstrom and Stoic
 chapter 10).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,5 +1,7 @@
 """Tests of a residual: its own colour, whiteness without it, and dependence on the command."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

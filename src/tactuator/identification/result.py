@@ -1,5 +1,7 @@
 """The result of an identification: the model, its tests, and what a user must be told of both."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

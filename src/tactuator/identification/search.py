@@ -1,5 +1,7 @@
 """The form that a record asks for: proposals by the local response, the choice by the record's own likelihood."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

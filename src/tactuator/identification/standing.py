@@ -1,5 +1,7 @@
 """Does the record agree with the values that are fixed? A wrong one bends the model, or hides behind far poles."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,6 +4,8 @@ Source: Gustavsen and Semlyen, Rational approximation of frequency domain respon
 of the numerator is kept.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -4,6 +4,8 @@ Whether a model is to be trusted, and with it the status of `identify`, follows 
 else.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The reach of the response's error: noise, forms that the record does not exclude, and what the form cannot follow."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal

@@ -1,5 +1,7 @@
 """A model on a record that its fit never saw: fit, residual, and how much of that record's response is in the band."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Nothing half-written: files and folders appear under their name when they are whole."""
 
+from __future__ import annotations
+
 import errno
 import os
 import re

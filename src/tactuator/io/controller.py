@@ -1,5 +1,7 @@
 """The file controller.json: a designed controller with the display it was designed for."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Any

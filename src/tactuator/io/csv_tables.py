@@ -1,5 +1,7 @@
 """Small tables as CSV: threshold curves, equal-strength contours, pairs of a calibration, confusion matrices."""
 
+from __future__ import annotations
+
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence

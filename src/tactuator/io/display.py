@@ -1,5 +1,7 @@
 """Display files: TOML to `Display`, with the measured environment that one may name (environment.json)."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """The kinds of files, each known by its content, and the sentence that points a file of another kind onwards."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping
 from contextlib import suppress

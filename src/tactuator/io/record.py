@@ -1,5 +1,7 @@
 """Records and frequency responses, in our own HDF5 and in whatever else has such columns; the rate by time stamps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,7 +48,7 @@ class Stamps:
             return values[index]
         return np.asarray(scipy.interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
 
-    def held_against(self, position: FloatArray) -> "Stamps":
+    def held_against(self, position: FloatArray) -> Stamps:
         """Return the same, or even ones where the position (n,) was not read when they say: what it lacks of a curve
         through its neighbours does then not follow the way that its slope goes in the time that a stamp is off.
         """

@@ -1,5 +1,7 @@
 """Measured responses: HDF5 with units, or CSV for a spreadsheet."""
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Sequence
 from pathlib import Path
@@ -92,7 +94,7 @@ def read_responses(path: str | Path) -> tuple[Response, ...]:
         raise BadInput(f"response {path}: {str(error).splitlines()[0]}", "a file that `measure` wrote") from None
 
 
-def _read_group(group: "h5py.Group") -> Response:
+def _read_group(group: h5py.Group) -> Response:
     texts: dict[str, Any] = {name: str(group.attrs[name]) for name in _TEXTS}
     for data in (group[name] for name in _ARRAYS):
         if max(data.size, *(data.chunks or (0,))) > MOST_POINTS:

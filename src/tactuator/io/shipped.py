@@ -1,5 +1,7 @@
 """The examples that come with tactuator: copied out, and as display and protocol files to start from."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -68,7 +70,7 @@ def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:
     return (EXAMPLES / folder / f"{kind}.toml").read_text(encoding="utf-8")
 
 
-def with_model(text: str, model: "PlantModel", path: str) -> str:
+def with_model(text: str, model: PlantModel, path: str) -> str:
     """Return the text of a display file whose plant is the model in the file `path`.
 
     The band is narrowed to the frequencies (Hz) of which the model says something. Loads, which are in the units of a
@@ -95,7 +97,7 @@ def with_model(text: str, model: "PlantModel", path: str) -> str:
     return text
 
 
-def _band(text: str, model: "PlantModel") -> tuple[float, float]:
+def _band(text: str, model: PlantModel) -> tuple[float, float]:
     band = re.search(r"^band_hz = \[([\d.]+), ([\d.]+)\]", text, flags=re.MULTILINE)
     assert band is not None  # every shipped display states its band; a test reads them all
     low, high = float(band[1]), float(band[2])

@@ -1,5 +1,7 @@
 """Sound files: the length that a head states, held against the bytes that are there, and a library's own remarks."""
 
+from __future__ import annotations
+
 import os
 import struct
 import threading

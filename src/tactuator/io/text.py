@@ -1,5 +1,7 @@
 """Text files that others wrote: their encoding, their limits, and the numbers in their cells."""
 
+from __future__ import annotations
+
 import codecs
 import csv
 import json

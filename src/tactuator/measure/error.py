@@ -1,5 +1,7 @@
 """The level of a response: asked, measured, and predicted by the controller's own model; objective i judged by it."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -33,7 +35,7 @@ class ChannelPrediction:
     moved: SampledSystem | None
 
     @classmethod
-    def of(cls, controller: Controller, name: str, load: str | None = None) -> "ChannelPrediction":
+    def of(cls, controller: Controller, name: str, load: str | None = None) -> ChannelPrediction:
         """Return the prediction for a channel of `controller`. Raises BadInput for an unknown channel or load."""
         channel, designed = controller.display.channel(name), controller.channel(name)
         rate = controller.rate_hz
@@ -143,7 +145,7 @@ class ResponseLevels:
     predicted_free_db_sl: FloatArray
 
     @classmethod
-    def of(cls, response: Response, controller: Controller) -> "ResponseLevels":
+    def of(cls, response: Response, controller: Controller) -> ResponseLevels:
         """Return the levels of a response that was measured under `controller`."""
         threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
         asked = controller.display.channel(response.channel).strength.asked_db_sl(

@@ -8,6 +8,8 @@ envelope at a low rate. Its mean square over a frame is twice the band's power t
 power, 10 log10 of the mean square envelope. Bands up to 40 Hz are looked at over 500 ms, those above over 100 ms.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

@@ -4,6 +4,8 @@ Hum and noise n of the sensor reach the fingertip as -T n and the sensor's own r
 is felt. The command is (design.md, facts): what it does to the fingertip is the plant's response to it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

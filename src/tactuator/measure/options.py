@@ -3,6 +3,8 @@
 Nothing heavy is imported here, so that a face can tell its defaults at once.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

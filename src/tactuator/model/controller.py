@@ -1,5 +1,7 @@
 """A designed controller: the sections of F and C for every channel, what it feeds forward, where they come from."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,5 +1,7 @@
 """A display: channels with plants, sensors, converters, loads, what is asked of them; its tables, and their hash."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Iterator
@@ -49,7 +51,7 @@ def document_hash(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def display_document(display: "Display") -> dict[str, Any]:
+def display_document(display: Display) -> dict[str, Any]:
     """Return plain tables that `parse_display` makes an equal display of: curves with points, plants as roots."""
     wires = () if display.sound is None else display.sound.wires
     card = {} if display.sound is None else {"sound": _own(display.sound)}
@@ -85,7 +87,7 @@ _WHERE_SAID = (
 """Keys of a channel that are left out where nothing is said."""
 
 
-def _channel_document(channel: "Channel") -> dict[str, Any]:
+def _channel_document(channel: Channel) -> dict[str, Any]:
     given, threshold = channel.feedback.controller, plain(channel.threshold)
     if not channel.threshold.curve.contact.said:
         del threshold["curve"]["contact"]

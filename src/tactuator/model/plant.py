@@ -1,5 +1,7 @@
 """Plants and loads: a system as the tables of a file write it, and the impedance of what touches a display."""
 
+from __future__ import annotations
+
 from typing import Annotated, Any, Literal
 
 import numpy as np

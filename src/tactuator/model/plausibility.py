@@ -6,6 +6,8 @@ below or above them. Its bounds leave room for whatever a person can feel: a sli
 What cannot be speaks against a verdict, and what is only unusual leaves it open.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -38,7 +40,7 @@ class Plausible:
     above: str
     impossible: bool = False
 
-    def doubts(self, value: float) -> "Iterator[Doubt]":
+    def doubts(self, value: float) -> Iterator[Doubt]:
         """Yield the doubt about a value outside the bounds; nothing for one within them."""
         if not self.low <= value <= self.high:
             yield Doubt(self, float(value))

@@ -1,5 +1,7 @@
 """Requirements on a display, and its wiring: the tables [feedback], [prefilter], [objectives], [touch] and [sound]."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Annotated, Literal
 

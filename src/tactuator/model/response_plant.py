@@ -6,6 +6,8 @@ less of it or bend more: four fitted with one point in four left out, and one of
 distance of any of them, anywhere, is what the plant may be off: it widens with the spacing of the points.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

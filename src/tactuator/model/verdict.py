@@ -4,6 +4,8 @@ Whoever judges (a model, a measurement, a build) makes findings of one kind, so 
 An objective is met only if something was judged and nothing that counts stayed open.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

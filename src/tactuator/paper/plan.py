@@ -1,5 +1,7 @@
 """Plan of the paper's study: display, frequencies and levels, observers, and the source of randomness."""
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass

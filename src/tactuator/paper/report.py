@@ -1,5 +1,7 @@
 """The report: report.html, the figures (every counterpart of the paper's, and a few that it has not), summary.json."""
 
+from __future__ import annotations
+
 import base64
 import re
 from collections.abc import Mapping, Sequence

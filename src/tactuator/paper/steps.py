@@ -2,6 +2,8 @@
 every channel's response at the paper's levels, without and with a finger; speech as felt.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,5 +1,7 @@
 """What came out: summary.json with every figure of the study by name, and the table "paper / here"."""
 
+from __future__ import annotations
+
 import json
 import math
 from dataclasses import asdict

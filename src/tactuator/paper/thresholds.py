@@ -3,6 +3,8 @@
 The chain is the one that a laboratory uses: a protocol, a store, `thresholds` of its runs, and the group's curve.
 """
 
+from __future__ import annotations
+
 import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -5,6 +5,8 @@ A file is JSON5. `emphasis_ducking` is what the continuous signal is multiplied 
 says the contrary of the first).
 """
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Iterator

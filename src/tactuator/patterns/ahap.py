@@ -4,6 +4,8 @@ Core Haptics sets entries that are missing to their defaults, clamps values to t
 it does not know; so does this. A continuous event has to have a duration, of 30 s at most ("hapticContinuous").
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass

@@ -5,6 +5,8 @@ every device has to play is told by `VibratorEnvelopeEffectInfo`. What an intens
 `BasicToPwleSegmentAdapter` does (all Android Open Source Project, Apache-2.0, read and not copied).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ The nouns, and the checks that the readers of all formats share. A clip that bre
 with the rule. What a format takes back to its range by itself, as AHAP does, is done and counted.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

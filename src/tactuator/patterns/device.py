@@ -1,5 +1,7 @@
 """What a display can do, as other people's tools ask for it: greatest acceleration and level, rise, an ACF, a sheet."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

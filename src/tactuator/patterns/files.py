@@ -6,6 +6,8 @@ of 10 ms, of which points that lie on the line between others are left out. A re
 all but the strongest; that is told.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

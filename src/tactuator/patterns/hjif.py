@@ -4,6 +4,8 @@ The rules are those that MPEG's reference software holds a file to (`IOJson`); o
 over, and told. Times are ticks of the file's timescale, frequencies hertz.
 """
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from collections.abc import Mapping

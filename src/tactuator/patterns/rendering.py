@@ -6,6 +6,8 @@ share of that level, which frequencies the pitches 0 and 1 are, and what a tap i
 what the display cannot do; that, and pitches beyond the display's band, is the loss.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

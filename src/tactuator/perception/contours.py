@@ -4,6 +4,8 @@ The strength of a tone is named by the level, dB SL, of an equally strong tone a
 its strength level, as the phon names a loudness by the level of a tone of 1 kHz.
 """
 
+from __future__ import annotations
+
 import hashlib
 from dataclasses import field
 from functools import cached_property

@@ -2,6 +2,8 @@
 as they are felt.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -44,7 +46,7 @@ class Contact:
         stated = {key: getattr(self, key) for key in parameters(Contact) if getattr(self, key) not in (None, "")}
         return {key: _words(key, value) for key, value in stated.items()}
 
-    def differences(self, other: "Contact") -> Iterator[tuple[str, str, str]]:
+    def differences(self, other: Contact) -> Iterator[tuple[str, str, str]]:
         """Yield key, this one's words and the other's, where both state it and they differ.
 
         Sites are the same where one's words are among the other's: "fingertip" and "index fingertip". Areas and forces

@@ -5,6 +5,8 @@ The threshold is where psi itself, lapses included, reaches `target`; with guess
 3-down-1-up track balances (Levitt 1971, Table I).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol

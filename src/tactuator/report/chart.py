@@ -1,5 +1,7 @@
 """A chart on axes that somebody else may have made: what `plot(ax=None)` of a result draws, and levels in figures."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Figures 3, 6 and 8: the mechanism, the loop and the processor, drawn from the real configuration and its numbers."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

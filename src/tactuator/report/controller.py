@@ -1,5 +1,7 @@
 """Figures of a controller: Bode, sensitivity, headroom, landing, prefilter, word length, and a design's whole set."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Figures of a device: identification, calibration, motor, response and noise."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

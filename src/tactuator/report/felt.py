@@ -1,5 +1,7 @@
 """Figures of what is felt: thresholds, psychometric functions, the equality of figure 2, and speech asked and felt."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

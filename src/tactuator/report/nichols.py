@@ -1,5 +1,7 @@
 """The Nichols chart of a loop and the envelopes of its family, with margins marked and labels that do not collide."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,5 +1,7 @@
 """Boards that there are, by the board.toml of their folders in firmware/, and the programs that are built for them."""
 
+from __future__ import annotations
+
 import fcntl
 import hashlib
 import os

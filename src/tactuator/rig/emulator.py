@@ -1,5 +1,7 @@
 """QEMU as a transport: a process of our own that runs a board's program, reached over FIFOs or its UART."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import select
@@ -36,7 +38,7 @@ def emulator_command(board: str, program: Path, counting: str | None, serial: st
     ]  # fmt: skip
 
 
-def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> "Emulator | EmulatorUart":
+def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> Emulator | EmulatorUart:
     """Return a board in QEMU, by the fastest way there is to it."""
     return Emulator(board, counting) if find_board(board).has_fifos else EmulatorUart(board, counting)
 

@@ -3,6 +3,8 @@
 Instructions are counted in the usual run and in every other that costs more, cycles on a board that has a counter.
 """
 
+from __future__ import annotations
+
 import contextlib
 import struct
 import time

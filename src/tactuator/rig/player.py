@@ -1,5 +1,7 @@
 """Playing a reference on a rig: with progress, pause, a stop that ramps, and at rest on any fault."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal

@@ -2,6 +2,8 @@
 it; and the trace of what they played: simulated, on boards, on sound cards, of other packages.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -139,11 +141,11 @@ class Trace:
         """Return the time of each sample in seconds from the block's first instant, shape (n,)."""
         return np.arange(len(self)) / self.rate_hz
 
-    def part(self, start: int, stop: int) -> "Trace":
+    def part(self, start: int, stop: int) -> Trace:
         """Return the part from sample start to sample stop."""
         return Trace(self.rate_hz, self.channels, *(getattr(self, name)[start:stop] for name in _ARRAYS))
 
-    def equals(self, other: "Trace") -> bool:
+    def equals(self, other: Trace) -> bool:
         """Return whether every array is the other's, bit for bit."""
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
 

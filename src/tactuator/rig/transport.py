@@ -3,6 +3,8 @@
 An emulator's FIFOs are in `emulator`.
 """
 
+from __future__ import annotations
+
 import contextlib
 import importlib
 import select

@@ -3,6 +3,8 @@
 Python's declarations are taken from core's own headers, so that there is nothing to keep in step.
 """
 
+from __future__ import annotations
+
 import re
 from pathlib import Path
 

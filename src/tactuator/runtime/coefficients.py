@@ -10,6 +10,8 @@ power of two for a full scale, so that it does not saturate: the sum of the magn
 there, times the greatest input, bounds it.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from fractions import Fraction

@@ -2,6 +2,8 @@
 feeds forward for a finger (core/touch/feed_forward.h).
 """
 
+from __future__ import annotations
+
 import struct
 import zlib
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Safety table: what a board's guard holds every image to (layout: core/board/safety.h)."""
 
+from __future__ import annotations
+
 import struct
 from dataclasses import astuple, dataclass, fields
 from enum import IntEnum

@@ -1,5 +1,7 @@
 """The simulated display with its controller, run by the core in blocks."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

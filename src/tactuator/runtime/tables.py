@@ -7,6 +7,8 @@ the states xi, xi', xi'', ... go on when a load is put on or taken off, and with
 scaled by powers of a typical pole, which keeps the matrix exponential accurate.
 """
 
+from __future__ import annotations
+
 import math
 import struct
 from dataclasses import dataclass, replace

@@ -3,6 +3,8 @@
 Both keep zeros and poles: no polynomial in z is expanded, so that nothing is lost at high rates.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -14,6 +14,8 @@ for every simultaneous gain factor between (2 - alpha)/(2 + alpha) and its inver
 2 atan(alpha/2).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

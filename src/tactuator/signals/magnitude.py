@@ -11,6 +11,8 @@ from end to end N gets fractions of its own, 1 and b_k/(x + b_k), such that prod
 goal's rough shape; the better of both is taken.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -132,7 +134,7 @@ class Program:
         rate_hz: float,
         order: int,
         shaped: bool,
-        former: "Program | None" = None,
+        former: Program | None = None,
         within_db: float | None = None,
     ) -> None:
         """Solve for the least common error or, where `within_db` is given, for any within that; BadInput for none."""
@@ -185,7 +187,7 @@ class Program:
         excess = float(np.max(db(self.filter.response(above)) - ceiling_db))
         return excess if excess > _EXCESS_DB else 0.0
 
-    def again(self) -> "Program":
+    def again(self) -> Program:
         """Return a program of the same goal in the basis of this solution's roots, constraints scaled by its D."""
         return Program(self._goal, self._rate_hz, self.order, False, self)
 

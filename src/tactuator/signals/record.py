@@ -1,5 +1,7 @@
 """What is measured of a mechanism: a record of command and position, its response, a response that others give."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -161,7 +163,7 @@ class Record:
                     f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}", "none"
                 )
 
-    def part(self, piece: slice) -> "Record":
+    def part(self, piece: slice) -> Record:
         """Return the samples of a piece of the record, periods of a plan no longer known."""
         reference = None if self.reference is None else self.reference[piece]
         about = without_periods(self.about)

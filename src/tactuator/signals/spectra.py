@@ -2,6 +2,8 @@
 the window that slides over a stream.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -123,7 +125,7 @@ class PowerSpectrum:
         width = float(np.sum(share * kept))
         return float(np.sum(self.density * share * kept)) * (float(np.sum(share)) / width) if width > 0.0 else 0.0
 
-    def through(self, response: ComplexArray) -> "PowerSpectrum":
+    def through(self, response: ComplexArray) -> PowerSpectrum:
         """Return the spectrum behind a system with that response (m,) at frequency_hz."""
         return PowerSpectrum(self.frequency_hz, self.density * np.abs(response) ** 2, self.averages)
 

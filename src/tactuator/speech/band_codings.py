@@ -1,5 +1,7 @@
 """Speech band-limited to 300 Hz (the paper's own next step), as it is or split without loss into bands for fingers."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,6 +5,8 @@ and whose `kind` is the entry point's name, or to one such coding whose keys are
 is not said is refused, not assumed.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass

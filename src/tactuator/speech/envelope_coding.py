@@ -6,6 +6,8 @@ Filters are causal Butterworth, their states go on between blocks; the sum for e
 at the end, with linear phase.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal

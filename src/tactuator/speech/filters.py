@@ -5,6 +5,8 @@ input's first sample. Band filters work in frames that are counted from the stre
 Both give the same output, bit for bit, however the input is cut into blocks. Outside the stream the signal is zero.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain

@@ -16,6 +16,8 @@ nowhere less than what is needed.
 A bound that costs little shows that a stretch cannot reach a limit (`Reach`), or a prediction of every sample does.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

@@ -4,6 +4,8 @@ A file is looked at once before anything is made of it (`scan_speech`): every re
 half-written is left behind by a file that turns out bad at its end.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.resources import files

@@ -6,6 +6,8 @@ that of the sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit i
 20 log10(sqrt(2) x).
 """
 
+from __future__ import annotations
+
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator

@@ -4,6 +4,8 @@ Every combination of components, on every group of fingers, at one duration, in 
 of that work; the numbers are our own and stand in the set.
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path

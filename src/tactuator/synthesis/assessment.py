@@ -4,6 +4,8 @@ For white sensor noise of unit rms the command's rms is the root of the mean of 
 rate: the command noise gain.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

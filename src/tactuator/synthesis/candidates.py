@@ -14,6 +14,8 @@ on each lightly damped mode. Later blocks fill the parameters' space evenly (Sob
 crossover of the nominal plant on a grid of 48 frequencies.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

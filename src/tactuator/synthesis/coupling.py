@@ -11,6 +11,8 @@ are stable each by itself are stable together
 Beyond the frequencies of a measured coupling its last values are held.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,5 +1,7 @@
 """Design of a display's controller: loop, prefilter, anti-windup, limits and the report, channel by channel."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -236,7 +238,7 @@ class Headroom:
             "binding": list(self.binding),
         }
 
-    def before(self, shaping: StrengthShaping | None, rate_hz: float) -> "Headroom":
+    def before(self, shaping: StrengthShaping | None, rate_hz: float) -> Headroom:
         """Return the headroom of the reference that comes in: no level up to it is reshaped to more than this one."""
         if shaping is None:
             return self

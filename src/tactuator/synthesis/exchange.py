@@ -4,6 +4,8 @@ python-control is optional and imported when asked for. Systems go over as state
 polynomials: its transfer functions lose all their digits for a prefilter in series with a loop at 4 kHz.
 """
 
+from __future__ import annotations
+
 import importlib
 from collections.abc import Iterator
 from typing import Any

@@ -1,5 +1,7 @@
 """The plants that one controller has to hold for: every load, and every model that identification cannot tell apart."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

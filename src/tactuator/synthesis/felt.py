@@ -13,6 +13,8 @@ Its first harmonic D(Y), against a motion of amplitude Y and phase zero, enters 
 command: H r = Y + P S D.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,6 +4,8 @@ Limits differ in unit. To compare them, how far off a figure is has a common sca
 degrees of phase count as one.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -53,7 +55,7 @@ class Limit:
     def __str__(self) -> str:
         return f"{self.name} {self.asked:.4g}"
 
-    def under(self, load: str | None) -> "Limit":
+    def under(self, load: str | None) -> Limit:
         """Return the same limit for one plant of the family, or for every one (None)."""
         return replace(self, load=load)
 
@@ -82,7 +84,7 @@ class Limit:
             return self.asked * float(np.exp(excess_db / DB))
         return self.asked - excess_db * DEGREES_PER_DB if self.unit == "deg" else self.asked + excess_db
 
-    def loosened(self, excess_db: float) -> "Limit | None":
+    def loosened(self, excess_db: float) -> Limit | None:
         """Return the limit that gives way by so much, with four digits, rounded to the looser side; None where that is
         no looser limit, or none at all.
         """

@@ -11,6 +11,8 @@ Beyond the file's limits a loop keeps half of the display's resonance objective 
 at its limit is a loop of lower gain, and that has to be stable too.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial

@@ -8,6 +8,8 @@ the band it stays near its value at the band's end, since the sensor's noise is 
 gives for y = H r is r again (threshold units), whatever C and F are.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache

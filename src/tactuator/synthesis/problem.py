@@ -17,6 +17,8 @@ solved again, and what comes out closer to the limits takes its place (monotonic
 Optimization 18, 2000).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -132,7 +134,7 @@ class LoopProblem:
         """Return how far loops of lower gain are from stable ones, dB; zero where they need not be stable."""
         return float(np.max(self.at(parameters).excess[self._hard], initial=0.0))
 
-    def _add_figures(self, rows: "_Rows", loops: "_Loops") -> None:
+    def _add_figures(self, rows: _Rows, loops: _Loops) -> None:
         at = self._peaks
         for limit in self.loop_limits:
             if limit.quantity == "sensitivity_peak":

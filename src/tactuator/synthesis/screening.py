@@ -4,6 +4,8 @@ Every figure of a candidate is computed without regard to what is asked and then
 limit can only let more pass. What passes here is judged once more in full by whoever takes it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -76,13 +78,13 @@ class Task:
     @classmethod
     def of(
         cls, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
-    ) -> "Task":
+    ) -> Task:
         """Return the task of a display's [feedback] and its resonance objective."""
         limits = loop_limits(requirements, resonance_peak, bears_any_lower_gain(family))
         return cls(tuple(family), limits, requirements.rejection_band_hz, rate_hz)
 
     @cached_property
-    def screen(self) -> "Screen":
+    def screen(self) -> Screen:
         """Return the screen of this task's limits."""
         return Screen(self)
 

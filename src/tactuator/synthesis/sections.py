@@ -10,6 +10,8 @@ q = max(a1, r): while saturated, nothing in it forgets more slowly than at the s
 g1 = r + q - a1 and g2 = r q.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

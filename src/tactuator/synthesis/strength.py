@@ -7,6 +7,8 @@ the fit before, and weights that grow where the error is greatest. Responses who
 near each other's, so that a blend of two lies between them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -116,7 +118,7 @@ class _Goal:
     @classmethod
     def of(
         cls, contours: Contours, level: float, grid_hz: FloatArray, band_hz: tuple[float, float], rate_hz: float
-    ) -> "_Goal":
+    ) -> _Goal:
         whole = np.linspace(0.0, 0.5 * rate_hz, _TRANSFORM // 2 + 1)
         phase = np.interp(grid_hz, whole, _minimum_phase(distance_db(contours, level, whole)))
         inside = (grid_hz >= band_hz[0]) & (grid_hz <= band_hz[1])

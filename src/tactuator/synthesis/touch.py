@@ -5,6 +5,8 @@ with yd what the unloaded loop does with the same reference, takes that back exa
 two weights on the designed finger (mass; damping with stiffness) are enough, and no filter is switched.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -11,6 +11,8 @@ met), or neither (not judged; more plants would tell). (Clopper & Pearson 1934, 
 limits illustrated in the case of the binomial", Biometrika 26.)
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

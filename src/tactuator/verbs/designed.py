@@ -1,5 +1,7 @@
 """Controllers and verdicts with a result's manners."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

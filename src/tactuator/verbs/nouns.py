@@ -1,5 +1,7 @@
 """The chain's nouns with a result's manners: displays, records, curves, models."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """State of the server: a study, an apparatus, the session at the rig, and what the operator has asked for."""
 
+from __future__ import annotations
+
 import asyncio
 import hmac
 import logging

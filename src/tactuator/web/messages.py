@@ -1,5 +1,7 @@
 """Messages that a page may send, checked and bounded before they are used."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError

@@ -1,5 +1,7 @@
 """An operator's connection: snapshots of what goes on, and the commands that an operator may give."""
 
+from __future__ import annotations
+
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any

@@ -1,5 +1,7 @@
 """The pages and their parts: files of this package, and nothing from elsewhere."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,5 +1,7 @@
 """A listener of few connections, a gate before the application, and heads that must come in time."""
 
+from __future__ import annotations
+
 import asyncio
 import logging
 import socket

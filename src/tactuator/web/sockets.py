@@ -1,5 +1,7 @@
 """Connections: sending, receiving, and ending the parts of a connection together."""
 
+from __future__ import annotations
+
 import asyncio
 import hmac
 from collections.abc import Coroutine, Mapping

@@ -1,5 +1,7 @@
 """A subject's connection: presents trials, takes answers, and acknowledges each only when it is in the store."""
 
+from __future__ import annotations
+
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress

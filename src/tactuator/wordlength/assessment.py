@@ -4,6 +4,8 @@ The paper's remark on sampling rate and resolution in figures: coefficients of f
 the faster the loop is sampled, those in d = z - 1 do not.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -10,6 +10,8 @@ rows b0, b1', ..., a1', ... in d (as core/arithmetic/section.h, or longer), and 
 where nothing more is lost.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction

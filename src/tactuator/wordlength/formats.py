@@ -12,6 +12,8 @@ has on a board but for its 512 V (tactuator.runtime.coefficients); b shares a po
 all but two bits behind the point.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

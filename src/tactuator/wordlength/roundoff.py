@@ -6,6 +6,8 @@ is one whose command stays within its limit, so that the exact loop is linear: i
 difference from sample to sample, which keeps the digits of slow poles.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Callable
 from operator import mul

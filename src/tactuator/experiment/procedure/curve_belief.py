@@ -18,6 +18,8 @@ answers, the evidence for a feature of normal amplitude is known in closed form 
 early in the run can still be found late.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,6 +5,8 @@ grid of levels. Each is replaced by a Gaussian site, adjusted in turn to the mar
 Rasmussen & Williams 2006, section 3.6).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

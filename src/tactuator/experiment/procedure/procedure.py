@@ -3,6 +3,8 @@
 The kinds that a protocol file may name are entry points of the group GROUP; the project's own are found there too.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass

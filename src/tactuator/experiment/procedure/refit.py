@@ -6,6 +6,8 @@ is the posterior's central interval, so it carries the uncertainty of slope and 
 taken separately and put together do not.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -12,6 +12,8 @@ excluded where the answers are EXCLUDED_ODDS times likelier without it. The numb
 tells on average, at the level that parts the two best: the Kullback-Leibler divergence of its outcomes.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

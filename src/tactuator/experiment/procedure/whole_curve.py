@@ -8,6 +8,8 @@ out over the belief's own prior. The log evidence is about s d - i d^2 / 2, wher
 where the evidence is highest, and s is normal with mean i times the drift and variance i. That gives the test's power.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, fields
 from typing import Annotated
 
@@ -49,13 +51,13 @@ class CurveKeys(_CurveRun):
     points: Annotated[Whole, Field(ge=3, le=60, description="frequencies over the band")] = CurvePrior.points
     prior: Annotated[CurveShares, Field(description="curves that people may have")] = CurveShares()
 
-    def rule(self, guess: float, playable: Playable) -> "WholeCurveRule":
+    def rule(self, guess: float, playable: Playable) -> WholeCurveRule:
         """Return the settings of a run over what can be played, in which guesses are right with that probability."""
         prior = CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
         shared = {field.name: getattr(self, field.name) for field in fields(_CurveRun)}
         return WholeCurveRule(**shared, prior=prior, answering=Answering(guess=guess))
 
-    def build(self, guess: float, playable: Playable) -> "WholeCurve":
+    def build(self, guess: float, playable: Playable) -> WholeCurve:
         """Return a fresh run."""
         return WholeCurve(self.rule(guess, playable))
 

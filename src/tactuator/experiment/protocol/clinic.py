@@ -4,6 +4,8 @@ The limits of ISO 13091-1 are not free, and none of them is written here: a labo
 its protocol. What it does not give is told as not compared.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal

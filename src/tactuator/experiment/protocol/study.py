@@ -1,5 +1,7 @@
 """The part that every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Annotated, Literal
@@ -172,7 +174,7 @@ class StudyProtocol:
             raise BadInput(f"demographics: {name} is not given", "with it, since the study requires it")
         return None if value == "" else asked[name].take(value), asked[name].unit
 
-    def apart_from_subjects(self) -> "StudyProtocol":
+    def apart_from_subjects(self) -> StudyProtocol:
         """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""
         return replace(self, subject=())
 

@@ -9,6 +9,8 @@ factor s undoes the fall of s in small groups, as a division by n - 1 does where
 Norms come from a file that the clinic gives with its source: none is shipped, since none was found free.
 """
 
+from __future__ import annotations
+
 import csv
 import math
 from collections.abc import Sequence

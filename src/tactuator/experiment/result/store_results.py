@@ -1,5 +1,7 @@
 """Results of a store: its thresholds, psychometric functions, the curve across subjects, and how it was measured."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

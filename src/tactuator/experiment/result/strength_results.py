@@ -1,5 +1,7 @@
 """Equal-strength contours of a store's people and of their group, and the balance between fingers."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Detection as a session's task: runs placed by a procedure, each trial a tone in one of m intervals."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -94,7 +96,7 @@ class DetectionTask(ToneTask):
         trials, intervals = self.protocol.procedure.typical_trials, self.protocol.paradigm.intervals
         return self._expected(planned, trials, intervals, self.rules.feedback_s)
 
-    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> "DetectionCourse":
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """Return the course of a run, with a fresh procedure."""
         protocol = self.protocol
         if planned.practice:

@@ -2,6 +2,8 @@
 task, any of `tactuator.tasks`.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -155,7 +157,7 @@ class JudgingTask(ToneTask):
         intervals = max(len(task.asked(self.words).intervals), 1)
         return self._expected(planned, task.plans(self.words)[planned.part].trials, intervals, self.rules.feedback_s)
 
-    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> "JudgingCourse":
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> JudgingCourse:
         """Return the course of a run from its beginning."""
         seed = run_seed(self.protocol, subject, planned.position, attempt, visit)
         return JudgingCourse(self, planned, seed, self.protocol.task.begin(planned.part, self.place, seed))

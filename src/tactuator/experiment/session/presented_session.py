@@ -1,5 +1,7 @@
 """A session at a rig, and its run with a subject who is not at a browser: a person at a terminal, a script."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -39,7 +41,7 @@ class Respondent:
 
 
 def run_session(
-    presented: "PresentedSession",
+    presented: PresentedSession,
     respondent: Respondent,
     progress: Callable[[Session], None] = lambda session: None,
     rest: Callable[[float], None] = time.sleep,
@@ -74,7 +76,7 @@ def run_session(
     return answered
 
 
-def _trial(presented: "PresentedSession", respondent: Respondent, run: int) -> int:
+def _trial(presented: PresentedSession, respondent: Respondent, run: int) -> int:
     """Run one trial and return its run. run: that of the trial before."""
     following = presented.session.next_trial()
     if following.run != run:

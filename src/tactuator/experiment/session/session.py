@@ -4,6 +4,8 @@ Its state is replayed from the store: after any interruption the committed trial
 and the same next trial stands there.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections import deque
 from collections.abc import Sequence

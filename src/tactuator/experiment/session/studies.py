@@ -3,6 +3,8 @@
 Subjects are enrolled and corrected without any apparatus; what stood where something was corrected stays as an event.
 """
 
+from __future__ import annotations
+
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

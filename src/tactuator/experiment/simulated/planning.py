@@ -8,6 +8,8 @@ under two conditions by n - 1 and d / sqrt(2 v / n), where s is then the spread 
 next. The power is the noncentral t distribution's mass beyond the critical values (Cohen 1988, chapter 2).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -3,6 +3,8 @@
 What is hashed is stated in docs/files.md, so that a program of another's can check a store.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence

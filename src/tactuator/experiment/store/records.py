@@ -1,5 +1,7 @@
 """Reading and writing of studies, subjects, sessions, runs, trials and the responses to them, in a store."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime

@@ -1,5 +1,7 @@
 """The tables of an experiment's database: relational, every quantity a column with its unit in the name."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from sqlalchemy import (

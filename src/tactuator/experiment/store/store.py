@@ -1,5 +1,7 @@
 """The database of an experiment, SQLite or PostgreSQL: every commit is on disk before it is acknowledged."""
 
+from __future__ import annotations
+
 import fcntl
 import importlib.util
 import logging
@@ -74,7 +76,7 @@ def _lock(handle: int, store: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def opened_store(place: str | os.PathLike[str]) -> "Iterator[Store]":
+def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
     """Yield the database at the place, open for the length of the context; it is made if it is not there.
 
     A database that was made here is taken away at the end if it holds no study, or if what was asked for was refused
@@ -106,7 +108,7 @@ _WRITING = 1
 """User version of a file that a program writes to, or wrote to when it was killed."""
 
 
-def _holds(store: "Store", table: Table) -> bool:
+def _holds(store: Store, table: Table) -> bool:
     with store.read() as connection:
         return bool(connection.execute(select(exists(select(table.c.id)))).scalar_one())
 

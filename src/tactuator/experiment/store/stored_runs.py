@@ -1,5 +1,7 @@
 """Runs with their trials, and answers to tasks, as they are in the store, ready for analysis."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -105,7 +107,7 @@ class _Rows:
     columns: tuple[NDArray[Any], ...]
 
     @classmethod
-    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> "_Rows":
+    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> _Rows:
         """Read the query's rows of numbers, the run's id first; a cell without a value is NaN.
 
         They come as plain tuples from the driver's own cursor: a Row for each of millions took as long as SQLite.

@@ -5,6 +5,8 @@ with a contour of many degrees of freedom it comes out too small, and the biases
 over all of these fits, each with its share of the evidence.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

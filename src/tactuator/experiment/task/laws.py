@@ -9,6 +9,8 @@ near 30 Hz about twice that near 250 Hz); the sum of channels, the stronger and 
 equal velocity from some level on (Griffin 2012), which needs the threshold curve; and none of them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

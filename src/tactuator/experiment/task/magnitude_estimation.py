@@ -5,6 +5,8 @@ repeats and people then stand for each tone, and the exponent at a frequency is 
 that of the amplitude (Stevens 1968).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -57,7 +59,7 @@ class EstimationKeys(TaskKeys):
         """Return one run of all tones."""
         return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> "EstimationRun":
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
         """Return a fresh run."""
         return EstimationRun(self, seed)
 

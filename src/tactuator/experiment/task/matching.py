@@ -6,6 +6,8 @@
 of a pair serves as standard equally often, and so does either order: both biases are then found beside the match.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
@@ -132,7 +134,7 @@ class MatchingKeys(TaskKeys):
             for finger, hertz in self._cells()
         )
 
-    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> "ContourRun | PairsRun":
+    def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> ContourRun | PairsRun:
         """Return a fresh run."""
         finger, hertz = self._cells()[index]
         if hertz is None:
@@ -165,7 +167,7 @@ class MatchingKeys(TaskKeys):
         """Return whether a tone is at the reference frequency and finger."""
         return tone.finger == self.finger and abs(tone.frequency_hz - self.frequency_hz) < _SAME_HZ
 
-    def row(self, tones: Sequence[JudgedTone | None], stronger: bool) -> "Row":
+    def row(self, tones: Sequence[JudgedTone | None], stronger: bool) -> Row:
         """Return a match as `Matches.of` takes it, from the tones of both intervals. Raises BadInput for others."""
         both = [tone for tone in tones if tone is not None]
         at = [self.is_reference(tone) for tone in both]

@@ -5,6 +5,8 @@ is an entry point of the group GROUP; the project's own are found there too. Eve
 simulated people, export) is the same for all of them.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -74,7 +76,7 @@ class Judgement(Trial):
         responses: tuple[str, ...],
         correct: str,
         placement: Placement | None = None,
-    ) -> "Judgement":
+    ) -> Judgement:
         """Return a trial with those tones in each interval, labelled as the store has them."""
         labels = tuple("+".join(tone.label for tone in interval) for interval in tones)
         return cls(number, labels, responses, correct, placement, tuple(tuple(interval) for interval in tones))
@@ -150,7 +152,7 @@ class Answered:
     curve_point: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, trial: Judgement, response: str) -> "Answered":
+    def of(cls, trial: Judgement, response: str) -> Answered:
         """Return the answer to a trial as it would come from the store."""
         tones = tuple(interval[0] if len(interval) == 1 else None for interval in trial.tones)
         level = None if trial.placement is None else trial.placement.level_db_sl

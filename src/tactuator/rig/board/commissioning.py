@@ -4,6 +4,8 @@ It is made once, from the display alone: no controller and no image has a say in
 they are what they are: docs/safety.md.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 

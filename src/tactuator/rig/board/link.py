@@ -2,6 +2,8 @@
 answers mean (layouts: core/wire/frame.h, core/link/link.h).
 """
 
+from __future__ import annotations
+
 import struct
 import time
 import zlib
@@ -233,7 +235,7 @@ class Status:
             raise RigFault(self.fault, self.fault_channel)
 
     @classmethod
-    def parse(cls, payload: bytes) -> "Status":
+    def parse(cls, payload: bytes) -> Status:
         """Return the status that an answer to STATUS holds."""
         name, channels, mode, fault, where, rest, hold, code, delay, rate, *counts = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")

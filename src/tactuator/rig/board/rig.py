@@ -1,5 +1,7 @@
 """A board as a rig, whatever runs the core's firmware, behind any transport; and its finger ports."""
 
+from __future__ import annotations
+
 import math
 import struct
 import time

@@ -3,6 +3,8 @@
 Layouts: core/link/link.h, core/board/stimulus.h.
 """
 
+from __future__ import annotations
+
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """A display without loop on a sound card, as a rig."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -43,7 +45,7 @@ _Piece = tuple[FloatArray, FloatArray, Flags]
 """Reference, command in volts, and where it was cut, each (n, channels)."""
 
 
-def sound_rig(spec: str, display: Display, seed: int = 0) -> "SoundRig":
+def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
     """Return the rig of `display` on the card DEVICE[@RATE]; without a device, on the one that [sound] names.
 
     Raises BadInput for a card that is not there or has too few channels, for a rate that is not the display's, and

@@ -3,6 +3,8 @@
 A run is fed ahead, read as it comes, and broken off where it has a gap or the card falls silent.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol
 
