@@ -138,8 +138,8 @@ class EmpiricalResponse:
 
     @property
     def clearest(self) -> float:
-        """Return the coherence of the most coherent band, two standard errors lower (Fisher's transform)."""
-        sure = np.arctanh(np.sqrt(self.coherence)) - 2.0 / np.sqrt(2.0 * self.lines)
+        """Return the coherence of the most coherent band, four standard errors lower (Fisher's transform)."""
+        sure = np.arctanh(np.sqrt(self.coherence)) - 4.0 / np.sqrt(2.0 * self.lines)
         return float(np.tanh(np.max(sure, initial=0.0)) ** 2)
 
     def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
