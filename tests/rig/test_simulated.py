@@ -31,7 +31,7 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
     names = "rate_hz channels reference command_v position_v saturated"
     assert [field.name for field in fields(Trace)] == names.split()
     port = {name for name in dir(SimulatedRig(display()).finger("index")) if not name.startswith("_")}
-    assert port == {"touch", "press", "attach", "detach"}
+    assert port == {"touch", "load", "press", "attach", "detach"}
 
 
 def test_finger__press_twice__adds_up() -> None:
