@@ -1,12 +1,12 @@
 # Everything starts here: `make reproduce` and `make test` set up what they need. `make help` lists the rest.
 PYTHON ?= python3
-WORKERS ?= 4
+WORKERS ?= 3
 ARGS ?=
 MARKS ?=
 CC ?= cc
 CORE_FLAGS = -std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wshadow -Werror
 BIN = .venv/bin
-# One core for each test worker (some wait for boards and pages, so four have room on two cores); results that do not depend on how many threads a machine has; what pytest makes of the tests, and what is compiled after a change, is kept.
+# One core for each test worker (some wait for boards and pages, so a third has room on two cores); results that do not depend on how many threads a machine has; what pytest makes of the tests, and what is compiled after a change, is kept.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 # Two at a time: mypy without its cache needs one core for half a minute, and tests wait for boards and pages.
