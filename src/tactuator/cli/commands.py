@@ -210,9 +210,13 @@ def _is_same(place: Path, path: Path) -> bool:
 
 def _named_in(path: Path) -> tuple[Path, ...]:
     """Return what the texts of a TOML file would name from its folder, but for what is `measured` anew."""
-    if path.suffix != ".toml" or not path.is_file():
+    from tactuator.io.text import read_content
+
+    try:
+        text = read_content(path).decode(errors="replace") if path.suffix == ".toml" else ""
+    except BadInput:  # the verb that reads it says so
         return ()
-    lines = [line for line in path.read_text(errors="replace").splitlines() if not line.startswith("measured")]
+    lines = [line for line in text.splitlines() if not line.startswith("measured")]
     return tuple(path.parent / text for line in lines for text in re.findall(r'"([^"]{1,200})"', line))
 
 
