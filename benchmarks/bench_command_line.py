@@ -11,9 +11,7 @@ is done.
 
 from __future__ import annotations
 
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -23,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from timing import in_turn, of_program
 
+import tactuator
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.plan import Plan, observers, paper_display
@@ -39,16 +38,10 @@ REPRODUCE_GOAL_S = 7.0
 BLOCK = 16_000
 
 
-def spent(command: list[str], folder: str) -> tuple[float, float]:
+def spent(command: list[str], ends: int = 0) -> tuple[float, float]:
     """Return processor seconds (median) and peak memory (MB, most) of a command that is run anew each time."""
-    seconds, most_mb = [], 0.0
-    for _ in range(REPEATS):
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder) as process:
-            _, _, used = os.wait4(process.pid, 0)
-            process.returncode = 0
-        seconds.append(used.ru_utime + used.ru_stime)
-        most_mb = max(most_mb, used.ru_maxrss / 1024.0)
-    return statistics.median(seconds), most_mb
+    runs = [of_program(command, [ends]) for _ in range(REPEATS)]
+    return statistics.median(cpu_s for cpu_s, _, _ in runs), max(peak_mb for _, _, peak_mb in runs)
 
 
 class CountedRig(SimulatedRig):
@@ -64,7 +57,7 @@ class CountedRig(SimulatedRig):
 
 def sittings(plan: Plan, controller: Controller) -> None:
     """Let the observers sit one after the other."""
-    with tempfile.TemporaryDirectory() as folder, patch.object(thresholds, "SimulatedRig", CountedRig):
+    with tempfile.TemporaryDirectory() as folder, patch.object(tactuator, "SimulatedRig", CountedRig):
         for one in observers(plan.display.channels[0].threshold.curve):
             thresholds.run_observer(plan, controller, one, Path(folder) / f"{one.name}.db")
 
@@ -99,19 +92,17 @@ def reproduced() -> dict[str, float]:
 
 
 def run() -> dict[str, object]:
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "protocol.toml").touch()
-        python_s, python_mb = spent([sys.executable, "-c", "pass"], folder)
-        typer_s, _ = spent([sys.executable, "-c", TYPER, "--help"], folder)
-        package_s, _ = spent([sys.executable, "-c", "import tactuator"], folder)
-        helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"], folder) for verb in ("", *top_verbs())}
-        refusals = {
-            "missing record": spent([*PROGRAM, "identify", "nothing.csv"], folder),
-            "missing display": spent([*PROGRAM, "design", "nothing.toml"], folder),
-            "missing controller": spent([*PROGRAM, "check", "nothing.json"], folder),
-            "missing speech": spent([*PROGRAM, "render", "nothing.wav", "--out", "r.wav"], folder),
-            "near miss": spent([*PROGRAM, "desing"], folder),
-        }
+    python_s, python_mb = spent([sys.executable, "-c", "pass"])
+    typer_s, _ = spent([sys.executable, "-c", TYPER, "--help"])
+    package_s, _ = spent([sys.executable, "-c", "import tactuator"])
+    helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"]) for verb in ("", *top_verbs())}
+    refusals = {
+        "missing record": spent([*PROGRAM, "identify", "nothing.csv"], 2),
+        "missing display": spent([*PROGRAM, "design", "nothing.toml"], 2),
+        "missing controller": spent([*PROGRAM, "check", "nothing.json"], 2),
+        "missing speech": spent([*PROGRAM, "render", "nothing.wav", "--out", "r.wav"], 2),
+        "near miss": spent([*PROGRAM, "desing"], 2),
+    }
     worst_s = max(seconds for seconds, _ in helps.values())
     worst_mb = max(megabytes for _, megabytes in helps.values())
     return {

@@ -33,13 +33,14 @@ print(process.returncode, used.ru_utime + used.ru_stime, elapsed, used.ru_maxrss
 """
 
 
-def of_program(command: Sequence[str]) -> tuple[float, float, float]:
-    """Return processor seconds, elapsed seconds and peak memory (MB) of a program. Raises where it fails.
+def of_program(command: Sequence[str], ends: Sequence[int] = (0, 1)) -> tuple[float, float, float]:
+    """Return processor seconds, elapsed seconds and peak memory (MB) of a program. Raises where it ends with no status
+    of `ends`.
 
     A small process starts it: a program's peak begins with the memory of whoever started it.
     """
     told = subprocess.run([sys.executable, "-c", _MEASURED, *command], capture_output=True, text=True, check=True)
     status, cpu_s, elapsed_s, peak_mb = (float(part) for part in told.stdout.split())
-    if status not in (0, 1):
+    if status not in ends:
         raise RuntimeError(f"{' '.join(command)} ended with {status:g}")
     return cpu_s, elapsed_s, peak_mb

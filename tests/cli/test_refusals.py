@@ -92,7 +92,7 @@ REFUSALS = {
 @pytest.mark.parametrize("command", REFUSALS)
 def test_verb__amiss__one_line_status_2_and_nothing_left(desk, run, command) -> None:
     (desk / "short.csv").write_text("frequency_hz,level_db_re_1um\n5,0\n50,0\n100,0\n")
-    (desk / "named.toml").write_text('[[channel]]\nplant = "record.h5"\n')
+    (desk / "named.toml").write_text("[[channel]]\nplant = 'record.h5'\n")
     (desk / "wild.toml").write_text((desk / "display.toml").read_text().replace("[2875.0]", "[90000.0]"))
     (desk / "mains.toml").write_text((desk / "protocol.toml").read_text().replace("[30, 90, 210]", "[30, 60, 210]"))
     run.refused(*command.split(), said=REFUSALS[command])

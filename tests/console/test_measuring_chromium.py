@@ -21,10 +21,11 @@ PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
 
 @contextmanager
 def board_at_port():
-    """A board of this process behind a socket: its address, its transport, and an event once a client has gone."""
+    """A board of this process behind a socket: its address, its transport, and an event while no client is there."""
 
     class Client(socketserver.BaseRequestHandler):
         def handle(self):
+            board.gone.clear()  # a measurement opens the rig anew: the first client goes before it
             with suppress(OSError):
                 while content := self.request.recv(1 << 16):
                     board.transport.send(content)

@@ -116,7 +116,7 @@ def test_objectives__paper_display__are_met(study: PaperStudy) -> None:
 def test_objectives__what_check_and_noise_say__is_told_in_the_same_findings(study: PaperStudy) -> None:
     """One verdict: hum and noise are the findings of `noise`, max|T| that of `check`, in the same words."""
     told = {one.quantity for objective in study.verdict.objectives for one in objective.findings}
-    assert told == {"felt less asked", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
+    assert told == {"felt minus asked", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
     heard = noise_verdict(study.noise.designed.channels, study.plan.display)
     own = {one.number: one.findings for one in study.verdict.objectives}
     for objective in heard.objectives:

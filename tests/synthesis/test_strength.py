@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import NoDesign
 from tactuator.measure.error import ResponseLevels, error_db
 from tactuator.model.description import Strength, display_document
-from tactuator.model.verdict import FELT_LESS_ASKED, Outcome
+from tactuator.model.verdict import FELT_MINUS_ASKED, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
 from tactuator.rig.board.commissioning import safety_table
@@ -78,11 +78,11 @@ def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() ->
     inside = (HERTZ > 2.0) & (HERTZ < 290.0)
     np.testing.assert_allclose(felt[inside], griffin().level_db_sl_at(40.0, HERTZ[inside]) - 40.0, atol=0.6)
     (flat,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
-               if f.quantity == FELT_LESS_ASKED and f.load == "none"]  # fmt: skip
+               if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
     assert flat.outcome is Outcome.MET
     plain = replace(made.display.channels[0], strength=Strength())
     (off,) = [f for f in judge_channel(made.channels[0], plain, made.display)
-              if f.quantity == FELT_LESS_ASKED and f.load == "none"]  # fmt: skip
+              if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
     assert off.value == pytest.approx(8.0, abs=1.0)
 
 

@@ -47,7 +47,7 @@ def test_judge__three_fingers__all_four_met() -> None:
     assert {one.channel for one in verdict.objectives[0].findings} == {"index", "thumb", "middle"}
     assert {one.load for one in verdict.objectives[0].findings} == {"none", "finger"}
     assert {one.load for one in verdict.objectives[3].findings} == {"finger"}
-    loaded = only(verdict, "i", "index", "finger", "felt less asked")
+    loaded = only(verdict, "i", "index", "finger", "felt minus asked")
     assert (loaded.outcome, (loaded.value or 0.0) > 1.0) == (Outcome.NOT_JUDGED, True)
     assert "for information only" in loaded.remark
     held = only(verdict, "iv", "thumb", "finger", "change of |H|")
@@ -120,12 +120,12 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     ("valid_hz", "open_ones"),
     [
         ((0.2, 400.0), set()),
-        ((2.0, 400.0), {"felt less asked beyond the known band"}),
-        ((0.2, 100.0), {"felt less asked beyond the known band", "felt hum", "felt noise"}),
-        ((0.2, 15.0), {"felt less asked beyond the known band", "felt hum", "felt noise", "max|T|"}),
+        ((2.0, 400.0), {"felt minus asked beyond the known band"}),
+        ((0.2, 100.0), {"felt minus asked beyond the known band", "felt hum", "felt noise"}),
+        ((0.2, 15.0), {"felt minus asked beyond the known band", "felt hum", "felt noise", "max|T|"}),
         (
             (500.0, 600.0),
-            {"felt less asked beyond the known band", "felt less asked", "felt hum", "felt noise", "max|T|"},
+            {"felt minus asked beyond the known band", "felt minus asked", "felt hum", "felt noise", "max|T|"},
         ),
     ],
     ids=["all known", "low end", "above 100 Hz", "crossover", "nothing"],
@@ -150,7 +150,7 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     unsure_channel = channel(loads=(), model_error_db=0.8, model_error_hz=(31.0, 35.5))
     sure, unsure, little = (
         only(
-            judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "felt less asked"
+            judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "felt minus asked"
         )
         for one in (channel(loads=()), unsure_channel, channel(loads=(), model_error_db=0.2))
     )
@@ -161,7 +161,7 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
     little_bit = channel(loads=(), model_error_db=0.1)
     surely = replace(paper_alone(), channels=(little_bit,), objectives=Objectives(flatness_db=0.05))
-    assert only(judge(paper_controller(), surely), "i", "index", "none", "felt less asked").outcome is Outcome.NOT_MET
+    assert only(judge(paper_controller(), surely), "i", "index", "none", "felt minus asked").outcome is Outcome.NOT_MET
 
 
 def test_judge__tighter_tolerances__first_and_fourth_not_met() -> None:
@@ -177,7 +177,7 @@ def test_judge__travel_too_short_for_threshold__first_not_met_and_why() -> None:
     made = paper_controller()
     made = replace(made, channels=(replace(made.channels[0], limits=Limits(10.0, 1e-4, 55.0)),))
     verdict = judge(made, replace(paper_alone(), channels=(short,)))
-    found = only(verdict, "i", "index", "none", "threshold less greatest level")
+    found = only(verdict, "i", "index", "none", "threshold minus greatest level")
     assert outcomes(verdict)["i"] == "not met"
     assert found.value >= 2.7 - 0.1
     assert "travel stops at" in found.remark

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -18,6 +19,7 @@ import tactuator as tt
 from tactuator.cli import main
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
+from tactuator.model.plant import Load
 from tactuator.paper.verb import PaperResult
 from tactuator.verbs.controller import wordlength
 from tactuator.verbs.result import Result, plain
@@ -150,6 +152,19 @@ def test_measure_response__fingers_of_an_open_rig__are_the_load_or_refused(known
     assert response.load == "finger"
     with pytest.raises(BadInput, match="channel 'ring' is not described; allowed: index, thumb, middle"):
         tt.measure_response(rig, controller, channel=["ring"])
+
+
+def test_measure_response_and_noise__open_rig_touched_by_what_no_loop_bears__refused(known: dict[str, object]):
+    controller = known["controller"]
+    display = controller.display
+    heavy = [replace(channel, loads=(Load("anvil", 400.0, 0.0, 0.0),)) for channel in display.channels]
+    borne = replace(controller, display=replace(display, channels=tuple(heavy)))
+    rig = tt.SimulatedRig(borne.display, seed=1)
+    for channel in heavy:
+        rig.finger(channel.name).touch("anvil")
+    for verb in (tt.measure_response, tt.noise):
+        with pytest.raises(BadInput, match=r"unstable \(load 'anvil'\); allowed: a controller"):
+            verb(rig, borne)
 
 
 def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[str, object]):

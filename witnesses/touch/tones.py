@@ -1,4 +1,4 @@
-"""Felt less asked of the product's default display: tones of 0.4 to 298 Hz on three channels, free and under a finger.
+"""Felt minus asked of the product's default display: tones of 0.4 to 298 Hz on three channels, free and under a finger.
 
 The promise of README's first sentence: within 1.0 dB at 10 and 20 dB SL, within 0.5 dB from 30 dB SL up. The device is
 generator.c, which shares nothing with core's simulated display. At 10 dB SL a tone's level is the mean of five runs,
@@ -58,7 +58,7 @@ def main() -> int:
                             errors.append(felt.tone_error_db(channel, played.y_v, frequency, level))
                     worst = max(worst, abs(float(np.mean(errors)))) if errors else worst
             where = "under the finger" if touched else "free"
-            kept.append(felt.verdict(f"felt less asked at {level:g} dB SL, {where}", worst, most_db))
+            kept.append(felt.verdict(f"felt minus asked at {level:g} dB SL, {where}", worst, most_db))
     print(f"left out, since the command reached the range: {len(at_range)} {sorted(set(at_range))}")
     return 0 if all(kept) else 1
 

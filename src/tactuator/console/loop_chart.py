@@ -12,7 +12,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, verdict_of
+from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Verdict, verdict_of
 from tactuator.processors import single_threaded
 from tactuator.report.nichols import hull
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
@@ -24,7 +24,7 @@ from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
 from tactuator.wordlength.assessment import buildable
 
-_TILES = (FELT_LESS_ASKED, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
+_TILES = (FELT_MINUS_ASKED, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that stand in large figures."""
 _BUILD = "build"
 

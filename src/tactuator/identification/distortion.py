@@ -45,7 +45,7 @@ class Distortion:
 
     @property
     def distortion(self) -> FloatArray:
-        """Return the odd distortion at the excited lines: the total less the noise; of one realisation that of the
+        """Return the odd distortion at the excited lines: the total minus the noise; of one realisation that of the
         silent odd lines."""
         if self.realisations < 2:
             return np.nan_to_num(self.odd)

@@ -29,8 +29,8 @@ _PLAY = (0.02, 0.1)
 _TURNED = 1.0 + 2.5j
 """Deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a sine is a
 square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it was up to 2.4."""
-_SIDES = (*(1.0 + 0.0j for _ in ("cube", *_CLIPPED)), 1.0 + 1.0j, *(_TURNED for _ in _PLAY))
-"""The same of each shape: a spring moves the resonance, and with it size and phase alike."""
+_SPRING = 1.0 + 1.0j
+"""The same of a spring: it moves the resonance, and with it size and phase alike."""
 _POOLED = 0.15
 
 
@@ -40,7 +40,8 @@ def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> 
     """
     shapes = [list(_shapes(residual)) for residual in residuals]
     best, share, level = 0.0, 0.0, np.zeros(frequency_hz.size, dtype=np.complex128)
-    for k, pulls in enumerate(zip(*shapes, strict=True)):
+    for pairs in zip(*shapes, strict=True):
+        pulls, (side, *_) = zip(*pairs, strict=True)
         size = along = total = 0.0
         for pull, residual in zip(pulls, residuals, strict=True):
             weight = residual.weight[1:]
@@ -51,23 +52,23 @@ def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> 
         if size > 0.0 and won > max(best, 0.5 * _CERTAIN, _SHARE * total):
             best = won
             share, relative = _relative(along / size, pulls, residuals, frequency_hz)
-            level = np.asarray(relative * _SIDES[k])
+            level = np.asarray(relative * side)
     return share, level
 
 
-def _shapes(residual: Residual) -> Iterator[ComplexArray]:
-    """Yield the lines but zero of the position that each shape moves, nothing linear in them."""
+def _shapes(residual: Residual) -> Iterator[tuple[ComplexArray, complex]]:
+    """Yield the lines but zero of the position that each shape moves, nothing linear in them, and how it turns."""
     taken = residual.taken
     command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
     size = float(np.std(command))
     for shape in (command**3, *(np.clip(command, -part * size, part * size) for part in _CLIPPED)):
-        yield residual.response * _lines(_beyond(shape, command))
+        yield residual.response * _lines(_beyond(shape, command)), 1.0
     motion = residual.simulated
-    yield residual.response * _lines(_beyond(motion**3, motion))
+    yield residual.response * _lines(_beyond(motion**3, motion)), _SPRING
     turned = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples)
     for distance in _PLAY:
         state = dahl_state(motion, distance * max(float(np.std(motion)), 1e-300))
-        yield _lines(_beyond(state, motion, turned))
+        yield _lines(_beyond(state, motion, turned)), _TURNED
 
 
 def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:

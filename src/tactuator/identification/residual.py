@@ -34,7 +34,7 @@ from tactuator.identification.uncertainty import log_slopes, response_on
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
+    """A fit's residual. lines: of position minus model and transient, zero first; weight: one over their noise's
     deviation; response: the fit's on the lines but zero, hold included, position shifted; taken: the record's lines.
     """
 

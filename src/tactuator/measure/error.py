@@ -13,7 +13,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
+from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
@@ -98,7 +98,7 @@ def asked_v(response: Response, display: Display) -> FloatArray:
 
 
 def error_db(response: Response, display: Display) -> FloatArray:
-    """Return the sensation level measured less the level asked, dB, (m,)."""
+    """Return the sensation level measured minus the level asked, dB, (m,)."""
     return db(response.magnitude_v / asked_v(response, display))
 
 
@@ -135,7 +135,7 @@ def expected_response(controller: Controller, name: str, load: str | None, frequ
 @dataclass(frozen=True, eq=False)
 class ResponseLevels:
     """Levels of a response at each of its frequencies, dB SL, (m,): asked for; felt, by the sensor; and predicted by
-    the controller's own model, under the response's load and without one. The error is felt less asked; what of it is
+    the controller's own model, under the response's load and without one. The error is felt minus asked; what of it is
     the model's, and there the prefilter's and the load's, is told beside it.
     """
 
@@ -158,7 +158,7 @@ class ResponseLevels:
 
     @property
     def error_db(self) -> FloatArray:
-        """Return the level felt less the level asked, dB."""
+        """Return the level felt minus the level asked, dB."""
         return self.felt_db_sl - self.asked_db_sl
 
     @property
@@ -184,12 +184,12 @@ class ResponseLevels:
 
     @property
     def load_db(self) -> FloatArray:
-        """Return the part of the error that the load makes by the model, dB: predicted under it less without it."""
+        """Return the part of the error that the load makes by the model, dB: predicted under it minus without it."""
         return self.predicted_db_sl - self.predicted_free_db_sl
 
     @property
     def unpredicted_db(self) -> FloatArray:
-        """Return the part of the error that the model does not expect, dB: felt less predicted. It is of friction, of
+        """Return the part of the error that the model does not expect, dB: felt minus predicted. It is of friction, of
         noise, and of a plant or a load that is another than the model's.
         """
         return self.felt_db_sl - self.predicted_db_sl
@@ -209,7 +209,7 @@ def _finding(response: Response, display: Display) -> Finding:
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
-    finding = compared("i", response.channel, response.load, FELT_LESS_ASKED, value, allowed, "dB", at)
+    finding = compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at)
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)

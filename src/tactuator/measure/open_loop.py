@@ -87,7 +87,7 @@ _LIMIT_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Flatness:
-    """Felt level less the level asked, at lines over a band: frequency_hz ascending, error_db, confidence_db, (m,).
+    """Felt level minus the level asked, at lines over a band: frequency_hz ascending, error_db, confidence_db, (m,).
     limited: a line was played while something was cut.
     """
 

@@ -25,7 +25,7 @@ OBJECTIVES = {
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
 
-FELT_LESS_ASKED = "felt less asked"
+FELT_MINUS_ASKED = "felt minus asked"
 """What objective i is judged by: the level that is felt, less the level that was asked for."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""

@@ -236,7 +236,7 @@ def _person_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Secti
             "Thresholds, and the new curve",
             (
                 f"Three simulated observers, on three fingers each, by the paper's procedure: {len(study.thresholds)} "
-                "runs, felt through the display. Estimate less truth: "
+                "runs, felt through the display. Estimate minus truth: "
                 f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. A run of this procedure is expected "
                 "to come out about 0.4 dB low.",
                 f"The prefilter reshaped to the new curve follows it within {study.reshaped.max_error_db:.2f} dB.",

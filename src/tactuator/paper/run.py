@@ -14,7 +14,7 @@ from tactuator.identification.recursive import RecursiveEstimate, identify_recur
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.verdict import FELT_LESS_ASKED, Finding, Verdict, compared, verdict_of
+from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Verdict, compared, verdict_of
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, MOTOR_HZ, PROPORTIONAL_GAINS, Plan, Progress
 from tactuator.paper.steps import (
     LOADED,
@@ -78,7 +78,7 @@ def _follows(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
         ]
         value, worst = max(errors, key=lambda pair: pair[0])
         allowed = plan.display.objectives.flatness_db
-        finding = compared("i", channel.name, UNLOADED, FELT_LESS_ASKED, value, allowed, "dB", worst.frequency_hz)
+        finding = compared("i", channel.name, UNLOADED, FELT_MINUS_ASKED, value, allowed, "dB", worst.frequency_hz)
         yield replace(finding, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
 
 

@@ -187,7 +187,7 @@ class ResponsePoint:
 
     @property
     def error_db(self) -> float:
-        """Return the level felt less the level asked, dB."""
+        """Return the level felt minus the level asked, dB."""
         return float(db(self.measured_v / self.target_v))
 
     @property
@@ -226,7 +226,7 @@ def measure_responses(
 
 
 def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:
-    """Return the greatest |felt less asked|, dB, of a load and level over all channels, saturated points left out."""
+    """Return the greatest |felt minus asked|, dB, of a load and level over all channels, saturated points left out."""
     errors = [
         abs(point.error_db)
         for point in points

@@ -166,12 +166,12 @@ def _response_rows(study: PaperStudy) -> list[Row]:
         for load, words in ((UNLOADED, "free"), (LOADED, "under a finger")):
             errors = " / ".join(spell(worst_error_db(points, load, level)) for level in levels)
             paper = {UNLOADED: "“closely”", LOADED: "“essentially the same”"}[load]
-            rows.append((f"felt less asked, {words}, {named} dB SL: {design}", paper, f"within {errors} dB"))
+            rows.append((f"felt minus asked, {words}, {named} dB SL: {design}", paper, f"within {errors} dB"))
     zero = [point for point in study.responses if (point.load, point.level_db_sl) == (UNLOADED, 0.0)]
     low = min(point.unpredicted_db for point in zero if point.frequency_hz <= 50.0)
     smooth = max(abs(point.unpredicted_db) for point in study.without_friction if point.frequency_hz <= 50.0)
     here = f"friction takes up to {-low:.2f} dB below 50 Hz (without it {smooth:.1f} dB)"
-    rows.append(("felt less predicted at 0 dB SL, free", "deviations at a few frequencies", here))
+    rows.append(("felt minus predicted at 0 dB SL, free", "deviations at a few frequencies", here))
     for objective in study.verdict.objectives:
         rows.append((f"objective {objective.number}", "asked", objective.outcome.value))
     return rows

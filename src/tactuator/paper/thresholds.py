@@ -163,6 +163,6 @@ def _known(measured: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold
 
 
 def bias_and_spread_db(known: Sequence[KnownThreshold]) -> tuple[float, float]:
-    """Return mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
+    """Return mean and standard deviation of estimate minus truth over all runs (facts: about -0.4 and 1 dB)."""
     errors: FloatArray = np.array([threshold.level_db_re_1um - threshold.true_db for threshold in known])
     return float(errors.mean()), float(errors.std(ddof=1))

@@ -230,7 +230,7 @@ class LevelResponse:
 
     @property
     def error_db(self) -> FloatArray:
-        """Return the level felt less the level asked, dB."""
+        """Return the level felt minus the level asked, dB."""
         return db(self.measured_v / self.asked_v)
 
     @property
@@ -274,7 +274,7 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
         if len(channels) > 1:  # narrow panels are marked at decades only
             lower.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
     grid[0, 0].set_ylabel("felt level (dB SL)", fontsize=9)
-    grid[1, 0].set_ylabel("felt less asked (dB)", fontsize=9)
+    grid[1, 0].set_ylabel("felt minus asked (dB)", fontsize=9)
     marks = [
         Line2D([], [], color=INK, linewidth=0.8, label="asked"),
         Line2D([], [], color=BLUE, marker="o", markersize=4, fillstyle="none", linestyle="", label="measured, ± 95 %"),
@@ -290,7 +290,7 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
     )
     caption = (
         f"Felt level at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
-        f"{condition}: asked (lines) and measured by the sensor (circles). Below, felt less asked with its "
+        f"{condition}: asked (lines) and measured by the sensor (circles). Below, felt minus asked with its "
         f"confidence, what of it the controller's own model expects, the tolerance, and the smallest "
         f"just-noticeable difference of amplitude ({AMPLITUDE_JND_DB:g} dB). Largest error above 0 dB SL, saturated "
         f"points left out: {clean:.2f} dB, {clean / AMPLITUDE_JND_DB:.1f} JND."

@@ -148,7 +148,7 @@ def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tu
     for name, unit in (("command", model.command_unit), ("position", model.position_unit)):
         if (half := model.record.get(f"{name}_half_span")) is not None:
             yield f"half the span of the {name}", f"{half:.4g} {unit or '(no unit is told)'}"
-    yield "coefficients that the command can tell apart", str(fit.excitation.order)
+    yield "order of persistent excitation", str(fit.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
     yield "fit of the simulated position (%)", f"{fit.fit_percent:.2f}"

@@ -24,7 +24,7 @@ from tactuator.model.controller import ChannelController, Controller, FeedForwar
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
-    FELT_LESS_ASKED,
+    FELT_MINUS_ASKED,
     OF_THE_LOOP,
     Finding,
     Outcome,
@@ -148,7 +148,7 @@ class _Judge:
         frequency = _band(self.channel)
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
-            return self.open("i", FELT_LESS_ASKED, self.channel.known_words)
+            return self.open("i", FELT_MINUS_ASKED, self.channel.known_words)
         error = response_error_db(self.channel, self.loop, frequency)
         contours = self.channel.strength.contours
         if self.strength is not None and contours is not None:
@@ -157,7 +157,7 @@ class _Judge:
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         remedy = "more poles in [prefilter], or a wider flatness_db"
-        finding = self.compared(("i", FELT_LESS_ASKED), figure, float(frequency[worst]), remedy)
+        finding = self.compared(("i", FELT_MINUS_ASKED), figure, float(frequency[worst]), remedy)
         finding = replace(finding, remark="; ".join(filter(None, [in_jnd(figure[0]), finding.remark])))
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
@@ -174,7 +174,7 @@ class _Judge:
             worst = int(np.argmin(room.level_db_sl))
             at, level, stops = float(grid[worst]), float(room.level_db_sl[worst]), room.binding[worst]
             remedy = f"{stops} stops at {level:.1f} dB SL: {_WIDENS[stops]}, or a band_hz without {at:.4g} Hz"
-            yield self.compared(("i", "threshold less greatest level"), (-level, 0.0, "dB"), at, remedy)
+            yield self.compared(("i", "threshold minus greatest level"), (-level, 0.0, "dB"), at, remedy)
 
     def _fed(self, frequency_hz: FloatArray) -> ComplexArray | None:
         """Return H where a finger is fed forward, (n,), or None."""
@@ -195,7 +195,7 @@ class _Judge:
     def unknown(self) -> Iterator[Finding]:
         """Tell where band and crossover leave the frequencies at which the plant is known."""
         if self.channel.unknown_words:
-            yield self.open("i", f"{FELT_LESS_ASKED} beyond the known band", self.channel.known_words)
+            yield self.open("i", f"{FELT_MINUS_ASKED} beyond the known band", self.channel.known_words)
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
             if not (np.isnan(crossover_hz) or self.channel.is_known(crossover_hz)):
@@ -355,7 +355,7 @@ def _findings(plants: DrawnPlants, channel: Channel, display: Display) -> Iterat
             yield _judged(plants, "iii", "max|S|", plants.sensitivity_peak, peak, "")
     if plants.load == UNLOADED:
         errors = plants.flatness_db + channel.model_error_db
-        flat = _judged(plants, "i", FELT_LESS_ASKED, errors, asked.flatness_db, "dB")
+        flat = _judged(plants, "i", FELT_MINUS_ASKED, errors, asked.flatness_db, "dB")
         flat = _unsure(flat, channel) if channel.model_error_db > 0.0 else flat
         yield _open(flat, "the plant is not known over the whole band (valid_hz)") if channel.unknown_words else flat
     if np.any(np.isfinite(plants.felt_hum_db_sl)):

@@ -256,7 +256,7 @@ def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[s
     """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it.
 
     Return the load that touches the channels then: where "none" is asked, one that touched an open rig before. Raises
-    BadInput where these differ.
+    BadInput where these differ, and where `controller` is unstable under it.
     """
     from tactuator.rig.rig import touch_all
 
@@ -268,7 +268,10 @@ def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[s
     touching = {name: rig.finger(name).load or "none" for name in channels or rig.channels}
     if len(set(touching.values())) > 1:
         raise BadInput(", ".join(f"{name}: {load}" for name, load in touching.items()), "one load on all", key="load")
-    return next(iter(touching.values()))
+    touches = next(iter(touching.values()))
+    if touches != load:
+        require_stable(controller, touches)
+    return touches
 
 
 def numbers(values: Any) -> "NDArray[np.float64]":

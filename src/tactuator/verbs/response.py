@@ -173,9 +173,9 @@ def noise(
     runs = []
     for name, candidate in [*probes, ("loop", loop)]:
         with working(f"listening under {name}"), opened(rig, candidate.display, seed) as ready:
-            load = put_on(ready, loop, load)
+            touching = put_on(ready, candidate, load)
             ready.load(candidate)
-            felt = felt_noise(ready, loop.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
+            felt = felt_noise(ready, loop.display, duration_s=duration_s, load=touching, mains_hz=mains_hz or None)
             runs.append((name, tuple(felt)))
     heard = runs[-1][1]
     path = None if write is None else Path(write)
@@ -299,7 +299,7 @@ class MeasuredResponses(Result):
         from tactuator.verbs.designed import verdict_tables
 
         note = (
-            "felt: dB SL; error: felt less asked, the largest first; JND: the error in just-noticeable differences of "
+            "felt: dB SL; error: felt minus asked, the largest first; JND: the error in just-noticeable differences of "
             f"{AMPLITUDE_JND_DB:g} dB; prefilter, load: what of the error the controller's own model expects of each; "
             "rest: what it does not expect: friction, noise, another plant or load; delay: of the phase; dist.: "
             "distortion against the fundamental, dB; cut: a limit was reached"

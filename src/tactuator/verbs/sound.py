@@ -199,7 +199,7 @@ class EqualisedResult(Result):
         flats = [(channel.name, channel.last) for channel in self.calibrated.channels]
         curves = [ChartLine(f"{name}, ± 95 %", f.frequency_hz, f.error_db, "o", f.confidence_db) for name, f in flats]
         tolerance = self.calibrated.controller.display.objectives.flatness_db
-        return Chart("frequency (Hz)", "felt less asked (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
+        return Chart("frequency (Hz)", "felt minus asked (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
     def to_dict(self) -> dict[str, Any]:
         shortfalls = self._shortfalls()
@@ -222,7 +222,7 @@ class EqualisedResult(Result):
             spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
             rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
         short = [f"{name}: NOT felt flat: {why}" for name, why in self._shortfalls().items() if why]
-        columns = ("channel", "usable (Hz)", "felt less asked (dB)", "plant", "corrected")
+        columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
         files = (f"written: {self.out / name}" for name in FILES)
         return [ResultTable("", columns, tuple(rows)), *files, *(short or ["felt flat"])]
 

@@ -25,7 +25,7 @@ _PROTOCOL = "protocol.toml"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrittenFiles(Result):
-    """Files that were written. note: what to read first, if anything."""
+    """Files that were written. note: what to say in place of their names, if anything."""
 
     written: tuple[Path, ...]
     note: str = ""
@@ -79,7 +79,8 @@ def init(
     if protocol is not None:
         contents |= {target.parent / name: content for name, content in protocol_items(protocol).items()}
     write_all(contents)
-    return WrittenFiles(tuple(contents))
+    kept = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
+    return WrittenFiles(tuple(contents), "" if model is None else kept)
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
