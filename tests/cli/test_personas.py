@@ -90,7 +90,7 @@ def test_noise__gain_or_controller_whose_loop_is_unstable__is_named_and_not_play
     assert [played["under"] for played in heard["runs"]] == ["gain 4", "loop"]
     assert "unstable" in heard["not_played"]["gain 5000"]
     wild = written(tmp_path / "wild.toml", MOTOR, plant="{ num = [90000.0], den = [1.0, 94.0, 290.0] }")
-    for verb in ("noise", "measure", "disturb"):
+    for verb in ("noise", "measure", "disturb", "finger"):
         run.refused(verb, *of, "--display", wild, said="call the loop of index unstable")
 
 

@@ -11,7 +11,7 @@ from scipy import signal
 from tactuator.errors import BadInput
 from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
 from tactuator.io.model import read_coupling, write_coupling
-from tactuator.io.record import read_joint_record, write_record
+from tactuator.io.record import read_measured, write_record
 from tactuator.signals.multisine import Periods, odd_lines, orthogonal_multisines
 from tactuator.signals.record import JointRecord
 
@@ -95,12 +95,12 @@ def test_joint_record__without_periods_or_with_too_few_experiments__is_refused()
 def test_files__of_joint_record_and_coupling__come_back_as_they_were(tmp_path: Path) -> None:
     taken = joint(0.1)
     write_record(tmp_path / "r.h5", taken)
-    back = read_joint_record(tmp_path / "r.h5")
+    back = read_measured(tmp_path / "r.h5")
     assert back.channels == taken.channels
     assert np.array_equal(back.position, taken.position)
     assert np.array_equal(back.command, taken.command)
     write_record(tmp_path / "single.h5", taken.of(0))
-    assert read_joint_record(tmp_path / "single.h5") is None
+    assert np.array_equal(read_measured(tmp_path / "single.h5").command, taken.of(0).command)
     found = coupled_response(back)
     write_coupling(tmp_path / "c.json", found)
     assert read_coupling(tmp_path / "c.json") == found

@@ -210,23 +210,14 @@ def _is_same(place: Path, path: Path) -> bool:
 
 def _named_in(path: Path) -> tuple[Path, ...]:
     """Return what the texts of a TOML file would name from its folder, but for what is `measured` anew."""
-    from tactuator.io.text import parse_toml, read_content
+    from tactuator.io.text import read_content
 
     try:
-        document = parse_toml(read_content(path).decode(errors="replace")) if path.suffix == ".toml" else {}
+        text = read_content(path).decode(errors="replace") if path.suffix == ".toml" else ""
     except BadInput:  # the verb that reads it says so
         return ()
-    return tuple(path.parent / text for text in _texts(document))
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, list):
-        for each in value:
-            yield from _texts(each)
-    elif isinstance(value, dict):
-        yield from _texts([each for key, each in value.items() if key != "measured"])
+    lines = [line for line in text.splitlines() if not line.startswith("measured")]
+    return tuple(path.parent / text for line in lines for _, text in re.findall(r"""(["'])(.{1,200}?)\1""", line))
 
 
 def _paths(value: Any) -> tuple[Path, ...]:

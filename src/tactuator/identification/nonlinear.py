@@ -29,8 +29,7 @@ _PLAY = (0.02, 0.1)
 _TURNED = 1.0 + 2.5j
 """Deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a sine is a
 square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it was up to 2.4."""
-_SPRING = 1.0 + 1.0j
-"""The same of a spring: it moves the resonance, and with it size and phase alike."""
+_SPRING = 1.0 + 1.0j  # a spring moves the resonance, and with it size and phase alike
 _POOLED = 0.15
 
 

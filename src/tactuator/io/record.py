@@ -144,9 +144,12 @@ _TYPICAL = 0.01
 def is_response(path: Path) -> bool:
     """Return true where a file's columns are a frequency and a magnitude (or real and imaginary part), and no time."""
     try:
-        columns = read_columns(path)
+        return _are_of_response(read_columns(path))
     except BadInput:
         return False
+
+
+def _are_of_response(columns: Columns) -> bool:
     names = {name.lower() for name in columns.values}
     parts = bool(names & set(REAL_NAMES)) and bool(names & set(IMAGINARY_NAMES))
     return bool(names & set(FREQUENCY_NAMES)) and (parts or bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES}))
@@ -234,10 +237,38 @@ def read_record(
     first as command. The rate comes from rate_hz, the file, or the time stamps, which must agree. Raises BadInput.
     """
     path = Path(path)
-    require_kind(path, "record", "response", "sound")
-    columns = read_columns(path)
+    columns = _measured_columns(path)
     with within(f"record {path}"):
         return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
+
+
+def read_measured(
+    path: Path,
+    *,
+    input_name: str | None = None,
+    output_name: str | None = None,
+    reference_name: str | None = None,
+    time_name: str | None = None,
+    rate_hz: float | None = None,
+) -> Record | JointRecord | FrequencyResponse:
+    """Read what a file has: a record as `read_record` does, one of several channels (HDF5, no column named), or
+    a frequency response. Raises BadInput.
+    """
+    columns = _measured_columns(path)
+    with within(f"record {path}"):
+        if not (input_name or output_name) and path.suffix.lower() in (".h5", ".hdf5"):
+            joint = _joint(path, columns)
+            if joint is not None:
+                return joint
+        if not _are_of_response(columns):
+            return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
+    with within(f"response {path}"):
+        return _assembled(path, columns)
+
+
+def _measured_columns(path: Path) -> Columns:
+    require_kind(path, "record", "response", "sound")
+    return read_columns(path)
 
 
 def _assemble(
@@ -342,13 +373,10 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     return u, y
 
 
-def read_joint_record(path: Path) -> JointRecord | None:
+def _joint(path: Path, columns: Columns) -> JointRecord | None:
     """Return the record of several channels in a file, or None where there are not several: columns command.NAME and
     position.NAME, or in HDF5 two-dimensional command and position with the names, one a line, as attribute `channels`.
-
-    Raises BadInput for a file that cannot be read.
     """
-    columns = read_columns(path)
     commands, positions = (
         {
             name.removeprefix(f"{what}."): values
@@ -362,14 +390,13 @@ def read_joint_record(path: Path) -> JointRecord | None:
     names = columns.attributes.get("channels", "\n".join(commands)).split("\n")
     if list(commands) != list(positions) or len(names) != len(commands):
         got = f"columns {', '.join(columns.values)} of channels {', '.join(names)}"
-        raise BadInput(f"record {path}: {got}", "command.NAME and position.NAME of each")
+        raise BadInput(got, "command.NAME and position.NAME of each")
     rate_hz = _known_rate(columns, None)
     if rate_hz is None:
-        raise BadInput(f"record {path}: there is no rate", "an attribute rate_hz")
+        raise BadInput("there is no rate", "an attribute rate_hz")
     command, position = (np.stack(list(each.values()), axis=1) for each in (commands, positions))
     about = {"file": path.name} | {key: value for key, value in columns.attributes.items() if key != "channels"}
-    with within(f"record {path}"):
-        return JointRecord(rate_hz, tuple(names), command, position, about=about, remarks=columns.remarks)
+    return JointRecord(rate_hz, tuple(names), command, position, about=about, remarks=columns.remarks)
 
 
 def write_record(path: str | Path, record: Record | JointRecord) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from tactuator.model.description import Channel, Display
     from tactuator.rig.rig import Rig
-    from tactuator.signals.record import JointRecord, Record
+    from tactuator.signals.record import FrequencyResponse, JointRecord, Record
     from tactuator.verbs.identified import CalibrationResult, CoupledModels, IdentificationResult, ResponseModelResult
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
@@ -317,31 +317,29 @@ def identify(
     from tactuator.identification.asked import Asked, Fixed
     from tactuator.identification.identify import identify as identified
     from tactuator.identification.validation import validated
-    from tactuator.io.record import is_response, read_record
-    from tactuator.signals.record import Record
+    from tactuator.io.record import read_measured, read_record
+    from tactuator.signals.record import FrequencyResponse, JointRecord, Record
     from tactuator.verbs.identified import IdentificationResult
 
     fixed = tuple(map(Fixed.parse, fix))
     asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
-    joint = None if input_name or output_name else _joint(given[0])
-    if joint is not None:
+    names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
+    names |= {"time_name": time_name, "rate_hz": rate_hz}
+    first = given[0] if isinstance(given[0], Record | JointRecord) else read_measured(Path(given[0]), **names)
+    if isinstance(first, JointRecord):
         if len(given) > 1 or unseen or figures or from_s is not None or to_s is not None:
             raise BadInput("a record of several channels beside other files, or a part of it", "all of it by itself")
-        return _coupled_models(joint, asked, out)
-    if not isinstance(given[0], Record) and is_response(Path(given[0])):
+        return _coupled_models(first, asked, out)
+    if isinstance(first, FrequencyResponse):
         if len(given) > 1 or unseen:
             raise BadInput("a frequency response beside other files", "one response by itself")
-        return _response_model(Path(given[0]), asked, out)
-
-    names = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
+        return _response_model(first, asked, out)
 
     def read(source: "Record | Place") -> "Record":
-        if isinstance(source, Record):
-            return source
-        return read_record(Path(source), time_name=time_name, rate_hz=rate_hz, **names)
+        return source if isinstance(source, Record) else read_record(Path(source), **names)
 
-    parts, doubts = [_part_of(read(source), from_s, to_s) for source in given], ["identifying"]
+    parts, doubts = [_part_of(read(source), from_s, to_s) for source in (first, *given[1:])], ["identifying"]
     checks = [("record" if isinstance(source, Record) else str(source), read(source)) for source in unseen]
     with working("identifying") as step:
 
@@ -361,16 +359,6 @@ def identify(
     return model
 
 
-def _joint(source: "Record | JointRecord | Place") -> "JointRecord | None":
-    from tactuator.io.record import read_joint_record
-    from tactuator.signals.record import JointRecord, Record
-
-    if isinstance(source, Record | JointRecord):
-        return source if isinstance(source, JointRecord) else None
-    path = Path(source)
-    return read_joint_record(path) if path.suffix.lower() in (".h5", ".hdf5") and path.is_file() else None
-
-
 def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "CoupledModels":
     from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
     from tactuator.identification.identify import identify as identified
@@ -388,13 +376,12 @@ def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "Co
     return result
 
 
-def _response_model(path: Path, asked: Any, out: Place | None) -> "ResponseModelResult":
+def _response_model(response: "FrequencyResponse", asked: Any, out: Place | None) -> "ResponseModelResult":
     from tactuator.identification.by_response import identify_response
-    from tactuator.io.record import read_foreign_response
     from tactuator.verbs.identified import ResponseModelResult
 
     with working("identifying") as step:
-        fit = identify_response(read_foreign_response(path), asked, lambda text: step(text=f"identifying: {text}"))
+        fit = identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))
     model = promoted(ResponseModelResult, fit, out=None if out is None else Path(out))
     if out is not None:
         model.write(out)

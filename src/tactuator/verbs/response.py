@@ -167,7 +167,6 @@ def noise(
 
     loop = chosen_controller(display, controller)
     mains_hz = loop.display.mains_hz(mains_hz, MAINS_HZ)
-    require_stable(loop, load)
     open_loops = [channel.name for channel in loop.channels if channel.feedback_sos is None]
     probes, not_played = _probes(loop, gains, load)
     runs = []
@@ -377,7 +376,6 @@ def measure_response(
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
-    require_stable(loop, load)
     band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
     wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
     with opened(rig, loop.display, seed) as ready:
@@ -608,6 +606,7 @@ def finger(
 
     loop = chosen_controller(display, controller)
     touching = load or usual_load(loop.display.channels)
+    require_stable(loop, touching)
     with opened(rig, loop.display, seed) as ready, working("playing free, then touched"):
         estimates = measure_finger(
             ready,

@@ -79,8 +79,8 @@ def init(
     if protocol is not None:
         contents |= {target.parent / name: content for name, content in protocol_items(protocol).items()}
     write_all(contents)
-    kept = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
-    return WrittenFiles(tuple(contents), "" if model is None else kept)
+    written = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
+    return WrittenFiles(tuple(contents), "" if model is None else written)
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
