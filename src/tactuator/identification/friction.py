@@ -26,6 +26,8 @@ from tactuator.runtime._core import ffi, lib
 
 _CERTAIN = 100.0
 """Drop of -2 log likelihood by one parameter from which on friction is looked for."""
+_SHOWN_AT = np.geomspace(1e-3, 1.0, 4)
+"""Presliding distances, of the motion's deviation, at which it is looked for first."""
 _DEVIATIONS = 5.0
 _TRIFLE = 1e-3
 """Share of what a fit leaves that friction has to explain."""
@@ -72,22 +74,6 @@ def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
     return out
 
 
-def friction_shows(residuals: Sequence[Residual]) -> bool:
-    """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
-    motion = max(float(np.std(residual.simulated)) for residual in residuals)
-    for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
-        size = along = 0.0
-        for residual in residuals:
-            state = dahl_state(residual.simulated, float(presliding))
-            lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = residual.response * lines[1:] * residual.weight[1:]
-            size += float(np.sum(np.abs(pull) ** 2))
-            along += float(np.sum((np.conj(pull) * residual.lines[1:] * residual.weight[1:]).real))
-        if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN:
-            return True
-    return False
-
-
 @dataclass(frozen=True, eq=False)
 class _Level:
     """Friction of a level and a presliding distance along a path of every record, (n,); held: it acts from sample to
@@ -129,7 +115,7 @@ def fit_friction(
     signals, from one of others that hardly differ if there is one, or a quick one.
     """
     level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
-    if level is None and not friction_shows(bare.residuals):
+    if level is None and not _shows(signals, bare):
         return None
     measured = _measured_paths(signals, bare)
     level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
@@ -168,6 +154,18 @@ def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> Frict
     return FrictionFit(now, level.off(signals), level.coulomb, deviation, level.presliding, shifts)
 
 
+def _shows(signals: Signals, bare: SpectralEstimate) -> bool:
+    """Return true where a friction along the model's own path explains more of the residual than chance ever would,
+    beside what the model's parameters make up for: it damps a resonance like any other damping.
+    """
+    if not all(np.all(residual.response) for residual in bare.residuals):
+        return False  # nothing moves
+    lines, paths = _FrictionLines(bare, _Level(0.0, 0.0, ())), _paths(signals, bare)
+    motion = max(float(np.std(path)) for path in paths)
+    pulls = (lines.pull([dahl_state(path, place) for path in paths]) for place in _SHOWN_AT * motion)
+    return any(2.0 * lines.explained(pull)[0] > _CERTAIN for pull in pulls)
+
+
 def _share_left(residuals: Sequence[Residual]) -> float:
     left_over = sum(float(np.sum(np.abs(residual.lines[1:]) ** 2)) for residual in residuals)
     whole = sum(float(np.sum(np.abs(residual.taken.position[1:]) ** 2)) for residual in residuals)
@@ -200,10 +198,22 @@ def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
 
 
 def _earlier(path: FloatArray, now: SpectralEstimate, count: int, shift: int = 0) -> FloatArray:
-    """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait."""
+    """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait, in the
+    direction in which commands do work: a sensor may count the other way.
+    """
     late = int(now.chosen.fit.delay_s * now.spectra[0].rate_hz + 0.5)
     moved = path[max(late - shift, 0) :]
-    return np.append(moved, np.full(count - moved.size, moved[-1]))
+    return _direction(now) * np.append(moved, np.full(count - moved.size, moved[-1]))
+
+
+def _direction(now: SpectralEstimate) -> float:
+    """Return the sign of the work that the commands do along the estimate's motion without its dead time."""
+    work = 0.0
+    for taken, rest in zip(now.spectra, now.residuals, strict=True):
+        turn = 2j * np.pi * taken.frequency_hz[1:]
+        moved = rest.response * np.exp(turn * now.chosen.fit.delay_s)
+        work += float(np.sum(np.abs(taken.command[1:]) ** 2 * (turn * moved).real))
+    return float(np.copysign(1.0, work))
 
 
 def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:

@@ -1,9 +1,10 @@
 """What a residual shows of a mechanism that is not linear: it follows the size of the command, or of the motion.
 
-A command that saturates, or does nothing while it is small, leaves its cube or its clipped self in the residual, moved
-as the model moves the command; so does a spring whose force is not proportional, with the cube of the motion; play
-leaves the state of a hysteresis along the motion. Of each the part that a linear model has already is taken off
-(Bussgang, 1952). What is left is how far the gain at other sizes may be from the model's.
+A command that saturates, or does nothing while it is small, leaves its square or cube or its clipped self in the
+residual, moved as the model moves the command; so does a spring whose force is not proportional, with those of the
+motion; a sensor leaves them as they are, and play the state of a hysteresis along the motion. Of each the part that a
+linear model has already is taken off (Bussgang, 1952). What is left is how far the gain at other sizes may be from the
+model's.
 """
 
 from __future__ import annotations
@@ -60,10 +61,14 @@ def _shapes(residual: Residual) -> Iterator[tuple[ComplexArray, complex]]:
     taken = residual.taken
     command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
     size = float(np.std(command))
-    for shape in (command**3, *(np.clip(command, -part * size, part * size) for part in _CLIPPED)):
+    clipped = (np.clip(command, -part * size, part * size) for part in _CLIPPED)
+    for shape in (command**2, command**3, *clipped):
         yield residual.response * _lines(_beyond(shape, command)), 1.0
     motion = residual.simulated
-    yield residual.response * _lines(_beyond(motion**3, motion)), _SPRING
+    for power in (2, 3):
+        bent = _lines(_beyond(motion**power, motion))
+        yield residual.response * bent, _SPRING
+        yield bent, 1.0  # of the sensor
     turned = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples)
     for distance in _PLAY:
         state = dahl_state(motion, distance * max(float(np.std(motion)), 1e-300))
