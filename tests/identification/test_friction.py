@@ -6,6 +6,7 @@ import pytest
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.signals.record import Record
+from witnesses.identification.rubbing import judged
 
 RATE_HZ = 2500.0
 GAIN, DAMPING, STIFFNESS = 5200.0, 60.0, 900.0
@@ -82,6 +83,11 @@ def test_identify__friction_that_builds_up_slowly_and_hum__level_inside_its_inte
         assert abs(value - truth) <= half_width < 0.01 * truth
     hertz = np.geomspace(0.4, 300.0, 100)
     assert np.max(np.abs(np.log(np.abs(found.model.response(hertz) / true_response(hertz))))) < 0.01
+
+
+@pytest.mark.parametrize("seed", [28, 34])
+def test_identify__resonance_that_rubs__truth_inside_its_band_whichever_way_the_sensor_counts(seed: int) -> None:
+    assert judged(seed)[0] == "ok"
 
 
 def test_identify__friction_of_a_third_of_the_command__is_not_trusted() -> None:

@@ -78,6 +78,7 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
         ("backlash", 0),
         ("amplifier clips", 1),
         ("every 4th sample, white", 1),
+        ("cubic sensor", 1),
     ],
 )
 def test_identify__spoilt_record__is_mended_or_not_trusted(name: str, status: int, tmp_path: Path) -> None:

@@ -115,9 +115,10 @@ def judged(result: Identification, common: Prepared) -> Identification:
         DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0)),
     ]
     friction = result.friction
-    if friction is not None and friction.presliding is None and not result.tests.uncorrelated_with_input:
-        rows.append(RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
+    if friction is not None and friction.presliding is None:
         rows.append(FRICTION.of(100.0 * friction.confidence / friction.coulomb))
+        if not result.tests.uncorrelated_with_input:
+            rows.append(RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
     model = model.judged(*rows)
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
         model = model.judged(*(doubt.weighed() for doubt in check_rise(common.response)))
