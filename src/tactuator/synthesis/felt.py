@@ -85,14 +85,20 @@ def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edge
     return np.asarray(np.sqrt(np.sum(power * half * weights, axis=1) / (0.5 * rate_hz)))
 
 
-def friction_loss_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float) -> FloatArray:
+def friction_loss_db(
+    channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float, rounds: int = 1
+) -> FloatArray:
     """Return the loss, dB, shape (n,), by which a sinusoid of `level_db_sl` at `frequency_hz` moves less than its
     reference.
 
-    From the friction that the display file states; negative where the spring of presliding adds to the motion.
+    From the friction that the display file states; negative where the spring of presliding adds to the motion. rounds:
+    the first takes the friction of the motion that is asked for, each further one that of the motion before.
     """
-    position = channel.threshold_voltage(frequency_hz) * from_db(level_db_sl)
+    asked = channel.threshold_voltage(frequency_hz) * from_db(level_db_sl)
     environment = channel.environment
-    harmonic = dahl_harmonic(position, environment.friction_v, environment.presliding_v)
     path = loop.plant.response(frequency_hz) if loop.feedback is None else loop.feedback.load_sensitivity(frequency_hz)
-    return db(1.0 + path * harmonic / position)
+    loss = np.zeros(asked.shape)
+    for _ in range(rounds):
+        position = asked / from_db(loss)
+        loss = db(1.0 + path * dahl_harmonic(position, environment.friction_v, environment.presliding_v) / position)
+    return loss

@@ -40,7 +40,7 @@ from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.coupling import judge_coupling
 from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
-from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
+from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.prefilter import response_error_db
 from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
@@ -48,6 +48,7 @@ from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.assessment import buildable
 
 _POINTS = 600
+_ROUNDS = 16
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 _WIDENS = {
@@ -163,6 +164,29 @@ class _Judge:
         if self.member.load == UNLOADED:
             return finding
         return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
+
+    def friction(self) -> Iterator[Finding]:
+        """Judge objective i at the lowest level beside the friction that the display file states, and say from which
+        level up it holds.
+        """
+        environment, allowed = self.channel.environment, self.display.objectives.flatness_db
+        frequency = _band(self.channel)
+        frequency = frequency[self.channel.is_known(frequency)]
+        if environment.friction_v == 0.0 or "friction" in environment.assumed or frequency.size == 0:
+            return
+        linear, worst = response_error_db(self.channel, self.loop, frequency), list[tuple[float, float]]()
+        for level in JUDGED_DB_SL:
+            loss = friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS)
+            error = linear - loss
+            place = int(np.argmax(np.abs(error)))
+            worst.append((float(abs(error[place])), float(frequency[place])))
+            if worst[-1][0] <= allowed:
+                break
+        at_least = f"from {level:g} dB SL up" if worst[-1][0] <= allowed else f"at no level up to {level:g} dB SL"
+        figure, at_hz = (worst[0][0], allowed, "dB"), worst[0][1]
+        remedy = f"less friction: with {1e3 * environment.friction_v:g} mV of command it is kept {at_least}"
+        quantity = f"{FELT_MINUS_ASKED} at {JUDGED_DB_SL[0]:g} dB SL, with friction"
+        yield self.compared(("i", quantity), figure, at_hz, remedy)
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
@@ -288,6 +312,7 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
             continue
         if member is family[0]:
             yield from judge.unknown()
+            yield from judge.friction()
         yield judge.flatness()
         yield from judge.reach()
         yield from judge.lower_gain(bears_less)
