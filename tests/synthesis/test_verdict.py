@@ -71,14 +71,21 @@ def test_judge__hum__felt_through_t() -> None:
 
 @pytest.mark.parametrize(
     ("environment", "not_met"),
-    [(Environment(hum_v_peak=(1e-2, 3e-3, 2e-3)), ["ii"]), (Environment(noise_v_rms=0.02), ["iii"])],
-    ids=["ten times the hum", "much noise"],
+    [
+        (Environment(hum_v_peak=(1e-2, 3e-3, 2e-3), friction_v=0.0), ["ii"]),
+        (Environment(noise_v_rms=0.02, friction_v=0.0), ["iii"]),
+        (Environment(), ["i"]),
+    ],
+    ids=["ten times the hum", "much noise", "the motor's friction"],
 )
 def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_met: list[str]) -> None:
     loud = channel(loads=(), environment=environment)
     verdict = judge(paper_controller(), replace(paper_alone(), channels=(loud,)))
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == not_met
     assert verdict.outcome is Outcome.NOT_MET
+    if not_met == ["i"]:
+        rubbed = only(verdict, "i", "index", "none", "felt minus asked at 10 dB SL, with friction")
+        assert (rubbed.value, rubbed.remark.endswith("kept from 20 dB SL up")) == (pytest.approx(1.03, abs=0.05), True)
     if not_met == ["ii"]:
         assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
 
@@ -86,11 +93,11 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
 @pytest.mark.parametrize(
     ("environment", "open_objectives"),
     [
-        (Environment(assumed=("hum",)), ["ii", "iv"]),
-        (Environment(assumed=("noise",)), ["iii", "iv"]),
+        (Environment(friction_v=0.0, assumed=("hum",)), ["ii", "iv"]),
+        (Environment(friction_v=0.0, assumed=("noise",)), ["iii", "iv"]),
         (Environment(assumed=("friction",)), ["ii", "iv"]),
-        (Environment(hum_hz=(), hum_v_peak=()), ["ii", "iv"]),
-        (Environment(), ["iv"]),
+        (Environment(hum_hz=(), hum_v_peak=(), friction_v=0.0), ["ii", "iv"]),
+        (Environment(friction_v=0.0), ["iv"]),
     ],
     ids=["hum assumed", "noise assumed", "friction assumed", "no line named", "all stated, no load described"],
 )
@@ -216,7 +223,7 @@ def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
 def test_worst__twenty_loads__one_row_for_each_channel_and_quantity() -> None:
     loads = tuple(Load(f"finger {k}", 0.01 * k, 3.0 * k, 30.0 * k) for k in range(20))
     verdict = judge(paper_controller(), replace(paper_alone(), channels=(channel(loads=loads),)))
-    assert sum(len(objective.worst()) for objective in verdict.objectives) == 7
+    assert sum(len(objective.worst()) for objective in verdict.objectives) == 8
     (told,) = verdict.objectives[3].worst()
     assert told.value == max(one.value or 0.0 for one in verdict.objectives[3].findings)
 
