@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -239,29 +240,18 @@ def read_record(
     path = Path(path)
     columns = _measured_columns(path)
     with within(f"record {path}"):
-        return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
+        return _assemble(path, columns, input_name, output_name, reference_name, time_name, rate_hz)
 
 
-def read_measured(
-    path: Path,
-    *,
-    input_name: str | None = None,
-    output_name: str | None = None,
-    reference_name: str | None = None,
-    time_name: str | None = None,
-    rate_hz: float | None = None,
-) -> Record | JointRecord | FrequencyResponse:
-    """Read what a file has: a record as `read_record` does, one of several channels (HDF5, no column named), or
-    a frequency response. Raises BadInput.
+def read_measured(path: Path, **names: Any) -> Record | JointRecord | FrequencyResponse:
+    """Read what a file has: a record as `read_record` does, one of several channels (HDF5, no column named), or a
+    frequency response. Raises BadInput.
     """
-    columns = _measured_columns(path)
+    columns, unnamed = _measured_columns(path), not (names.get("input_name") or names.get("output_name"))
     with within(f"record {path}"):
-        if not (input_name or output_name) and path.suffix.lower() in (".h5", ".hdf5"):
-            joint = _joint(path, columns)
-            if joint is not None:
-                return joint
-        if not _are_of_response(columns):
-            return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
+        joint = _joint(path, columns) if unnamed and path.suffix.lower() in (".h5", ".hdf5") else None
+        if joint is not None or not _are_of_response(columns):
+            return joint or _assemble(path, columns, **names)
     with within(f"response {path}"):
         return _assembled(path, columns)
 
@@ -274,18 +264,20 @@ def _measured_columns(path: Path) -> Columns:
 def _assemble(
     path: Path,
     columns: Columns,
-    names: tuple[str | None, str | None, str | None],
-    time_name: str | None,
-    rate_hz: float | None,
+    input_name: str | None = None,
+    output_name: str | None = None,
+    reference_name: str | None = None,
+    time_name: str | None = None,
+    rate_hz: float | None = None,
 ) -> Record:
     time = _pick(columns, time_name, TIME_NAMES, "time")
-    u_name, y_name = _signals(columns, names[0], names[1], time)
+    u_name, y_name = _signals(columns, input_name, output_name, time)
     if time in (u_name, y_name):
         raise BadInput(f"{'input' if time == u_name else 'output'} {time!r} is the time", "another column, or --time")
-    r_name = _pick(columns, names[2], REFERENCE_NAMES, "reference")
+    r_name = _pick(columns, reference_name, REFERENCE_NAMES, "reference")
     u, y = columns.values[u_name], columns.values[y_name]
     r = None if r_name is None else columns.values[r_name]
-    if names[2] is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
+    if reference_name is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
         r = None
     if u.size != y.size or (r is not None and r.size != u.size):
         many = f", {r_name} {r.size}" if r is not None else ""

@@ -170,23 +170,19 @@ class _Judge:
         level up it holds.
         """
         environment, allowed = self.channel.environment, self.display.objectives.flatness_db
-        frequency = _band(self.channel)
+        frequency = _band(self.channel)[:: _POINTS // 200]
         frequency = frequency[self.channel.is_known(frequency)]
         if environment.friction_v == 0.0 or "friction" in environment.assumed or frequency.size == 0:
             return
-        linear, worst = response_error_db(self.channel, self.loop, frequency), list[tuple[float, float]]()
-        for level in JUDGED_DB_SL:
-            loss = friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS)
-            error = linear - loss
-            place = int(np.argmax(np.abs(error)))
-            worst.append((float(abs(error[place])), float(frequency[place])))
-            if worst[-1][0] <= allowed:
-                break
-        at_least = f"from {level:g} dB SL up" if worst[-1][0] <= allowed else f"at no level up to {level:g} dB SL"
-        figure, at_hz = (worst[0][0], allowed, "dB"), worst[0][1]
-        remedy = f"less friction: with {1e3 * environment.friction_v:g} mV of command it is kept {at_least}"
-        quantity = f"{FELT_MINUS_ASKED} at {JUDGED_DB_SL[0]:g} dB SL, with friction"
-        yield self.compared(("i", quantity), figure, at_hz, remedy)
+        linear = response_error_db(self.channel, self.loop, frequency)
+        losses = [friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS) for level in JUDGED_DB_SL]
+        errors = np.abs(linear - losses)
+        kept = [level for level, error in zip(JUDGED_DB_SL, errors, strict=True) if error.max() <= allowed]
+        where = f"from {kept[0]:g} dB SL up" if kept else f"at no level up to {JUDGED_DB_SL[-1]:g} dB SL"
+        remedy = f"less friction: with {1e3 * environment.friction_v:g} mV of command it is kept {where}"
+        kind = "i", f"{FELT_MINUS_ASKED} at {JUDGED_DB_SL[0]:g} dB SL, with friction"
+        place = int(np.argmax(errors[0]))
+        yield self.compared(kind, (float(errors[0][place]), allowed, "dB"), float(frequency[place]), remedy)
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""

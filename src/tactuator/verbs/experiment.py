@@ -178,12 +178,11 @@ def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) ->
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservedResult(Result):
-    """Simulated subjects of a study: subject, frequency (Hz), what is true there; answered: was anything left to do?"""
+    """Simulated subjects who answered: subject, frequency (Hz), what is true there; none: nothing was left to do."""
 
     store: Place
     truth: tuple[tuple[str, float, float], ...]
     what: str = "true threshold (dB re 1 µm)"
-    answered: bool = True
 
     def columns(self) -> Mapping[str, Any]:
         level = "true_db_re_1um" if self.what.startswith("true") else "equal_db_sl"
@@ -200,8 +199,9 @@ class ObservedResult(Result):
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
         columns = ("subject", "frequency (Hz)", self.what)
-        said = "written" if self.answered else "nothing left to do, all have gone through the study"
-        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"{said}: {self.store}"]
+        if not rows:
+            return [f"nothing left to do, all have gone through the study: {self.store}"]
+        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"written: {self.store}"]
 
 
 def observe(
@@ -267,10 +267,10 @@ def observe(
                 run_study(database, study, text, place, observers, *how, show)
                 hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
                 levels = [observer.curve.level_db_re_1um_at(hertz) for observer in observers]
-    each = zip(codes, levels, strict=True)
+    each = [(codes[at], levels[at]) for at in sorted(seen)]
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
     what = "as strong as 30 dB SL at 100 Hz (dB SL)" if isinstance(study, JudgingProtocol) else ObservedResult.what
-    return ObservedResult(store, tuple(rows), what, bool(seen))
+    return ObservedResult(store, tuple(rows), what)
 
 
 def _make_ready(place: "Apparatus", warning: str) -> None:

@@ -73,7 +73,7 @@ def init(
         contents[target.parent / _PROTOCOL] = protocol_template(protocol).encode()
     for path in contents:
         if path.exists():
-            raise BadInput(f"{path} is there already", "--out with a name that is free")
+            raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
     if not target.parent.is_dir():
         raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
     if protocol is not None:
