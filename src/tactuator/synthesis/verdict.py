@@ -166,23 +166,26 @@ class _Judge:
         return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
 
     def friction(self) -> Iterator[Finding]:
-        """Judge objective i at the lowest level beside the friction that the display file states, and say from which
-        level up it holds.
+        """Judge objective i at `from_db_sl` beside the friction that the display file states, and say from which level
+        up it holds.
         """
-        environment, allowed = self.channel.environment, self.display.objectives.flatness_db
+        environment, asked = self.channel.environment, self.display.objectives
         frequency = _band(self.channel)[:: _POINTS // 200]
         frequency = frequency[self.channel.is_known(frequency)]
         if environment.friction_v == 0.0 or "friction" in environment.assumed or frequency.size == 0:
             return
+        levels = [asked.from_db_sl, *(level for level in JUDGED_DB_SL if level > asked.from_db_sl)]
         linear = response_error_db(self.channel, self.loop, frequency)
-        losses = [friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS) for level in JUDGED_DB_SL]
+        losses = [friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS) for level in levels]
         errors = np.abs(linear - losses)
-        kept = [level for level, error in zip(JUDGED_DB_SL, errors, strict=True) if error.max() <= allowed]
-        where = f"from {kept[0]:g} dB SL up" if kept else f"at no level up to {JUDGED_DB_SL[-1]:g} dB SL"
-        remedy = f"less friction: with {1e3 * environment.friction_v:g} mV of command it is kept {where}"
-        kind = "i", f"{FELT_MINUS_ASKED} at {JUDGED_DB_SL[0]:g} dB SL, with friction"
+        kept = [level for level, error in zip(levels, errors, strict=True) if error.max() <= asked.flatness_db]
+        from_there = (
+            f", or [objectives] from_db_sl = {kept[0]:g}" if kept else f": at no level up to {levels[-1]:g} dB SL"
+        )
+        remedy = f"less friction than {1e3 * environment.friction_v:.3g} mV of command{from_there}"
+        kind = "i", f"{FELT_MINUS_ASKED} at {levels[0]:g} dB SL, with friction"
         place = int(np.argmax(errors[0]))
-        yield self.compared(kind, (float(errors[0][place]), allowed, "dB"), float(frequency[place]), remedy)
+        yield self.compared(kind, (float(errors[0][place]), asked.flatness_db, "dB"), float(frequency[place]), remedy)
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
