@@ -63,6 +63,14 @@ def test_record_of_a_simulated_motor__is_looked_at_holds_its_truth_and_its_comma
     assert "on unseen.csv" in printed
 
 
+def test_record__whose_columns_have_names_of_their_own__is_read_once_each_is_said(record, tmp_path):
+    (foreign := tmp_path / "fremd.csv").write_text(record.read_text().replace("time_s", "Zeit", 1))
+    key = dropped(state := ConsoleState(), foreign)
+    assert IdentifyLook(record=key).answer(state)["said"].startswith("record fremd.csv: which column is which")
+    look = IdentifyLook(record=key, input="drive", output="encoder", time="Zeit").answer(state)
+    assert (look["said"], look["rate_hz"]) == (None, pytest.approx(1000.0))
+
+
 def response_file(path):
     """Write a response of two poles, by SciPy; return its frequencies and values."""
     hz = np.geomspace(2.0, 400.0, 60)

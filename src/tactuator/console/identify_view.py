@@ -34,10 +34,12 @@ class _OfRecord(ViewRequest):
     record: Name
     input: Name | None = None
     output: Name | None = None
+    time: Name | None = None
     rate_hz: Annotated[Finite, Field(gt=0.0)] | None = None
 
     def read(self, path: Path) -> Record:
-        return read_record(path, input_name=self.input, output_name=self.output, rate_hz=self.rate_hz)
+        names = {"input_name": self.input, "output_name": self.output, "time_name": self.time}
+        return read_record(path, **names, rate_hz=self.rate_hz)
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class IdentifyLook(_OfRecord):
         try:
             record = self.read(path)
         except BadInput as error:
-            return columns | {"said": str(error)}
+            return columns | {"said": state.uploads.plain(str(error))}
         return columns | {
             "input": record.about["input"],
             "output": record.about["output"],
@@ -78,7 +80,7 @@ class IdentifyModel(_OfRecord):
         path, unseen = state.uploads.path(self.record), [state.uploads.path(key) for key in self.validate_on]
         record = None if is_response(path) else self.read(path)
         options = picked(self, "rate_hz", "order", "zeros", "hold")
-        fit = identify(record or path, self.input, self.output, validate=unseen, **options)
+        fit = identify(record or path, self.input, self.output, time_name=self.time, validate=unseen, **options)
         assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
         table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
@@ -86,6 +88,7 @@ class IdentifyModel(_OfRecord):
             path.name,
             input=self.input,
             output=self.output,
+            time=self.time,
             **options | {"hold": None if self.hold == Asked.hold else self.hold},
             validate=[other.name for other in unseen],
             out="model.json",

@@ -31,7 +31,7 @@ export default class Identify {
     write(this.state);
   }
 
-  asked() { const { record, input, output } = this.own; return { record, ...(input && output ? { input, output } : {}), ...(Number(this.own.rate) > 0 ? { rate_hz: Number(this.own.rate) } : {}) }; }
+  asked() { const { record, input, output, time } = this.own; return { record, ...(input && output ? { input, output } : {}), ...(time ? { time } : {}), ...(Number(this.own.rate) > 0 ? { rate_hz: Number(this.own.rate) } : {}) }; }
 
   // Columns: those that were taken, to be changed here.
   async look() {
@@ -54,6 +54,7 @@ export default class Identify {
     this.bits.columns.replaceChildren(make("div", { class: "factor" },
       make("div", {}, make("label", { for: "column-input" }, `command${unitU ? `, ${unitU}` : ""}`), choose("input", input)),
       make("div", {}, make("label", { for: "column-output" }, `position${unitY ? `, ${unitY}` : ""}`), choose("output", output)),
+      make("div", {}, make("label", { for: "column-time" }, "time, where not guessed"), choose("time", this.own.time)),
       make("div", {}, make("label", { for: "rate" }, "rate in Hz, where the file has none"), rate)),
     ...(found.rate_hz ? [make("p", {}, `${found.duration_s.toPrecision(4)} s at ${Number(found.rate_hz.toPrecision(6))} Hz; columns ${found.columns.join(", ")}.`)] : []),
     ...(found.remarks ?? []).map((text) => make("p", {}, text)));
