@@ -17,7 +17,7 @@ from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_noise_rms_v
-from tactuator.synthesis.verdict import judge
+from tactuator.synthesis.verdict import WITH_FRICTION, judge
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
@@ -84,7 +84,7 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == not_met
     assert verdict.outcome is Outcome.NOT_MET
     if not_met == ["i"]:
-        rubbed = only(verdict, "i", "index", "none", "felt minus asked at 10 dB SL, with friction")
+        rubbed = only(verdict, "i", "index", "none", WITH_FRICTION)
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
     if not_met == ["ii"]:
         assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark

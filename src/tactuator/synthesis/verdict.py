@@ -49,6 +49,7 @@ from tactuator.wordlength.assessment import buildable
 
 _POINTS = 600
 _ROUNDS = 16
+WITH_FRICTION = f"{FELT_MINUS_ASKED}, with friction"
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 _WIDENS = {
@@ -183,9 +184,10 @@ class _Judge:
             f", or [objectives] from_db_sl = {kept[0]:g}" if kept else f": at no level up to {levels[-1]:g} dB SL"
         )
         remedy = f"less friction than {1e3 * environment.friction_v:.3g} mV of command{from_there}"
-        kind = "i", f"{FELT_MINUS_ASKED} at {levels[0]:g} dB SL, with friction"
         place = int(np.argmax(errors[0]))
-        yield self.compared(kind, (float(errors[0][place]), asked.flatness_db, "dB"), float(frequency[place]), remedy)
+        figure = float(errors[0][place]), asked.flatness_db, "dB"
+        finding = self.compared(("i", WITH_FRICTION), figure, float(frequency[place]), remedy)
+        yield replace(finding, remark="; ".join(filter(None, [f"at {levels[0]:g} dB SL", finding.remark])))
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""

@@ -54,7 +54,7 @@ export default class Identify {
     this.bits.columns.replaceChildren(make("div", { class: "factor" },
       make("div", {}, make("label", { for: "column-input" }, `command${unitU ? `, ${unitU}` : ""}`), choose("input", input)),
       make("div", {}, make("label", { for: "column-output" }, `position${unitY ? `, ${unitY}` : ""}`), choose("output", output)),
-      make("div", {}, make("label", { for: "column-time" }, "time, where not guessed"), choose("time", this.own.time)),
+      found.said || this.own.time ? make("div", {}, make("label", { for: "column-time" }, "time"), choose("time", this.own.time)) : "",
       make("div", {}, make("label", { for: "rate" }, "rate in Hz, where the file has none"), rate)),
     ...(found.rate_hz ? [make("p", {}, `${found.duration_s.toPrecision(4)} s at ${Number(found.rate_hz.toPrecision(6))} Hz; columns ${found.columns.join(", ")}.`)] : []),
     ...(found.remarks ?? []).map((text) => make("p", {}, text)));

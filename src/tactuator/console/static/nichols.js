@@ -2,7 +2,7 @@
 import { COARSE, digits, draggable, draw, gone, large, make } from "./dom.js";
 import { Value } from "./value.js";
 
-const LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40, NARROW = 450, LOWEST = 340, HIGHEST = 560;
+const LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40, LOWEST = 340, HIGHEST = 560;
 const NEAR_PX = 30;
 const MARK = COARSE ? 8 : 5, FREE = MARK + 4; // radius of a mark, and how far from its middle a label begins
 const STEP_DB = 0.5, STEP_DEG = 1;
@@ -45,7 +45,6 @@ export class Nichols {
     this.ground();
   }
 
-  get narrow() { return this.wide < NARROW; }
   x(phase) { return LEFT + (phase - this.window.left) / (this.window.right - this.window.left) * (this.wide - LEFT - RIGHT); }
   y(gain) { return TOP + (this.window.top - gain) / (this.window.top - this.window.bottom) * (this.high - TOP - BOTTOM); }
 
@@ -92,7 +91,8 @@ export class Nichols {
 
   axes() {
     const { left, right, bottom, top } = this.window, made = [draw("rect", { class: "axis", x: LEFT, y: TOP, width: this.wide - LEFT - RIGHT, height: this.high - TOP - BOTTOM })];
-    for (let phase = Math.ceil(left / 90) * 90; phase <= right; phase += this.narrow ? 90 : 45) made.push(draw("text", { x: this.x(phase), y: this.high - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
+    const step = [45, 90, 180, 360].find((degrees) => this.x(degrees) - this.x(0) >= 48) ?? 360;  // a label is as wide
+    for (let phase = Math.ceil(left / step) * step; phase <= right; phase += step) made.push(draw("text", { x: this.x(phase), y: this.high - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
     for (let gain = Math.ceil(bottom / 10) * 10; gain <= top; gain += 10) made.push(draw("text", { x: LEFT - 6, y: this.y(gain) + 4, "text-anchor": "end" }, `${gain}`.replace("-", "−")));
     made.push(draw("text", { x: (LEFT + this.wide) / 2, y: this.high - 6, "text-anchor": "middle" }, "open-loop phase (degrees)"));
     made.push(draw("text", { x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${this.high / 2 - 20}) rotate(-90)` }, "open-loop gain (dB)"));
