@@ -1,11 +1,7 @@
-"""A session whose server is killed again and again while its protocol is amended.
-
-`python -m tests.web.killing FOLDER KILLS` kills so often, then finishes the session and compares.
-"""
+"""A session whose server is killed again and again while its protocol is amended."""
 
 import json
 import random
-import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -173,11 +169,3 @@ def kills_across_amendments(folder: Path, text: str, kills: int, every: int, see
     finally:
         killing.server.kill()
     return killing.compare(), killing
-
-
-if __name__ == "__main__":
-    place = Path(sys.argv[1])
-    place.mkdir(parents=True, exist_ok=True)
-    answers, so_far = kills_across_amendments(place, LONG, int(sys.argv[2]), 10, 6)
-    counts = f"{so_far.kills} kills, {so_far.versions} versions; {len(so_far.client.acknowledged)} answers acknowledged"
-    sys.stdout.write(f"{counts}, {answers} stored, none lost or doubled; over: {so_far.client.done}\n")

@@ -4,11 +4,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.io.controller import write_controller
 from tactuator.verbs.store import verify
@@ -42,11 +40,6 @@ def serving(folder: Path, *more: str) -> Iterator[Server]:
         server.kill()
 
 
-def said(place: Any) -> list[tuple]:
-    """Every answer of a store, whenever it was given."""
-    return sorted((*row[:6], row[7]) for row in answers(place))
-
-
 def test_serve__store_on_a_server__is_gone_on_with_after_a_kill(tmp_path, postgres) -> None:
     place = postgres.database("served")
     with serving(tmp_path, "--store", place) as server:
@@ -73,16 +66,4 @@ def test_serve__shared_store_on_a_server__gets_every_answer_of_the_station(tmp_p
                 break
             time.sleep(0.1)
     assert answers(place) == answers(tmp_path / "own.db")
-    assert verify(place).holds
-
-
-def test_simulated_people__store_on_a_server__answer_as_with_a_file(tmp_path, monkeypatch, postgres) -> None:
-    monkeypatch.chdir(tmp_path)
-    place = postgres.database("observe")
-    write_controller(Path("controller.json"), controller())
-    Path("protocol.toml").write_text(ONE.replace("[30, 90, 210]", "[30]"))
-    for store in (place, "own.db"):
-        given = ["protocol.toml", "--store", store, "--controller", "controller.json", "--seed", "3"]
-        assert main(["experiment", "observe", *given]) == 0
-    assert said(place) == said("own.db") != []
     assert verify(place).holds

@@ -1,13 +1,8 @@
-"""Stations that share one PostgreSQL store, killed again and again, the server with them.
-
-`python -m tests.experiment.store.killing_stations FOLDER STATIONS KILLS SECONDS` kills so often, stations and server
-at random, lets everybody exchange once more, and compares the shared store with what the stations acknowledged.
-"""
+"""Stations that share one PostgreSQL store, killed again and again, the server with them."""
 
 import contextlib
 import multiprocessing
 import random
-import sys
 import threading
 import time
 from collections import Counter
@@ -164,13 +159,12 @@ def answers(place: str | Path) -> list[tuple[Any, ...]]:
         return [tuple(row) for row in connection.execute(query)]
 
 
-def killed(folder: Path, stations: int, kills: int, seed: int, seconds: float = 1e9) -> tuple[Stations, dict[str, int]]:
-    """Kill so often, or for so many seconds; then stop, and compare."""
+def killed(folder: Path, stations: int, kills: int, seed: int) -> tuple[Stations, dict[str, int]]:
+    """Kill so often; then stop, and compare."""
     FORKS.set_forkserver_preload(["tests.experiment.store.warm_stations"])
     lab = Stations(folder, stations, seed)
     try:
-        end = time.monotonic() + seconds
-        while lab.kills < kills and time.monotonic() < end:
+        while lab.kills < kills:
             lab.kill()
         lab.stop()
         return lab, lab.compare()
@@ -178,15 +172,3 @@ def killed(folder: Path, stations: int, kills: int, seed: int, seconds: float = 
         for process in lab._processes.values():
             process.kill()
         lab.server.close()
-
-
-def main() -> None:
-    place = Path(sys.argv[1])
-    place.mkdir(parents=True, exist_ok=True)
-    done, found = killed(place, int(sys.argv[2]), int(sys.argv[3]), 8, float(sys.argv[4]))
-    figures = ", ".join(f"{name}: {figure}" for name, figure in found.items())
-    sys.stdout.write(f"{done.kills} kills, {done.server_kills} of the server; {figures}\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -153,9 +153,11 @@ def test_server__that_is_not_there_or_another_program_or_an_echo__is_refused_in_
         speaking.join()
 
 
-@pytest.mark.slow
-def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path) -> None:
-    stations, found = killed(tmp_path, stations=3, kills=8, seed=7)
-    assert (stations.kills, stations.server_kills > 0) == (8, True)
+@pytest.mark.parametrize(
+    ("count", "kills"), [pytest.param(3, 8, marks=pytest.mark.slow), pytest.param(20, 1000, marks=pytest.mark.soak)]
+)
+def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, count, kills) -> None:
+    stations, found = killed(tmp_path, count, kills, seed=7)
+    assert (stations.kills, stations.server_kills > 0) == (kills, True)
     assert found["acknowledged"] > 10
     assert [found[name] for name in ("lost", "doubled", "unlike the station's", "altered")] == [0, 0, 0, 0]
