@@ -112,7 +112,7 @@ def test_simulate__what_people_do__is_flagged_with_every_procedure() -> None:
     assert simulate(IMECE2004, Setting(80, lapse=0.15, seed=1)).flags["lapses"] < often["lapses"] - 0.15
     assert simulate(IMECE2004, Setting(40, seed=1, guessed=1.0)).flags["chance"] == 1.0
     # 0.029 of 2,000 runs; 0.068 where frequent lapses were held against the mean of the rare rates
-    seldom = simulate(QuestPlusRule(), Setting(300, lapse=0.02, slope=(1.5, 3.5), seed=4, loud_share=0.2)).flags
+    seldom = simulate(QuestPlusRule(), Setting(400, lapse=0.02, slope=(1.5, 3.5), seed=4, loud_share=0.2)).flags
     assert seldom["lapses"] <= 0.045
     assert seldom.get("drift", 0.0) <= 0.07
     assert simulate(QuestPlusRule(), Setting(50, seed=1, drift_db=12.0)).flags["drift"] >= 0.5
