@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store
@@ -70,6 +71,16 @@ def test_serve__shared_store_on_a_server__gets_every_answer_of_the_station(tmp_p
                 break
             time.sleep(0.1)
     assert answers(place) == answers(tmp_path / "own.db")
+    assert verify(place).holds
+
+
+def test_simulated_people__store_on_a_server__answer_there(tmp_path, monkeypatch, postgres) -> None:
+    monkeypatch.chdir(tmp_path)
+    place = postgres.database("observe")
+    write_controller(Path("controller.json"), controller())
+    Path("protocol.toml").write_text(ONE.replace("[30, 90, 210]", "[30]"))
+    assert main(["experiment", "observe", "protocol.toml", "--store", place, "--controller", "controller.json"]) == 0
+    assert len(answers(place)) > 20
     assert verify(place).holds
 
 
