@@ -11,7 +11,7 @@ from tactuator.cli.main import main
 from tactuator.console.identify_view import IdentifyLook, IdentifyModel
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
-from tests.console.pages import console_page, dropped, go, pressed, saved_by, tab_to
+from tests.console.pages import dropped
 
 NUM, DEN = [2875.0], [1.0, 94.0, 290.0]
 
@@ -103,21 +103,3 @@ def test_response__dropped__gives_the_model_that_the_command_writes_and_its_depa
         IdentifyModel(record=key, validate_on=(key,)).answer(state)
     with pytest.raises(BadInput, match="drop it again"):
         IdentifyModel(record="no such key").answer(state)
-
-
-@pytest.mark.slow
-def test_identify__by_keyboard_alone__takes_what_is_chosen_and_saves_what_the_command_writes(
-    browser, record, tmp_path, monkeypatch
-):
-    with console_page(browser) as page:
-        go(page, "identify")
-        tab_to(page, "input[type=file]")
-        page.locator("input[type=file]").set_input_files(shutil.copy(record, tmp_path / "bench.csv"))
-        page.wait_for_selector("a.save")
-        pressed(page, "#tried tbody tr:nth-child(2) button", "text=Let the data choose")
-        saved = saved_by(page, "a.save", tmp_path / "saved.json")
-        command = page.locator(".command code").inner_text()
-    monkeypatch.chdir(tmp_path)
-    assert "--zeros" in command
-    main(shlex.split(command)[1:])
-    assert saved.read_bytes() == (tmp_path / "model.json").read_bytes()

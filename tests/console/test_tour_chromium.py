@@ -106,6 +106,8 @@ def walked(page, lab, mine):
     step(page, "Identify the actuator")
     chosen(page, "main input[type=file]", lab / "bench.csv")
     page.wait_for_selector("#tried")
+    pressed(page, "#tried tbody tr:nth-child(2) button", ".command:has-text('--zeros')")
+    entered(page, "button:has-text('Let the data choose')", ".command:not(:has-text('--zeros'))")
     saved_by(page, "a[download='model.json']", mine / "model.json")
     step(page, "Begin a display")
     chosen(page, "main input[type=file]", mine / "model.json")

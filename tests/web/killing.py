@@ -1,12 +1,9 @@
-"""A session whose server is killed again and again while its protocol is amended.
-
-`python -m tests.web.killing FOLDER KILLS` kills so often, then finishes the session and compares.
-"""
+"""A session whose server is killed again and again while its protocol is amended."""
 
 import json
 import random
-import sys
 import threading
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,18 +28,18 @@ LONG = LONG.replace("resume_within_s = 600", "resume_within_s = 80000")  # on a 
 
 
 class Client:
-    """Subject S1 over the socket, who answers right but for every fourth trial, and knows what was acknowledged."""
+    """A subject over the socket, who answers right but for every fourth trial, and knows what was acknowledged."""
 
-    def __init__(self, server: Server, protocol: Any) -> None:
-        self.server, self.protocol = server, protocol
+    def __init__(self, server: Server, protocol: Any, index: int = 0, wait_s: float = 0.0) -> None:
+        self.protocol, self.index, self.wait_s = protocol, index, wait_s
+        self._path = server.addresses[f"subject S{index + 1}"].replace("http", "ws").replace("/s/", "/ws/subject/")
         self.acknowledged: list[tuple[int, int]] = []
         self.done = False
-        self._positions = [run.position for run in plan_runs(protocol, 0)]
+        self._positions = [run.position for run in plan_runs(protocol, index)]
 
     def answers(self, until: int) -> None:
         """Answer until so many are acknowledged, or the session is over; the connection may end at any moment."""
-        path = self.server.addresses["subject S1"].replace("http", "ws").replace("/s/", "/ws/subject/")
-        with suppress(ConnectionClosed, InvalidMessage, OSError), connect(path) as socket:
+        with suppress(ConnectionClosed, InvalidMessage, OSError), connect(self._path) as socket:
             while len(self.acknowledged) < until and not self.done:
                 self._take(socket, json.loads(socket.recv(timeout=30.0)))
 
@@ -56,12 +53,13 @@ class Client:
         elif message["type"] == "answer-now":
             run, number = message["run"], message["number"]
             trial = self._trial(run, number)
+            time.sleep(self.wait_s)
             socket.send(json.dumps({"type": "answer", "run": run, "number": number, "response": response_of(trial)}))
         elif message["type"] == "ack":
             self.acknowledged.append((message["run"], message["number"]))
 
     def _trial(self, run: int, number: int) -> Any:
-        seed = run_seed(self.protocol, 0, self._positions[run - 1], 0)  # no restart: rows are positions
+        seed = run_seed(self.protocol, self.index, self._positions[run - 1], 0)  # no restart: rows are positions
         return self.protocol.paradigm.trial(number, Placement(0.0), seed)
 
 
@@ -173,11 +171,3 @@ def kills_across_amendments(folder: Path, text: str, kills: int, every: int, see
     finally:
         killing.server.kill()
     return killing.compare(), killing
-
-
-if __name__ == "__main__":
-    place = Path(sys.argv[1])
-    place.mkdir(parents=True, exist_ok=True)
-    answers, so_far = kills_across_amendments(place, LONG, int(sys.argv[2]), 10, 6)
-    counts = f"{so_far.kills} kills, {so_far.versions} versions; {len(so_far.client.acknowledged)} answers acknowledged"
-    sys.stdout.write(f"{counts}, {answers} stored, none lost or doubled; over: {so_far.client.done}\n")

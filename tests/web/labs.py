@@ -77,8 +77,7 @@ def agreed(socket: Socket) -> None:
     """Past consent, and ready for the first trial."""
     stage(socket, "consent")
     socket.send_json({"type": "consent"})
-    stage(socket, "trial")
-    socket.send_json({"type": "ready", "stage": "trial"})
+    go_on(socket, "trial")
 
 
 def begun(socket: Socket) -> dict:
@@ -108,6 +107,12 @@ def stage(socket: Socket, name: str) -> dict:
     while (found := until(socket, "stage"))["stage"] != name:
         pass
     return found
+
+
+def go_on(socket: Socket, name: str) -> None:
+    """Up to the stage, and on from it."""
+    stage(socket, name)
+    socket.send_json({"type": "ready", "stage": name})
 
 
 def answer(socket: Socket, stands: dict, response: str = "1") -> dict:

@@ -9,41 +9,10 @@ from playwright.sync_api import Page, expect
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.words import shipped_words
 from tests.experiment.session.apparatuses import controller
+from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, MATCHING, ORDER
 from tests.web.study import STANDS, page, start  # noqa: F401
 
-HEAD = """
-[study]
-name = "judged"
-seed = 3
-language = "{language}"
-[session]
-practice_trials = 1
-[timing]
-stimulus_s = 0.05
-ramp_s = 0.01
-gap_s = 0.01
-lead_s = 0.01
-feedback_s = 0.0
-[[subject]]
-code = "S1"
-"""
-TASKS = {
-    "matching": '[task]\nkind = "matching"\nfinger = "index"\ntrials = 20\n',
-    "magnitude": """[task]
-kind = "magnitude-estimation"
-finger = "index"
-frequencies_hz = [40, 250]
-levels_db_sl = [10, 30]
-repeats = 1
-""",
-    "order": """[task]
-kind = "discrimination"
-of = "order"
-fingers = ["index", "thumb"]
-frequencies_hz = [140]
-procedure = { kind = "quest-plus", trials = 5 }
-""",
-}
+TASKS = {"matching": MATCHING, "magnitude": ESTIMATION, "order": ORDER}
 
 
 def answered(page: Page, keys) -> int:
@@ -75,7 +44,7 @@ def typed(page: Page, count: int) -> None:
 
 @pytest.mark.parametrize(("task", "language"), [("matching", "en"), ("magnitude", "de"), ("order", "fr")])
 def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: str, language: str) -> None:
-    text = HEAD.format(language=language) + TASKS[task]
+    text = HEAD.replace("seed = 3", f'seed = 3\nlanguage = "{language}"') + TASKS[task]
     keys = parse_any_protocol(text).task
     server = start(text, controller())
     page.goto(server.addresses["subject S1"])
@@ -85,8 +54,8 @@ def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: s
     )
     with closing(sqlite3.connect(server.store)) as store:
         given = [response for (response,) in store.execute("select response from response order by trial_id")]
-    assert len(given) == count == {"matching": 21, "magnitude": 5, "order": 6}[task]
+    assert len(given) == count == {"matching": 26, "magnitude": 6, "order": 8}[task]
     if task == "magnitude":
-        assert given == ["1.5", "2,5", "3.5", "4,5", "5.5"]
+        assert given == ["1.5", "2,5", "3.5", "4,5", "5.5", "6,5"]
     if task == "order":
         assert set(given) == set(keys.fingers)

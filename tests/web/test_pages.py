@@ -7,7 +7,7 @@ from websockets.exceptions import ConnectionClosed
 from tactuator.errors import StoreFault
 from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
-from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.experiment.session.apparatuses import ObedientClock, opened_study, rows_of
 from tests.web.access.mutating import defects, hear_all
 from tests.web.labs import TOKEN, begun, client, joined, make_lab, response_count, until  # noqa: F401
 
@@ -104,6 +104,4 @@ def test_operator__clock_jumps__is_noted(client, lab) -> None:
         lab.clock.jump(3600.0)
         until(socket, "snapshot")
         until(socket, "snapshot")
-    with lab.store.read() as connection:
-        notes = [row.detail for row in connection.execute(select(schema.event))]
-    assert notes == ["the wall clock moved by 3600.0 s"]
+    assert rows_of(lab.store, select(schema.event.c.detail)) == [("the wall clock moved by 3600.0 s",)]

@@ -4,8 +4,8 @@ from sqlalchemy import select
 
 from tactuator.experiment.store import schema
 from tactuator.web.study_pages import build_app
-from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.labs import TOKEN, answer, at_page, joined, make, make_lab, stage, until  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, rows_of
+from tests.web.labs import TOKEN, answer, at_page, go_on, joined, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
@@ -14,8 +14,7 @@ PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npracti
 def failed(lab, socket):
     """Go through the practice of a subject who has read its introduction, with a wrong answer each time."""
     socket.send_json({"type": "ready", "stage": "introduction"})
-    stage(socket, "trial")
-    socket.send_json({"type": "ready", "stage": "trial"})
+    go_on(socket, "trial")
     for _ in range(3):
         stands = until(socket, "answer-now")
         right = lab.opened(1).pending[0].trial.correct
@@ -36,18 +35,14 @@ def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> 
         lab.pause(False)
         assert lab.calls == {}
         socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
+        go_on(socket, "trial")
         for _ in range(2):
             stands = until(socket, "answer-now")
             answer(socket, stands, lab.opened(1).pending[0].trial.correct)
         session = lab.opened(1).session
     assert [one.state for one in session.tally][:1] == ["done"]
-    with lab.store.read() as connection:
-        rows = connection.execute(
-            select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
-        ).all()
-    assert [tuple(row) for row in rows] == [(0, "restarted"), (1, "done")]
+    query = select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
+    assert rows_of(lab.store, query) == [(0, "restarted"), (1, "done")]
 
 
 def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_instead(make) -> None:

@@ -1,6 +1,5 @@
 """Recognition in a real Chromium: from the first key to bits, through reloads and kills, on a phone and a laptop."""
 
-import json
 import re
 from itertools import permutations
 from pathlib import Path
@@ -9,13 +8,13 @@ import pytest
 from playwright.sync_api import Page
 from sqlalchemy import select
 
-from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import rows_of
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
-from tests.web.study import ASKED, Server, Subject, asked, finish, kills_and_finish, page, start, visible, watch_errors  # noqa: F401
+from tests.web.study import ASKED, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
 SIDES = (("x", "width"), ("y", "height"))
@@ -43,8 +42,7 @@ def stored(path: Path) -> list[tuple[int, int, str, str]]:
     query = select(
         schema.run.c.position, schema.trial.c.number, schema.trial.c.correct_response, schema.response.c.response
     ).select_from(schema.run.join(schema.trial).join(schema.response))
-    with store.read() as connection:
-        rows = [tuple(row) for row in connection.execute(query.order_by(schema.trial.c.id))]
+    rows = [tuple(row) for row in rows_of(store, query.order_by(schema.trial.c.id))]
     store.close()
     return rows
 
@@ -64,54 +62,6 @@ def begin(page: Page) -> None:
     visible(page, "Which one was it?")
     page.keyboard.press("Enter")
     asked(page)
-
-
-@pytest.mark.slow
-def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(serve, page, capsys) -> None:
-    text = protocol_text(training=1, test=3, labels=LABELS, consent="You may stop at any time.")
-    server = serve(text)
-    subject = opened(page, server, text)
-    visible(page, "Before we begin")
-    while len(subject.acknowledged) < 2:
-        subject.act()
-    asked(page)
-    stands = page.locator("body").get_attribute("data-trial")
-    page.reload()  # in mid-trial: what was played and not answered is played again
-    begin(page)
-    assert page.locator("body").get_attribute("data-trial") == stands
-    assert kills_and_finish(server, subject, 1, seed=4) == 1
-    rows = stored(server.store)
-    assert rows == planned(text)
-    acknowledged = {(run - 1, number) for run, number in subject.acknowledged}
-    assert acknowledged <= {row[:2] for row in rows}
-    capsys.readouterr()
-    assert main(["experiment", "information", "--store", str(server.store), "--json"]) == 0
-    (result,) = json.loads(capsys.readouterr().out)["results"]
-    counts = [[0] * 4 for _ in LABELS]
-    for block, _, correct, response in planned(text):
-        if block == 1:
-            counts[LABELS.index(correct)][LABELS.index(response)] += 1
-    assert result["matrix"] == counts
-    assert result["trials"] == 12
-    assert 0.5 < result["estimates"]["plug_in"]["bits"] < 2.0
-
-
-def test_page__before_each_answer__is_the_same_whatever_was_played(serve, page) -> None:
-    text = protocol_text(training=0, test=2, labels=LABELS)
-    server = serve(text)
-    subject = opened(page, server, text)
-    seen: set[str] = set()
-    subject.asked = lambda: seen.add(_told(page))
-    finish(subject)
-    assert len({correct for _, _, correct, _ in stored(server.store)}) == 4
-    assert len(seen) == 1
-
-
-def _told(page: Page) -> str:
-    """The whole page and what scripts hold, but for progress and the trial's number."""
-    html = page.evaluate("document.documentElement.outerHTML + JSON.stringify({ ...page, choices: null, noise: null })")
-    html = re.sub(r'data-trial="\d+/\d+"|(?<=max="1") value="[\d.]+"|(?<=<span id="left">)[^<]*', "", html)
-    return re.sub(r'"(number|shownAt)":[\d.]+', "", html)
 
 
 def test_training__feedback_then_a_break_of_its_time__and_what_comes(serve, page) -> None:

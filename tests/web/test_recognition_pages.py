@@ -12,7 +12,7 @@ from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
-from tests.web.labs import TOKEN, at_page, at_pages, joined, make_lab, response_count, stage, until  # noqa: F401
+from tests.web.labs import TOKEN, answer, at_page, at_pages, go_on, joined, make_lab, response_count, stage, until  # noqa: F401
 from tests.web.server import served
 
 
@@ -30,12 +30,6 @@ def make(make_lab, items, controller):
     return lab
 
 
-def go_on(socket, name):
-    """Up to the stage, and on from it."""
-    stage(socket, name)
-    socket.send_json({"type": "ready", "stage": name})
-
-
 def begun(socket, heard=None):
     """Past the introduction, to the first answer that is asked for."""
     go_on(socket, "introduction")
@@ -51,8 +45,7 @@ def block_answered(socket, asked, responses):
     """Answer a block; what was told to be right of each."""
     told = []
     for response in responses:
-        respond(socket, asked if not told else until(socket, "answer-now"), response)
-        told.append(until(socket, "ack")["right"])
+        told.append(answer(socket, asked if not told else until(socket, "answer-now"), response)["right"])
     return told
 
 
@@ -69,8 +62,7 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
         for trial in trials[:9]:
             told.add(json.dumps(first))
             assert asked == {"type": "answer-now", "run": 1, "number": trial.number}
-            respond(socket, asked, trial.responses[0])
-            acknowledged = until(socket, "ack")
+            acknowledged = answer(socket, asked, trial.responses[0])
             assert acknowledged["right"] is None  # no feedback in this block: not even afterwards
             asked = until(socket, "answer-now", first := [])
         assert len({trial.correct for trial in trials[:9]}) > 1
@@ -80,28 +72,21 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
 
 
 def test_subject__answer_that_is_no_choice_or_ready_for_what_cannot_be__is_refused(make) -> None:
-    for paradigm, right, others in (
-        ("recognition", "M-index", ("A", "m-index", "1")),
-        ("abx", "A", ("X", "a", "M-index")),
-    ):
-        lab = make(protocol_text(paradigm, training=0, test=1))
-        with at_page(lab) as socket:
-            until(socket, "stage")
-            for name in ("done", "consent", None):
-                socket.send_json({"type": "ready", "stage": name})
-                until(socket, "refused")
-            socket.send_json({"type": "ready", "stage": "introduction"})
-            go_on(socket, "trial")
-            asked = until(socket, "answer-now")
-            for response in others:
-                respond(socket, asked, response)
-                assert "allowed" in until(socket, "refused")["message"]
-            assert response_count(lab) == 0
-            respond(socket, asked, right)
-            until(socket, "ack")
-            assert response_count(lab) == 1
-        lab.close()
-        lab.store.path.unlink()
+    lab = make(protocol_text("abx", training=0, test=1))
+    with at_page(lab) as socket:
+        until(socket, "stage")
+        for name in ("done", "consent", None):
+            socket.send_json({"type": "ready", "stage": name})
+            until(socket, "refused")
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        go_on(socket, "trial")
+        asked = until(socket, "answer-now")
+        for response in ("X", "a", "M-index"):
+            respond(socket, asked, response)
+            assert "allowed" in until(socket, "refused")["message"]
+        assert response_count(lab) == 0
+        answer(socket, asked, "A")
+        assert response_count(lab) == 1
 
 
 def test_subject__ready_said_twice__skips_no_break(make) -> None:
@@ -131,8 +116,7 @@ def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> N
             until(first, "elsewhere")
             go_on(second, "trial")
             assert until(second, "answer-now") == asked
-            respond(second, asked, "M-index")
-            until(second, "ack")
+            answer(second, asked, "M-index")
             respond(second, asked, "C-index")  # the first tab's, say, come late
             assert until(second, "ack")["number"] == asked["number"]
         assert response_count(lab) == 1
@@ -178,11 +162,9 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
         go_on(socket, "break")
         asked = begun(socket)
         first, second, _ = planned(text, 1)
-        respond(socket, asked, first.correct)
-        until(socket, "ack")
+        answer(socket, asked, first.correct)
         wrong = next(one for one in second.responses if one != second.correct)
-        respond(socket, until(socket, "answer-now"), wrong)
-        until(socket, "ack")
+        answer(socket, until(socket, "answer-now"), wrong)
         while (shot := until(operator, "snapshot"))["sessions"][0]["trials"] < 5:
             pass
     assert [one["share_correct"] for one in shot["sessions"]] == [0.5, None]

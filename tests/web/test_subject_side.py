@@ -10,8 +10,8 @@ from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
-from tests.experiment.session.apparatuses import PROTOCOL, response_of
-from tests.web.labs import TOKEN, agreed, answer, at_page, at_pages, begun, make, make_lab, stage, until  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, response_of, rows_of
+from tests.web.labs import TOKEN, agreed, answer, at_page, at_pages, begun, go_on, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
@@ -23,8 +23,7 @@ def session(lab, number=0):
 
 
 def events(lab):
-    with lab.store.read() as connection:
-        return [row.kind for row in connection.execute(select(schema.event).order_by(schema.event.c.id))]
+    return [row.kind for row in rows_of(lab.store, select(schema.event).order_by(schema.event.c.id))]
 
 
 def test_consent__given__is_stored_with_version_and_text_and_declined_ends_the_session_with_nothing(make) -> None:
@@ -37,8 +36,7 @@ def test_consent__given__is_stored_with_version_and_text_and_declined_ends_the_s
         row, refused = session(lab), session(lab, 1)
     assert (row.consent_version, len(row.consent_sha256), row.protocol_version_id) == ("2026-03", 64, lab.study.version)
     assert (refused.ended, refused.consented_utc, events(lab)) == ("declined", None, ["declined"])
-    with lab.store.read() as connection:
-        assert {run.session_id for run in connection.execute(select(schema.run))} == {row.id}
+    assert {run.session_id for run in rows_of(lab.store, select(schema.run))} == {row.id}
 
 
 def test_stop_for_today_and_pause__while_a_trial_waits__play_it_again_after(make) -> None:
@@ -49,8 +47,7 @@ def test_stop_for_today_and_pause__while_a_trial_waits__play_it_again_after(make
         stage(socket, "stopped")
         assert lab.active is None
     with at_page(lab) as socket:  # on another time
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
+        go_on(socket, "trial")
         assert until(socket, "answer-now") == stands
         socket.send_json({"type": "pause"})
         stage(socket, "paused")
@@ -58,14 +55,12 @@ def test_stop_for_today_and_pause__while_a_trial_waits__play_it_again_after(make
         socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
         until(socket, "refused")
         socket.send_json({"type": "ready", "stage": "paused"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
+        go_on(socket, "trial")
         assert until(socket, "answer-now") == stands
         answer(socket, stands)
         assert lab.calls == {}
     assert events(lab) == ["stop", "pause", "resume"]
-    with lab.store.read() as connection:
-        assert connection.execute(select(schema.trial.c.presentations)).scalar_one() == 3
+    assert rows_of(lab.store, select(schema.trial.c.presentations)) == [(3,)]
 
 
 def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, monkeypatch) -> None:
@@ -126,8 +121,7 @@ def test_withdrawal__at_a_trial_or_while_paused__ends_the_session_for_good(make,
         with client.websocket_connect("/ws/subject/token-S2") as socket:  # the rig is free
             begun(socket)
     assert session(lab).ended == how
-    with lab.store.read() as connection:
-        assert connection.execute(select(schema.run.c.state)).scalars().all()[0] == "stopped"
+    assert rows_of(lab.store, select(schema.run.c.state))[0] == ("stopped",)
 
 
 def test_break__is_kept_by_the_server_whatever_the_page_says(make) -> None:
@@ -186,8 +180,7 @@ def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_th
     assert shapes.index(max(shapes)) == right
     assert sorted(shapes)[:2] == [-60.0, -60.0]
     assert max(shapes) == pytest.approx(30.0, abs=1.0)
-    with lab.store.read() as connection:
-        run = connection.execute(select(schema.run)).one()
+    (run,) = rows_of(lab.store, select(schema.run))
     assert (run.rig_simulated, run.shown, run.respondent) == (True, "seen or heard", "person")
 
 

@@ -27,9 +27,9 @@ FINE_HZ = np.geomspace(0.4, 300.0, 400)
     ("curve_db", "limit_db"), [(np.full(400, 30.0), 3.0), (5.0 * np.sin(2.0 * np.pi * np.log10(FINE_HZ)), 4.0)]
 )
 def test_whole_curve__person_outside_the_prior__stays_inside_the_band(curve_db: np.ndarray, limit_db: float) -> None:
-    """Three runs; `witnesses.curve.populations` has hundreds of many people."""
+    """Two runs; `witnesses.curve.populations` has hundreds of many people."""
     theirs = RelativeCurve(FINE_HZ, curve_db, "theirs")
-    quality = simulate_curve(WholeCurveRule(100), Setting(3, lapse=0.02, seed=3), theirs)
+    quality = simulate_curve(WholeCurveRule(100), Setting(2, lapse=0.02, seed=3), theirs)
     assert quality.coverage95 >= 0.80
     assert quality.rms_error_db <= limit_db
     assert (quality.flags.get("chance", 0.0), quality.people) == (0.0, "theirs")
@@ -148,7 +148,7 @@ def test_belief_and_drift__three_points_one_kind__are_the_integral_over_all_curv
 
 def test_curve_drift__answers_of_another_generator__are_flagged_where_the_curve_moved() -> None:
     prior, answering = CurvePrior(points=14, notch_share=0.0, edge_share=0.0), Answering()
-    for drift_db, least, most in ((0.0, 0.0, 0.15), (12.0, 0.8, 1.0), (-12.0, 0.8, 1.0)):
+    for drift_db, least, most in ((0.0, 0.0, 0.15), (12.0, 0.8, 1.0)):
         trials = answered(prior.points, 7, 150, drift_db, seed=7)
         found = curve_drift(learnt(prior, answering, trials), trials)
         assert least <= float(np.mean(found.log_odds > LEAST_LOG_ODDS)) <= most

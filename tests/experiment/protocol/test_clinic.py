@@ -110,10 +110,8 @@ def test_consent__by_name_with_a_witness__needs_both_and_is_in_no_export(store, 
     session.give_consent("Ada Example", "Bob Example")
     assert session.stage == "trial"
     answer_one(PresentedSession(session), study.clock)
-    with store.read() as connection:
-        assert (
-            records.latest(connection, session.id, records.CONSENT_NAMES) == "name: Ada Example; witness: Bob Example"
-        )
+    told = select(schema.event.c.detail).where(schema.event.c.kind == records.CONSENT_NAMES)
+    assert rows_of(store, told) == [("name: Ada Example; witness: Bob Example",)]
     export(store, tmp_path / "out", "tidy")
     written = "".join(file.read_text() for file in (tmp_path / "out").rglob("*") if file.suffix in (".csv", ".tsv"))
     assert "Example" not in written

@@ -18,10 +18,8 @@ from tests.experiment.session.recognising import controller, items, opened_appar
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("seed = 7", 'seed = "x"', "study.seed"),
         ("seed = 7", "seed = -1", "study.seed"),
         ('kind = "up-down"', 'kind = "guess"', "imece2004"),
-        ("reversals = 6", "reversals = 2", "averages 4 of 2"),
         ("start_db_sl = 20", "start_db_sl = 70", "start_db_sl"),
         ("frequencies_hz = [30, 90, 210]", "frequencies_hz = []", "one or more"),
         ("frequencies_hz = [30, 90, 210]", "frequencies_hz = [50, 50]", "twice"),
@@ -30,7 +28,6 @@ from tests.experiment.session.recognising import controller, items, opened_appar
         ("ramp_s = 0.01", "ramp_s = 0.04", "ramps of 0.04 s"),
         ('code = "S2"', 'code = "S1"', "each once"),
         ('code = "S2"', 'code = "S 2"', "subject.1.code"),
-        ('group = "hearing-impaired"', 'group = "=deaf"', "subject.1.group"),
         ("skin_temperature_c = 31", "skin_temperature_c = 300", "skin_temperature_c"),
         ("practice_trials = 2", "practise_trials = 2", "practise_trials"),
         ('masking_sound = "pink"', 'masking_sound = "brown"', "masking_sound"),
@@ -94,7 +91,6 @@ def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items,
         (read_any_protocol, protocol_text().replace('key = "2"', 'key = "1"'), "keys"),
         (read_any_protocol, protocol_text("guessing"), "paradigm"),
         (read_any_protocol, protocol_text().replace("repetitions = 20", "repetitions = 0"), "repetitions"),
-        (read_any_protocol, protocol_text(subjects=("S 1",)), "code"),
     ],
 )
 def test_protocol__of_the_wrong_kind_or_amiss__is_refused_in_one_line(tmp_path, read, text, message) -> None:

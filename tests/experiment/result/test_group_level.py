@@ -60,7 +60,7 @@ def test_group_level__small_group__is_the_highest_of_likelihood_times_spread(see
     assert (group.level_db, group.spread_db) == pytest.approx(best, rel=0.01)
 
 
-@pytest.mark.parametrize(("mean", "spread", "people"), [(30.0, 10.0, 12), (36.0, 12.0, 20), (30.0, 6.0, 6)])
+@pytest.mark.parametrize(("mean", "spread", "people"), [(36.0, 12.0, 20), (30.0, 6.0, 6)])
 def test_group_level__patients_beyond_the_display__mean_is_unbiased(mean: float, spread: float, people: int) -> None:
     """Without those beyond it the mean is 2 to 9 dB too good; told as precise at the limit, 0.7 to 5 dB.
 

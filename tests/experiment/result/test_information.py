@@ -21,7 +21,6 @@ TABLE = [
     (12, 0.30, 20, 1.67, {"plug_in": 2.04, "miller_madow": 1.90, "all_cells": 1.68, "error_rule": 1.43}),
     (39, 0.14, 20, 3.97, {"plug_in": 4.50, "miller_madow": 4.43, "all_cells": 3.16, "error_rule": 3.81}),
     (120, 0.06, 20, 6.17, {"plug_in": 6.56, "miller_madow": 6.56, "all_cells": 2.31, "error_rule": 6.08}),
-    (12, 0.05, 20, 3.13, {"plug_in": 3.30, "miller_madow": 3.30, "all_cells": 2.94, "error_rule": 3.23}),
 ]
 
 

@@ -1,13 +1,19 @@
 """A simulated apparatus, a clock that obeys, and protocols that end soon."""
 
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
 
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import Study, open_session, open_study
 from tactuator.experiment.session.task import Apparatus
+from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
@@ -110,6 +116,17 @@ def rows_of(store: Store, query) -> list:
     """What the store has to say to a query."""
     with store.read() as connection:
         return connection.execute(query).all()
+
+
+def answers(place: str | Path) -> list[tuple[Any, ...]]:
+    """Every answer of a store: subject, position of the run, number, and what was presented and answered."""
+    run, trial, response = schema.run, schema.trial, schema.response
+    query = select(
+        schema.subject.c.code, run.c.position, trial.c.number, run.c.attempt, trial.c.level_db_sl,
+        trial.c.correct_response, trial.c.presented_utc, response.c.response, response.c.server_received_utc,
+    ).select_from(schema.ANSWERED)  # fmt: skip
+    with closing(Store(place)) as store:
+        return [tuple(row) for row in rows_of(store, query)]
 
 
 def token(code: str, visit: int) -> str:

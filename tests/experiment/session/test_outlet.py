@@ -86,7 +86,7 @@ def compare(path: Path, store: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_observe__with_a_recorder__has_every_onset_within_one_sample_of_the_stores(tmp_path) -> None:
-    (tmp_path / "protocol.toml").write_text(ONE)
+    (tmp_path / "protocol.toml").write_text(ONE.replace("[30, 210]", "[30]"))
     heard = on_this_machine(tmp_path, f"SessionID = {uuid.uuid4().hex}")
     command = ["-m", "tactuator", "experiment", "observe", "protocol.toml", "--store", "lab.db", "--lsl"]
     with recorded(tmp_path / "all.json", "tactuator simulated", heard):
@@ -94,7 +94,7 @@ def test_observe__with_a_recorder__has_every_onset_within_one_sample_of_the_stor
             [sys.executable, *command], cwd=tmp_path, env=os.environ | heard, check=True, stderr=-3, stdout=-3
         )
     rig_s, stamps = compare(tmp_path / "all.json", tmp_path / "lab.db")
-    assert rig_s.size > 80
+    assert rig_s.size > 40
     assert np.abs((stamps - stamps[0]) - (rig_s - rig_s[0])).max() < 1.0 / controller().rate_hz
 
 

@@ -169,7 +169,7 @@ def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> N
     presented = study.presented("S2")
     go_on(presented, 12)
     (table,) = study.task.results(store, presented.session.id)
-    assert table.rows == (("12", "100.0"),)
+    assert (table.rows, "simulated: nobody felt this" in table.notes) == ((("12", "100.0"),), True)
 
 
 def test_export__recognition__is_under_its_own_task(opened, tmp_path) -> None:
@@ -211,10 +211,8 @@ def test_run_session__respondent__is_told_of_runs_breaks_and_right_answers_in_or
 
     study, _, store = opened(protocol_text(test=1, consent="Agreed?", subjects=("S1", "S2")))
     assert study.run("S1", Telling()) == 0
-    with store.read() as connection:
-        assert connection.execute(select(schema.run)).all() == []
-        row = records.sessions(connection, study.study.id)[0]
-    assert (row.consented_utc, row.ended) == (None, "declined")
+    assert rows_of(store, select(schema.run)) == []
+    assert rows_of(store, select(schema.session.c.consented_utc, schema.session.c.ended))[0] == (None, "declined")
     agreed.append(True)
     assert study.run("S2", Telling()) == 6
     training = [item for _ in range(3) for item in ("?", True)]

@@ -8,7 +8,6 @@ from sqlalchemy import select
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import (
@@ -18,7 +17,6 @@ from tests.experiment.session.apparatuses import (
     begin,
     everything,
     nobody,
-    opened_study,
     response_of,
     rows_of,
 )
@@ -32,10 +30,11 @@ def stored(store):
 
 def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path, clock) -> None:
     whole, broken = Store(tmp_path / "whole.db"), tmp_path / "broken.db"
-    everything(begin(whole, clock), clock)
+    text = PROTOCOL.replace("[30, 90, 210]", "[30, 90]")
+    everything(begin(whole, clock, text), clock)
     while True:
         store = Store(broken)
-        presented = begin(store, clock)
+        presented = begin(store, clock, text)
         if presented.session.stage == "done":
             break
         for _ in range(4):
@@ -159,9 +158,7 @@ def test_give_up_run__goes_on_with_the_next_and_marks_it(store, clock) -> None:
     presented = begin(store, clock, trials=4)
     presented.give_up_run()
     assert answer_one(presented, clock) == (2, 0)
-    with store.read() as connection:
-        runs = records.latest_runs(connection, presented.session.id)
-    assert [run.state for run in runs] == ["done", "stopped", "running"]
+    assert rows_of(store, select(schema.run.c.state)) == [("done",), ("stopped",), ("running",)]
     with pytest.raises(BadInput, match="no trial waits"):
         presented.answer(records.Answer("1", clock.utc()))
 
@@ -172,16 +169,6 @@ def test_replay__store_changed_by_hand__is_refused(store, clock) -> None:
         connection.execute(schema.trial.update().where(schema.trial.c.number == 2).values(level_db_sl=3.0))
     with pytest.raises(BadInput, match="does not replay"):
         begin(store, clock)
-
-
-def test_consent__asked_for__comes_before_the_first_trial(store, clock) -> None:
-    begin(store, clock)
-    with store.begin() as connection:
-        connection.execute(schema.session.update().values(consented_utc=None))
-    again = open_session(opened_study(store, clock), "S1")
-    assert again.stage == "consent"
-    with pytest.raises(BadInput, match="'consent'"):
-        again.next_trial()
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [("210]", "500]", "500 Hz"), ('"index"', '"ring"', "'ring'")])

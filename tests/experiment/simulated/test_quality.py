@@ -66,7 +66,7 @@ def test_refit__whatever_the_slope__is_less_wrong_unbiased_and_covers(setting, l
 
 @pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (60, 0.97)])
 def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, rmse: float) -> None:
-    _, errors = tracks(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
+    _, errors = tracks(QuestPlusRule(trials=trials), Setting(400, lapse=0.02, seed=5))
     assert np.sqrt(np.mean(errors**2)) <= 1.04 * rmse
 
 
@@ -90,7 +90,7 @@ def test_setting__nonsense__is_refused(settings: dict[str, object], message: str
 
 
 def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
-    found = simulate_curve(WholeCurveRule(30), Setting(3, seed=1))
+    found = simulate_curve(WholeCurveRule(30), Setting(2, seed=1))
     assert "drawn" in found.people
     assert found.trials == 30
     assert found.coverage95 >= 0.8
@@ -106,16 +106,16 @@ def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
 
 def test_simulate__what_people_do__is_flagged_with_every_procedure() -> None:
     """The figures are judged by another generator (logistic people, loud trials after the run): test_run_flags."""
-    often = simulate(IMECE2004, Setting(150, lapse=0.15, seed=1, loud_share=0.2)).flags
+    often = simulate(IMECE2004, Setting(80, lapse=0.15, seed=1, loud_share=0.2)).flags
     assert often["lapses"] >= 0.6
     assert often["attention"] > 0.3
-    assert simulate(IMECE2004, Setting(150, lapse=0.15, seed=1)).flags["lapses"] < often["lapses"] - 0.15
+    assert simulate(IMECE2004, Setting(80, lapse=0.15, seed=1)).flags["lapses"] < often["lapses"] - 0.15
     assert simulate(IMECE2004, Setting(40, seed=1, guessed=1.0)).flags["chance"] == 1.0
     # 0.029 of 2,000 runs; 0.068 where frequent lapses were held against the mean of the rare rates
     seldom = simulate(QuestPlusRule(), Setting(400, lapse=0.02, slope=(1.5, 3.5), seed=4, loud_share=0.2)).flags
     assert seldom["lapses"] <= 0.045
     assert seldom.get("drift", 0.0) <= 0.07
-    assert simulate(QuestPlusRule(), Setting(100, seed=1, drift_db=12.0)).flags["drift"] >= 0.5
+    assert simulate(QuestPlusRule(), Setting(50, seed=1, drift_db=12.0)).flags["drift"] >= 0.5
     missed, heard = (
         simulate_curve(WholeCurveRule(20), Setting(2, lapse=lapse, seed=2, loud_share=0.5)).flags
         for lapse in (0.2, 0.0)

@@ -17,8 +17,15 @@ from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store, opened_store
 from tactuator.verbs.store import merge, verify
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, everything, opened_study
-from tests.experiment.store.killing_stations import answers, killed
+from tests.experiment.session.apparatuses import (
+    PROTOCOL,
+    ObedientClock,
+    answer_one,
+    answers,
+    begin,
+    everything,
+    opened_study,
+)
 from tests.postgres import PostgresServer
 
 pytestmark = pytest.mark.xdist_group("postgres")
@@ -151,11 +158,3 @@ def test_server__that_is_not_there_or_another_program_or_an_echo__is_refused_in_
         with pytest.raises(BadInput, match="is no PostgreSQL server; allowed: "):
             Store(f"postgresql://lab@127.0.0.1:{other.getsockname()[1]}/study")
         speaking.join()
-
-
-@pytest.mark.slow
-def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path) -> None:
-    stations, found = killed(tmp_path, stations=3, kills=8, seed=7)
-    assert (stations.kills, stations.server_kills > 0) == (8, True)
-    assert found["acknowledged"] > 10
-    assert [found[name] for name in ("lost", "doubled", "unlike the station's", "altered")] == [0, 0, 0, 0]
