@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,6 +43,9 @@ _FLANK = 15.0
 """Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
+_BANDS, _FREE = 60, 1.6
+"""Bands in which a residual is held against the command, and what they follow it by, on the mean, from which on no hold
+is told: 1.46 at most where the form was right, 1.75 at least beside half-order parts."""
 _LATE = 100
 """Dead time, samples, from which on its turning of the phase spoils a local response that does not know of it."""
 _STANDS_OUT = 4.0
@@ -171,7 +175,7 @@ def _searched(
     if judged:
         glance = choose(given, proposals, hold, known, quick=True)
         seen = _judged(glance, taken)
-        if seen.evidence > judged[0].evidence + _FAR:
+        if seen.evidence > judged[0].evidence + _FAR and judged[0].fits:
             return seen
     best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
     behind = bool(judged) and best.evidence > judged[0].evidence + _enough(best, judged[0])
@@ -272,6 +276,24 @@ class _Judged:
     evidence: float
     by_loop: float = 0.0
 
+    @cached_property
+    def fits(self) -> bool:
+        """Return whether the residual is free of the command: a form that does not fit takes the other hold's half
+        sample for what it lacks.
+        """
+        return max(map(_follows, self.residuals), default=0.0) < _FREE
+
+
+def _follows(residual: Residual) -> float:
+    """Return the mean over bands of how far the residual's lines follow the command's, 1 where by chance alone."""
+    edges = np.linspace(0, residual.lines.size - 1, _BANDS + 1).astype(np.int64)
+    command, rest = residual.taken.command[1:], residual.lines[1:]
+    sums = [
+        np.add.reduceat(row, edges[:-1]) for row in (np.conj(command) * rest, np.abs(command) ** 2, np.abs(rest) ** 2)
+    ]
+    along = np.abs(sums[0]) ** 2 / np.maximum(sums[1].real * sums[2].real, 1e-300)
+    return float(np.mean(along * np.diff(edges)))
+
 
 def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
     """Return the choice with its criterion (Bayes) for position and command together."""
@@ -295,7 +317,7 @@ def _decided(
     if not others:
         return SpectralEstimate(best.choice, None, True, np.inf, CERTAIN, local, taken, best.residuals)
     other = others[0]
-    advantage = float(other.evidence - best.evidence)
+    advantage = float(other.evidence - best.evidence) if best.fits else 0.0
     enough, flanks = _enough(best, other), False
     certain = advantage > enough
     if not certain:
