@@ -70,6 +70,24 @@ def test_identify__held_record_with_dead_time__is_named_and_right() -> None:
     assert found.model.delay_s == pytest.approx(1.3e-3, abs=1e-4)
 
 
+def test_identify__half_order_part_under_a_held_command__hold_is_not_told_by_a_form_that_does_not_fit() -> None:
+    """Eddy currents beside 60 Hz, Q 3, by FFT on a finer grid. The hold was *band-limited*, certain, 13° off."""
+    rng, rate_hz, fine, count = np.random.default_rng(0), 2000.0, 16, 6000
+    command = 0.7 * np.repeat(rng.choice([-1.0, 0.0, 1.0], count // 50), 50)
+    hertz = np.fft.rfftfreq(1 << 18, 1.0 / (rate_hz * fine))
+    s = 2j * np.pi * hertz / 377.0
+    response = 1.0 / (s * s + s / 3.0 + 1.0) / (1.0 + 0.274 * s**0.5)
+    place = hertz / (rate_hz * fine)
+    lines = np.fft.rfft(np.repeat(command, fine), 1 << 18) * response * np.sinc(place) * np.exp(-1j * np.pi * place)
+    position = np.fft.irfft(lines, 1 << 18)[: count * fine : fine]
+    found = identify(Record(rate_hz, command, position + 0.003 * position.std() * rng.standard_normal(count)))
+    assert (found.between.hold, found.between.certain) == ("zero-order", False)
+    at_hz = np.geomspace(2.0, found.model.valid_hz[1], 50)
+    s = 2j * np.pi * at_hz / 377.0
+    off = np.log(found.model.response(at_hz) * (s * s + s / 3.0 + 1.0) * (1.0 + 0.274 * s**0.5))
+    assert np.all(np.abs(off.imag) <= found.model.band_rad(at_hz) + 0.012)
+
+
 def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_leave_and_the_band_holds_both() -> None:
     late = replace(RESONATOR, delay_s=0.4e-3)
     record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 2.0, 30.0))
