@@ -7,7 +7,7 @@ import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
-let shown = null, ready = false, about = null, renewed = false;
+let shown = null, ready = false, about = null, renewed = false, routes = 0;
 const remembered = {}; // of each view that was left, its own part of the address
 const shapesOf = {}; // of each display, the loops that were shaped: links from the start page and addresses typed anew do not bear them
 // Tabs of one origin tell each other the token as long as one of them is open: it is written nowhere.
@@ -49,8 +49,11 @@ function navigation(state) {
   el("where").textContent = display ? displayName(display) : "";
 }
 
+// Addresses may follow each other faster than their views open: the last is shown, and what another draws late is drawn
+// on an element that the page no longer has.
 async function route() {
   if (!ready) return;
+  const number = ++routes;
   const state = read(), of = state.display ?? about?.named;
   if (Object.keys(state.shapes).length) shapesOf[of] = state.shapes; else state.shapes = shapesOf[of] ??= {};
   if (!(state.view in VIEWS) || (VIEWS[state.view].ofDisplay && !state.display)) state.view = "start";
@@ -58,20 +61,26 @@ async function route() {
   delete document.body.dataset.ready;
   if (shown?.state) remembered[shown.state.view] = shown.state.own;
   shown?.close?.();
-  const view = el("view");
-  view.onkeydown = null;
+  shown = null;
+  const last = el("view"), view = last.cloneNode(false);
+  view.replaceChildren(...last.childNodes);
+  last.replaceWith(view);
   renewed = false;
   try {
     about ??= await link.ask("start");
     names.file = about.file;
     navigation(state);
     const { default: View } = await import(`./${state.view}.js`); // when it is opened first
-    const made = shown = new View(view, link, state);
-    await made.open();
-    if (shown !== made) return;
-    made.isOpen = true;
+    if (number !== routes) return;
+    shown = new View(view, link, state);
+    await shown.open();
+    if (number !== routes) return;
+    shown.isOpen = true;
     if (VIEWS[state.view].ofDisplay) { write(state); navigation(state); }
-  } catch (error) { refusal(error); }
+  } catch (error) {
+    if (number !== routes || error.lost) return; // it is opened when the server is back
+    refusal(error);
+  }
   leftRig();
   document.body.dataset.ready = state.view;
   performance.mark("usable");
