@@ -105,9 +105,9 @@ def test_open_loop_lra__noise_and_measure__close_no_loop_and_call_no_load_met(tm
     assert measured["outcome"] == "not judged"
     (finding,) = (each for each in measured["objectives"]["i"]["findings"] if each["load"] == "finger")
     assert finding["remark"].startswith("for information only")
-    judged = run.json("check", of[1])
+    judged = run.json("check", of[1], status=1)  # near its resonance a tone of 10 dB SL is under half a step
     assert {number: each["outcome"] for number, each in judged["objectives"].items()} == {
-        "i": "met", "ii": "not judged", "iii": "met", "iv": "not judged", "build": "met"
+        "i": "not met", "ii": "not judged", "iii": "met", "iv": "not judged", "build": "met"
     }  # fmt: skip
     assert "-6.67 dB at 177 Hz" in judged["objectives"]["iv"]["findings"][0]["remark"]
     of = designed(tmp_path, run, LRA, FINGER + "[objectives]\nflatness_db = 0.03\n")

@@ -39,7 +39,7 @@ def live(console, controller):
 def test_frames__come_as_the_page_draws_them_and_hold_every_sample(live):
     live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"], frequency_hz=50.0)
     live.until(lambda: live.standing["wave"])
-    live.ask(**{**LOOK, "span_s": 0.1, "columns": 2000})
+    live.ask(**{**LOOK, "span_s": 0.5, "columns": 2000})
     del live.frames[:]
     live.until(lambda: len(live.frames) >= 12)
     held = {}

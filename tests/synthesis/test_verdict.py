@@ -5,19 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.model.controller import Limits
-from tactuator.model.description import Display, Environment
+from tactuator.model.controller import Controller, Limits
+from tactuator.model.description import Converter, Display, Environment
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.runtime.simulation import Simulation
+from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.felt import felt_noise_rms_v
-from tactuator.synthesis.verdict import WITH_FRICTION, judge
+from tactuator.synthesis.felt import felt_noise_rms_v, step_gain
+from tactuator.synthesis.verdict import AT_LOWEST, judge
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
@@ -84,10 +88,51 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == not_met
     assert verdict.outcome is Outcome.NOT_MET
     if not_met == ["i"]:
-        rubbed = only(verdict, "i", "index", "none", WITH_FRICTION)
+        rubbed = only(verdict, "i", "index", "none", AT_LOWEST)
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
     if not_met == ["ii"]:
         assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
+
+
+def moved_db(controller: Controller, display: Display, hertz: float, level_db_sl: float) -> float:
+    """Return how much further than asked the simulated display moves, by least squares on its true position."""
+    simulation, seconds = Simulation(display, seed=1), max(2.0, 8.0 / hertz)
+    simulation.load(controller)
+    time = np.arange(round(seconds * display.rate_hz)) / display.rate_hz
+    tone = 10.0 ** (level_db_sl / 20.0) * np.sin(2.0 * np.pi * hertz * time) * np.minimum(1.0, time / 0.2)
+    moved = simulation.play(tone[:, None], None).displacement_mm[time.size // 2 :, 0]
+    phase = 2.0 * np.pi * hertz * time[time.size // 2 :]
+    parts = np.linalg.lstsq(np.column_stack([np.cos(phase), np.sin(phase), np.ones(phase.size)]), moved)[0]
+    return float(db(np.hypot(*parts[:2]) / display.channels[0].threshold.curve.displacement_mm(hertz))) - level_db_sl
+
+
+@pytest.mark.parametrize(("bits", "kept"), [(10, False), (11, False), (13, True), (16, True)])
+def test_judge__steps_of_the_converters__are_felt_as_the_simulated_display_moves(bits: int, kept: bool) -> None:
+    quiet = Environment(friction_v=0.0)
+    display = replace(paper_alone(), channels=(channel(loads=(), environment=quiet, converter=Converter(bits=bits)),))
+    judged = [one for one in judge(paper_controller(), display).objectives[0].findings if one.quantity == AT_LOWEST]
+    moved = [moved_db(paper_controller(), display, hertz, 10.0) for hertz in (0.6, 3.0, 10.0, 20.0, 40.0, 52.0, 250.0)]
+    assert (np.max(np.abs(moved)) <= 1.0) == kept
+    assert all((one.outcome is Outcome.MET) == kept for one in judged)
+    assert len(judged) == (bits < 16)
+
+
+@given(
+    st.floats(0.05, 6.0), st.floats(0.15, 1.0), st.lists(st.floats(0.1, 3.0), max_size=2), st.sampled_from([0, 2, 5, 8])
+)
+@settings(max_examples=12)
+def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(
+    amplitude: float, noise: float, lines: list[float], rest: int
+) -> None:
+    rng = np.random.default_rng(3)
+    phase, *others = rng.uniform(0.0, 2.0 * np.pi, (1 + len(lines), 400_000))
+    beside = sum((peak * np.cos(turn) for peak, turn in zip(lines, others, strict=True)), rest / 16.0 + 0.0 * phase)
+    read = np.round(amplitude * np.cos(phase) + beside + noise * rng.standard_normal(phase.size))
+    known = np.column_stack([np.cos(phase), np.ones(phase.size)])
+    gain = np.linalg.lstsq(known, read)[0][0] / amplitude
+    assert step_gain(1.0, np.array([amplitude]), noise, np.array(lines))[rest, 0] == pytest.approx(
+        gain, abs=0.01 + 0.01 / amplitude
+    )
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,10 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.prefilter import fit_prefilter
-from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE, WITH_FRICTION, judge_channel
+from tactuator.synthesis.verdict import AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
 from tactuator.wordlength.assessment import buildable
 
-_TILES = (FELT_MINUS_ASKED, WITH_FRICTION, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
+_TILES = (FELT_MINUS_ASKED, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that stand in large figures."""
 _BUILD = "build"
 

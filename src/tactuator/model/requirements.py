@@ -135,7 +135,7 @@ class Objectives:
     """Tolerances of the paper's four objectives (its section 2), and of crosstalk."""
 
     flatness_db: Annotated[Positive, Field(description="i: |H| against the curve over the band")] = 1.0
-    from_db_sl: Annotated[Number, Field(description="i: lowest level at which that holds beside friction")] = 10.0
+    from_db_sl: Annotated[Number, Field(description="i: lowest level it holds at, with friction and steps")] = 10.0
     mains_max_db_sl: Annotated[Number, Field(description="ii: felt level of every mains line")] = 0.0
     noise_max_db_sl: Annotated[Number, Field(description="iii: felt noise in every third octave")] = 0.0
     resonance_peak: Annotated[Positive, Field(description="iii: max|T|")] = 1.3

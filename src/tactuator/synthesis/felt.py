@@ -11,19 +11,31 @@ between -Y and Y, the branches
 
 Its first harmonic D(Y), against a motion of amplitude Y and phase zero, enters the loop as a disturbance of the
 command: H r = Y + P S D.
+
+A converter of step q that rests m steps from a code passes a sinusoid of amplitude A, beside noise of rms s and lines
+of amplitudes B, with the gain
+
+    N = 1 + 2 sum_k (-1)^k [2 J1(2 pi k A/q)/(2 pi k A/q)] exp(-2 (pi k s/q)^2) prod J0(2 pi k B/q) cos(2 pi k m),
+
+the first harmonic of its saw of an error (Gelb & Vander Velde 1968, "Multiple-Input Describing Functions").
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.description import Channel, Environment
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop import TwoDegreeLoop, margins
+from tactuator.synthesis.assessment import command_noise_gain
 
 _ANGLES = (np.arange(256) + 0.5) * (np.pi / 256.0)
+_RESTS = np.linspace(0.0, 0.5, 9)
+_STEADIEST = 0.05
+"""Where converters may rest, in steps from a code; the least noise of a converter's own edge, in steps."""
 
 
 def dahl_harmonic(amplitude_v: FloatArray, friction_v: float, presliding_v: float) -> NDArray[np.complex128]:
@@ -86,10 +98,10 @@ def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edge
 
 
 def friction_loss_db(
-    channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float, rounds: int = 1
+    channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float | FloatArray, rounds: int = 1
 ) -> FloatArray:
-    """Return the loss, dB, shape (n,), by which a sinusoid of `level_db_sl` at `frequency_hz` moves less than its
-    reference.
+    """Return the loss, dB, shape (n,), by which a sinusoid of `level_db_sl` (one for all, or (n,)) at `frequency_hz`
+    moves less than its reference.
 
     From the friction that the display file states; negative where the spring of presliding adds to the motion. rounds:
     the first takes the friction of the motion that is asked for, each further one that of the motion before.
@@ -102,3 +114,39 @@ def friction_loss_db(
         position = asked / from_db(loss)
         loss = db(1.0 + path * dahl_harmonic(position, environment.friction_v, environment.presliding_v) / position)
     return loss
+
+
+def step_gain(
+    step_v: float, amplitude_v: FloatArray, noise_v_rms: float, lines_v: FloatArray, rests: FloatArray = _RESTS
+) -> FloatArray:
+    """Return the gain of a converter for sinusoids of amplitudes (n,) beside noise and lines (peak volts), (rests, n),
+    for each place where it rests, in steps from a code."""
+    k = np.arange(1, 17)
+    phase = 2.0 * np.pi * k[:, None] * np.maximum(amplitude_v, 1e-9 * step_v) / step_v
+    share = 2.0 * scipy.special.j1(phase) / phase
+    share = share * np.exp(-2.0 * (np.pi * k * max(noise_v_rms / step_v, _STEADIEST)) ** 2)[:, None]
+    share = share * np.prod(scipy.special.j0(2.0 * np.pi * np.outer(k, lines_v) / step_v), axis=1)[:, None]
+    return np.asarray(1.0 + 2.0 * ((-1.0) ** k * np.cos(2.0 * np.pi * np.outer(rests, k))) @ share)
+
+
+def steps_change_db(
+    channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float | FloatArray
+) -> FloatArray:
+    """Return by how much, dB, the converters' steps let a sinusoid of `level_db_sl` move further, (rests, n), for each
+    way in which A/D and D/A may rest between two codes.
+
+    Without a loop a D/A rests at a code. No steps raise a loop's gain beyond its margin: there it oscillates by itself,
+    which smooths them as noise does.
+    """
+    step_v, environment, feedback = channel.converter.step_v, channel.environment, loop.feedback
+    moved = channel.threshold_voltage(frequency_hz) * from_db(level_db_sl)
+    command = moved / np.abs(loop.plant.response(frequency_hz))
+    if feedback is None:
+        return db(step_gain(step_v, command, 0.0, np.empty(0), np.zeros(1)))
+    lines, hum = np.array(environment.hum_hz), np.array(environment.hum_v_peak)
+    sensed = step_gain(step_v, moved, environment.noise_v_rms, hum * np.abs(feedback.sensitivity(lines)))
+    noise_v_rms = environment.noise_v_rms * command_noise_gain(feedback)
+    put_out = step_gain(step_v, command, noise_v_rms, hum * np.abs(feedback.command_sensitivity(lines)))
+    both = np.minimum(sensed[:, None] * put_out, from_db(margins(feedback).gain_margin_db))
+    through = feedback.open_response(frequency_hz)
+    return db(np.abs(put_out * (1.0 + through) / (1.0 + through * both))).reshape(-1, frequency_hz.size)

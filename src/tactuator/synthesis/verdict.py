@@ -40,7 +40,7 @@ from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.coupling import judge_coupling
 from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
-from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db
+from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db, steps_change_db
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.prefilter import response_error_db
 from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
@@ -48,8 +48,8 @@ from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.assessment import buildable
 
 _POINTS = 600
-_ROUNDS = 16
-WITH_FRICTION = f"{FELT_MINUS_ASKED}, with friction"
+_ROUNDS, _TOLD_DB = 16, 0.005
+AT_LOWEST = f"{FELT_MINUS_ASKED}, lowest level"
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 _WIDENS = {
@@ -152,10 +152,7 @@ class _Judge:
         if frequency.size == 0:
             return self.open("i", FELT_MINUS_ASKED, self.channel.known_words)
         error = response_error_db(self.channel, self.loop, frequency)
-        contours = self.channel.strength.contours
-        if self.strength is not None and contours is not None:
-            args = contours, frequency, self.display.rate_hz
-            error = furthest([error + shaping_error_db(self.strength, level, *args) for level in JUDGED_DB_SL])
+        error = furthest([error + self._shaped(frequency, level)[1] for level in JUDGED_DB_SL])
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         remedy = "more poles in [prefilter], or a wider flatness_db"
@@ -166,28 +163,43 @@ class _Judge:
             return finding
         return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
 
-    def friction(self) -> Iterator[Finding]:
-        """Judge objective i at `from_db_sl` beside the friction that the display file states, and say from which level
-        up it holds.
+    def _shaped(self, frequency: FloatArray, level: float) -> tuple[float | FloatArray, float | FloatArray]:
+        """Return the level asked for at a strength level, dB SL, and the error of the reshaping against it, dB."""
+        contours = self.channel.strength.contours
+        if self.strength is None or contours is None:
+            return level, 0.0
+        error = shaping_error_db(self.strength, level, contours, frequency, self.display.rate_hz)
+        return contours.level_db_sl_at(level, frequency), error
+
+    def lowest(self) -> Iterator[Finding]:
+        """Judge objective i at `from_db_sl`, beside the friction that the display file states and the converters'
+        steps, and say from which level up it holds.
         """
-        environment, asked = self.channel.environment, self.display.objectives
-        frequency = _band(self.channel)[:: _POINTS // 200]
-        frequency = frequency[self.channel.is_known(frequency)]
-        if environment.friction_v == 0.0 or "friction" in environment.assumed or frequency.size == 0:
-            return
+        channel, loop, asked = self.channel, self.loop, self.display.objectives
+        frequency = _band(channel)[:: _POINTS // 200]
+        frequency = frequency[channel.is_known(frequency)]
+        rubs = channel.environment.friction_v > 0.0 and "friction" not in channel.environment.assumed
+        linear, errors, steps_db, friction_db = response_error_db(channel, loop, frequency), [], [], []
         levels = [asked.from_db_sl, *(level for level in JUDGED_DB_SL if level > asked.from_db_sl)]
-        linear = response_error_db(self.channel, self.loop, frequency)
-        losses = [friction_loss_db(self.channel, self.loop, frequency, level, _ROUNDS) for level in levels]
-        errors = np.abs(linear - losses)
+        for strength in levels if frequency.size else ():
+            level, shaping = self._shaped(frequency, strength)
+            friction_db.append(friction_loss_db(channel, loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear)
+            steps_db.append(steps_change_db(channel, loop, frequency, level))
+            errors.append(np.max(np.abs(linear + shaping - friction_db[-1] + steps_db[-1]), axis=0))
+        stepped = frequency.size and np.max(np.abs(steps_db[0])) >= _TOLD_DB
+        if not errors or not (rubs or stepped):
+            return
         kept = [level for level, error in zip(levels, errors, strict=True) if error.max() <= asked.flatness_db]
-        from_there = (
-            f", or [objectives] from_db_sl = {kept[0]:g}" if kept else f": at no level up to {levels[-1]:g} dB SL"
-        )
-        remedy = f"less friction than {1e3 * environment.friction_v:.3g} mV of command{from_there}"
         place = int(np.argmax(errors[0]))
+        by_steps, by_friction = np.max(np.abs(steps_db[0][:, place])), abs(friction_db[0][place])
+        less = f"less friction than {1e3 * channel.environment.friction_v:.3g} mV of command"
+        remedy = f"more than {channel.converter.bits} bits" if by_steps > by_friction else less
+        remedy += f", or [objectives] from_db_sl = {kept[0]:g}" if kept else f": at no level up to {levels[-1]:g} dB SL"
         figure = float(errors[0][place]), asked.flatness_db, "dB"
-        finding = self.compared(("i", WITH_FRICTION), figure, float(frequency[place]), remedy)
-        yield replace(finding, remark="; ".join(filter(None, [f"at {levels[0]:g} dB SL", finding.remark])))
+        finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy)
+        beside = " and ".join([*(["friction"] if rubs else []), *(["steps"] if stepped else [])])
+        remark = f"at {levels[0]:g} dB SL, with {beside}"
+        yield replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
@@ -313,7 +325,7 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
             continue
         if member is family[0]:
             yield from judge.unknown()
-            yield from judge.friction()
+            yield from judge.lowest()
         yield judge.flatness()
         yield from judge.reach()
         yield from judge.lower_gain(bears_less)

@@ -63,7 +63,7 @@ def fuzz(
         me = (f"127.0.0.{2 + index % 200}", 0)  # another address each time, or the limit for one would refuse it
         with socket.create_connection(("127.0.0.1", port), timeout=10.0, source_address=me) as made:
             made.sendall(altered(rng, requests[int(rng.integers(len(requests)))]))
-            made.settimeout(0.01)
+            made.settimeout(0.05)
             with suppress(TimeoutError, ConnectionResetError):
                 answered += made.recv(1 << 16).startswith(b"HTTP/1.1 ")
         if index % 200 == 199:
