@@ -253,14 +253,14 @@ def require_stable(controller: "Controller", load: str = "none") -> None:
 
 
 def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[str] | None = None) -> str:
-    """Put a load on every channel; where no program reaches a channel, tell the person at the terminal to do it.
+    """Put a load on every channel, under which the loop is stable; where no program reaches a channel, tell the person
+    at the terminal to do it.
 
     Return the load that touches the channels then: where "none" is asked, one that touched an open rig before. Raises
     BadInput where these differ or make `controller` unstable.
     """
     from tactuator.rig.rig import touch_all
 
-    require_stable(controller, load)
     if by_hand := touch_all(rig, controller.display.channels, load):
         say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
     if load != "none" or not rig.has_finger_ports:
@@ -268,7 +268,8 @@ def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[s
     touching = {name: rig.finger(name).load or "none" for name in channels or rig.channels}
     if len(set(touching.values())) > 1:
         raise BadInput(", ".join(f"{name}: {load}" for name, load in touching.items()), "one load on all", key="load")
-    require_stable(controller, touches := next(iter(touching.values())))
+    if (touches := next(iter(touching.values()))) != load:
+        require_stable(controller, touches)
     return touches
 
 

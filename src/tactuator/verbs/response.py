@@ -166,6 +166,7 @@ def noise(
     from tactuator.measure.noise import felt_noise, noise_verdict
 
     loop = chosen_controller(display, controller)
+    require_stable(loop, load)
     mains_hz = loop.display.mains_hz(mains_hz, MAINS_HZ)
     open_loops = [channel.name for channel in loop.channels if channel.feedback_sos is None]
     probes, not_played = _probes(loop, gains, load)
@@ -376,6 +377,7 @@ def measure_response(
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
+    require_stable(loop, load)
     band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
     wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
     with opened(rig, loop.display, seed) as ready:
