@@ -22,6 +22,13 @@ ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nnam
 REFUSED = "Failed to load resource: the server responded with a status of 422"
 
 
+_LEAVES = """(hash) => location.hash === hash || new Promise((done) => {
+  addEventListener("hashchange", () => done(true), { once: true });
+  location.hash = hash;
+})"""
+"""Ends when the page has begun to leave its view: the view before may be of the same name."""
+
+
 def address_of(client: Any) -> str:
     """Return the address of a console's start page, with its token."""
     return f"http://127.0.0.1:{client.port}/#token={TOKEN}"
@@ -77,7 +84,7 @@ def console_page(browser: Any, display: Path | None = None, rig: RigProcess | No
 def go(page: Any, view: str, **more: str) -> None:
     """Open a view by its address."""
     given = "&".join(f"{name}={value}" for name, value in {"view": view, **more}.items())
-    page.evaluate("(hash) => { location.hash = hash; }", given)
+    page.evaluate(_LEAVES, f"#{given}")
     page.wait_for_selector(f"body[data-ready={view}]")
 
 

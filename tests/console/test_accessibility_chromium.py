@@ -8,7 +8,7 @@ import pytest
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN
+from tests.console.pages import TOKEN, go
 from tests.web.server import served
 
 HERE = Path(__file__).parent
@@ -55,8 +55,7 @@ def faults(page, options):
 
 def opened(page, view):
     display = "display.toml" if view == "loop" else "displays/tactuator.toml"  # the first has tiles of every length
-    page.evaluate(f"location.hash = 'view={view}&display=example:{display}'")
-    page.wait_for_selector(f"body[data-ready={view}]")
+    go(page, view, display=f"example:{display}")
     page.wait_for_selector(SETTLED.get(view, "h1"))
     if view in FILLED:
         name, there = FILLED[view]
