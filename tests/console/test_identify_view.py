@@ -2,6 +2,7 @@
 
 import shlex
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from tactuator.cli.main import main
 from tactuator.console.identify_view import IdentifyLook, IdentifyModel
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
+from tactuator.io.columns import read_columns
+from tactuator.io.record import write_record
+from tactuator.signals.record import JointRecord
 from tests.console.pages import dropped
 
 NUM, DEN = [2875.0], [1.0, 94.0, 290.0]
@@ -66,7 +70,9 @@ def test_record_of_a_simulated_motor__is_looked_at_holds_its_truth_and_its_comma
 def test_record__whose_columns_have_names_of_their_own__is_read_once_each_is_said(record, tmp_path):
     (foreign := tmp_path / "fremd.csv").write_text(record.read_text().replace("time_s", "Zeit", 1))
     key = dropped(state := ConsoleState(), foreign)
-    assert IdentifyLook(record=key).answer(state)["said"].startswith("record fremd.csv: which column is which")
+    said = IdentifyLook(record=key).answer(state)["said"]
+    assert said.startswith("record fremd.csv: which column is which")
+    assert "--" not in said  # the page has fields
     look = IdentifyLook(record=key, input="drive", output="encoder", time="Zeit").answer(state)
     assert (look["said"], look["rate_hz"]) == (None, pytest.approx(1000.0))
 
@@ -78,6 +84,29 @@ def response_file(path):
     rows = zip(hz, 20.0 * np.log10(np.abs(truth)), np.degrees(np.unwrap(np.angle(truth))), strict=True)
     path.write_text("frequency_hz,magnitude_db,phase_deg\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
     return hz, truth
+
+
+@pytest.mark.parametrize("kind", ["record", "response"])
+def test_file__looked_at_and_identified__is_read_once_each_time(kind, record, tmp_path, monkeypatch):
+    path, read = tmp_path / "dropped.csv", []
+    shutil.copy(record, path) if kind == "record" else response_file(path)
+    key = dropped(state := ConsoleState(), path)
+    for name, module in list(sys.modules.items()):
+        if name.startswith("tactuator.") and getattr(module, "read_columns", None) is read_columns:
+            monkeypatch.setattr(module, "read_columns", lambda place: read.append(place) or read_columns(place))
+    IdentifyLook(record=key).answer(state)
+    assert len(read) == 1
+    IdentifyModel(record=key, order=2, zeros=0).answer(state)
+    assert len(read) == 2
+
+
+def test_record__of_several_channels__is_said_until_one_is_named(tmp_path):
+    several = JointRecord(1e3, ("thumb", "index"), *np.random.default_rng(1).standard_normal((2, 4000, 2)))
+    write_record(tmp_path / "both.h5", several)
+    key = dropped(state := ConsoleState(), tmp_path / "both.h5")
+    assert "several channels; allowed: command and position of one" in IdentifyLook(record=key).answer(state)["said"]
+    look = IdentifyLook(record=key, input="command.2", output="position.2").answer(state)
+    assert (look["said"], look["rate_hz"]) == (None, 1e3)
 
 
 def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, capsys):

@@ -15,11 +15,11 @@ from tactuator.console.requests import Answer, Finite, Name, ViewRequest, comman
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.io.columns import read_columns
+from tactuator.io.columns import Columns
 from tactuator.io.model import identified_text
-from tactuator.io.record import is_response, read_foreign_response, read_record
+from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
-from tactuator.signals.record import Record
+from tactuator.signals.record import FrequencyResponse, JointRecord, Record
 from tactuator.signals.spectra import power_spectrum
 from tactuator.table import ResultTable, picked
 from tactuator.verbs.identified import CoupledModels, IdentificationResult, ResponseModelResult
@@ -37,9 +37,12 @@ class _OfRecord(ViewRequest):
     time: Name | None = None
     rate_hz: Annotated[Finite, Field(gt=0.0)] | None = None
 
-    def read(self, path: Path) -> Record:
+    def read(self, path: Path, columns: Columns) -> Record | FrequencyResponse:
         names = {"input_name": self.input, "output_name": self.output, "time_name": self.time}
-        return read_record(path, **names, rate_hz=self.rate_hz)
+        measured = measured_of(path, columns, **names, rate_hz=self.rate_hz)
+        if isinstance(measured, JointRecord):
+            raise BadInput("a record of several channels", "command and position of one of them, by name")
+        return measured
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,14 @@ class IdentifyLook(_OfRecord):
     def answer(self, state: ConsoleState) -> Answer:
         """Return the columns; where they cannot be guessed, the reason instead of a guess."""
         path = state.uploads.path(self.record)
-        columns: Answer = {"name": path.name, "columns": list(read_columns(path).values), "said": None}
-        if is_response(path):
-            return columns | {"points": read_foreign_response(path).magnitude.size}
+        read = measured_columns(path)
+        columns: Answer = {"name": path.name, "columns": list(read.values), "said": None}
         try:
-            record = self.read(path)
+            record = self.read(path, read)
         except BadInput as error:
             return columns | {"said": state.uploads.plain(str(error))}
+        if isinstance(record, FrequencyResponse):
+            return columns | {"points": record.magnitude.size}
         return columns | {
             "input": record.about["input"],
             "output": record.about["output"],
@@ -78,9 +82,9 @@ class IdentifyModel(_OfRecord):
     def answer(self, state: ConsoleState) -> Answer:
         """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
         path, unseen = state.uploads.path(self.record), [state.uploads.path(key) for key in self.validate_on]
-        record = None if is_response(path) else self.read(path)
+        measured = self.read(path, measured_columns(path))
         options = picked(self, "rate_hz", "order", "zeros", "hold")
-        fit = identify(record or path, self.input, self.output, time_name=self.time, validate=unseen, **options)
+        fit = identify(measured, self.input, self.output, time_name=self.time, validate=unseen, **options)
         assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
         table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
@@ -103,15 +107,22 @@ class IdentifyModel(_OfRecord):
             "zeros": fit.model.num.size - 1,
             "text": identified_text(fit.model),
             "command": command,
-            **(_of_response(fit, path) if isinstance(fit, ResponseModelResult) else _of_record(fit, record)),
+            **_told(fit, measured),
         }
 
 
 REQUESTS = {"identify.look": IdentifyLook, "identify.model": IdentifyModel}
 
 
-def _of_response(fit: ResponseModelResult, path: Path) -> Answer:
-    response = read_foreign_response(path)
+def _told(fit: IdentificationResult | ResponseModelResult, measured: Record | FrequencyResponse) -> Answer:
+    if isinstance(measured, FrequencyResponse):
+        assert isinstance(fit, ResponseModelResult)
+        return _of_response(fit, measured)
+    assert isinstance(fit, IdentificationResult)
+    return _of_record(fit, measured)
+
+
+def _of_response(fit: ResponseModelResult, response: FrequencyResponse) -> Answer:
     points = _points(fit, response.frequency_hz, response.value())
     if response.phase_rad is None:
         points["phase_deg"] = []
@@ -124,13 +135,12 @@ def _of_response(fit: ResponseModelResult, path: Path) -> Answer:
     }
 
 
-def _of_record(fit: IdentificationResult, record: Record | None) -> Answer:
+def _of_record(fit: IdentificationResult, record: Record) -> Answer:
     """Return the curves of a model of a record, what it leaves of the position, and what else was tried."""
     measured, (low, high) = fit.distortion or fit.empirical.trusted(), fit.model.band_hz
     inside = (measured.frequency_hz >= low) & (measured.frequency_hz <= high)
     every = max(1, -(-int(inside.sum()) // _SPECTRUM_LINES))
     points = _points(fit, measured.frequency_hz[inside][::every], measured.value[inside][::every])
-    assert record is not None
     rate_hz = record.rate_hz
     resolution = max(1.0, 8.0 * rate_hz / fit.measured.size, rate_hz / (2.0 * _SPECTRUM_LINES))
     position = power_spectrum(fit.measured, rate_hz, resolution)

@@ -238,7 +238,7 @@ def read_record(
     first as command. The rate comes from rate_hz, the file, or the time stamps, which must agree. Raises BadInput.
     """
     path = Path(path)
-    columns = _measured_columns(path)
+    columns = measured_columns(path)
     with within(f"record {path}"):
         return _assemble(path, columns, input_name, output_name, reference_name, time_name, rate_hz)
 
@@ -247,7 +247,12 @@ def read_measured(path: Path, **names: Any) -> Record | JointRecord | FrequencyR
     """Read what a file has: a record as `read_record` does, one of several channels (HDF5, no column named), or a
     frequency response. Raises BadInput.
     """
-    columns, unnamed = _measured_columns(path), not (names.get("input_name") or names.get("output_name"))
+    return measured_of(path, measured_columns(path), **names)
+
+
+def measured_of(path: Path, columns: Columns, **names: Any) -> Record | JointRecord | FrequencyResponse:
+    """Return what `read_measured` reads in a file whose columns are read already."""
+    unnamed = not (names.get("input_name") or names.get("output_name"))
     with within(f"record {path}"):
         joint = _joint(path, columns) if unnamed and path.suffix.lower() in (".h5", ".hdf5") else None
         if joint is not None or not _are_of_response(columns):
@@ -256,7 +261,8 @@ def read_measured(path: Path, **names: Any) -> Record | JointRecord | FrequencyR
         return _assembled(path, columns)
 
 
-def _measured_columns(path: Path) -> Columns:
+def measured_columns(path: Path) -> Columns:
+    """Return the columns of a file that may be a record or a response. Raises BadInput for a file of another kind."""
     require_kind(path, "record", "response", "sound")
     return read_columns(path)
 
@@ -273,7 +279,8 @@ def _assemble(
     time = _pick(columns, time_name, TIME_NAMES, "time")
     u_name, y_name = _signals(columns, input_name, output_name, time)
     if time in (u_name, y_name):
-        raise BadInput(f"{'input' if time == u_name else 'output'} {time!r} is the time", "another column, or --time")
+        which = "command" if time == u_name else "position"
+        raise BadInput(f"{time!r} is the {which} and the time", "another column for one of them")
     r_name = _pick(columns, reference_name, REFERENCE_NAMES, "reference")
     u, y = columns.values[u_name], columns.values[y_name]
     r = None if r_name is None else columns.values[r_name]
@@ -299,7 +306,7 @@ def _assemble(
         r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
     elif known is None:
-        raise BadInput("there is no rate and no time stamps", "a time column, or --rate-hz")
+        raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
     u_unit, y_unit = (columns.units.get(name, _unit(name)) for name in (u_name, y_name))
     return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
@@ -357,9 +364,10 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     elif y is None and len(rest) == 2 and u in rest:
         y = next(name for name in rest if name != u)
     if u is None or y is None:
-        missing = " and ".join(option for option, known in (("--input", u), ("--output", y)) if known is None)
-        missing += " (and --time)" if time is None else ""
-        raise BadInput("which column is which is not clear", f"{missing}, each with one of {', '.join(rest)}")
+        signals = (("command (input)", u), ("position (output)", y))
+        missing = " and ".join(signal for signal, known in signals if known is None)
+        missing += " (and time)" if time is None else ""
+        raise BadInput("which column is which is not clear", f"names for {missing}, each one of {', '.join(rest)}")
     if u == y:
         raise BadInput(f"input and output are both {u!r}", "two different columns")
     return u, y

@@ -270,7 +270,7 @@ def _multisines(
 
 def identify(
     records: Annotated[
-        "Record | JointRecord | Place | Sequence[Record | Place]",
+        "Record | JointRecord | FrequencyResponse | Place | Sequence[Record | Place]",
         Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
     ],
     input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
@@ -307,7 +307,7 @@ def identify(
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
-    records: one, or several of one mechanism, or their files; or a file with a frequency response; or one record of
+    records: one, or several of one mechanism, or their files; or a frequency response or its file; or one record of
     several channels, which gives a model of each and their coupling. Raises BadInput for a record that says nothing.
 
     >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
@@ -326,7 +326,8 @@ def identify(
     given, unseen = paths(records), paths(validate)
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}
-    first = given[0] if isinstance(given[0], Record | JointRecord) else read_measured(Path(given[0]), **names)
+    at_hand = isinstance(given[0], Record | JointRecord | FrequencyResponse)
+    first = given[0] if at_hand else read_measured(Path(given[0]), **names)
     if isinstance(first, JointRecord):
         if len(given) > 1 or unseen or figures or from_s is not None or to_s is not None:
             raise BadInput("a record of several channels beside other files, or a part of it", "all of it by itself")

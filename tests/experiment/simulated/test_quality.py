@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-from tactuator.experiment.procedure.up_down import IMECE2004
+from tactuator.experiment.procedure.refit import refit
+from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
 
@@ -62,6 +63,24 @@ def test_refit__whatever_the_slope__is_less_wrong_unbiased_and_covers(setting, l
     assert found.refit.rmse_db <= 0.85 * found.rmse_db
     assert abs(found.refit.bias_db) <= 0.2
     assert least <= found.refit.coverage95 <= most
+
+
+@pytest.mark.parametrize(
+    ("slope", "lapse", "least", "widest_db"),  # before: 0.80 and 6.0 dB wide, 0.85 and 5.5, 0.98 and 4.3, 0.88 and 8.4
+    [(0.8, 0.01, 0.9, 11.0), (1.0, 0.01, 0.92, 9.6), (2.5, 0.01, 0.95, 5.7), (1.0, 0.05, 0.92, 12.0)],
+)
+def test_refit__people_with_shallow_functions_too__are_held_by_its_interval(slope, lapse, least, widest_db) -> None:
+    """The answers are drawn here, by a formula of this test."""
+    target, most, rng = 0.5 ** (1 / 3), 2 / 3 - lapse, np.random.default_rng(6)
+    at_db = 20.0 / slope * np.log10(-np.log1p(-(target - 1 / 3) / most))  # where psi is at its target
+
+    def psi(level_db, runs, trial):
+        return 1 / 3 + most * (1.0 - np.exp(-(10.0 ** (slope * (level_db + at_db) / 20.0))))
+
+    answered = run_tracks(IMECE2004, 20.0 + 5.0 * rng.standard_normal(1000), psi, rng)
+    fitted = refit(answered.levels_db_sl, answered.correct)
+    assert np.mean((fitted.low_db <= 0.0) & (fitted.high_db >= 0.0)) >= least
+    assert np.median(fitted.high_db - fitted.low_db) <= widest_db
 
 
 @pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (60, 0.97)])

@@ -1,9 +1,11 @@
 """Bayesian refit of a run's trials: the threshold's posterior with slope and lapse rate integrated out on a grid.
 
 psi is a Weibull in amplitude (perception.psychometric). The prior is flat in the threshold and log-normal in the slope.
-In the lapse rate it falls exponentially, except for one person in ten, whose lapse rate may be anything. The interval
-is the posterior's central interval, so it carries the uncertainty of slope and lapse rate; intervals of each parameter
-taken separately and put together do not.
+In the lapse rate it falls exponentially, except for one person in ten, whose lapse rate may be anything.
+
+A run tells little of the slope, and people's slopes differ more than the prior says. So the interval takes all slopes
+for equally likely: it is of the thresholds that explain the answers at least 1 / _LEAST_LIKELY times as well as the
+best one, slope and lapse rate integrated out (decision 0355).
 """
 
 from __future__ import annotations
@@ -19,7 +21,11 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import psi_at
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
-_MINIMUM_TRIALS, _INTERVAL = 5, (0.5 - 0.95 / 2.0, 0.5, 0.5 + 0.95 / 2.0)
+_MINIMUM_TRIALS = 5
+_SLOPES = np.geomspace(0.4, 5.0, 10)
+_LEAST_LIKELY = 15.0
+"""How many times less likely than the best a threshold at an end of the interval is: 15 holds 0.92 of people with slope
+0.8, 0.94 with 1, 0.97 with 1.5 and more above."""
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
@@ -61,7 +67,8 @@ class RefitPrior:
             },
             "slope": {"values": grid.slopes.tolist(), "prior": grid.slope_prior.tolist()},
             "lapse": {"values": grid.lapses.tolist(), "prior": grid.lapse_prior.tolist()},
-            "interval": "central 95 % of the posterior, linear within a grid cell; open beyond the levels played where "
+            "interval": f"likelihood at least 1/{_LEAST_LIKELY:g} of the highest, slopes weighed evenly and lapses "
+            "by their prior; its logarithm is linear within a grid cell; open beyond the levels played where "
             f"the median lies there (bound) or an end lies {ALIKE_DB:g} dB further",
         }
 
@@ -70,7 +77,7 @@ class RefitPrior:
 class Refit:
     """Posterior of the threshold of each run, dB; all arrays (runs,).
 
-    threshold_db: median. sd_db: standard deviation. low_db, high_db: central interval. slope, lapse: posterior means.
+    threshold_db: median. sd_db: standard deviation. low_db, high_db: 95 % interval. slope, lapse: posterior means.
     log_bayes_factor: log evidence for a threshold within the grid against guessing. lapse_log_odds: log likelihood of
     lapse rates of 10 % or more, on average, over that of the likeliest rate of 2.5 % or less, threshold and slope
     integrated out.
@@ -115,7 +122,9 @@ def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPr
     highest = log_posterior.max(axis=1, keepdims=True)
     log_posterior -= highest
     posterior = np.exp(log_posterior, out=log_posterior).reshape(levels.shape[0], *grid.shape)
-    marginal = posterior.sum(axis=(2, 3))
+    by_slope = posterior.sum(axis=3)
+    low, high = _ends(by_slope @ (1.0 / grid.slope_prior), grid.thresholds)
+    marginal = by_slope.sum(axis=2)
     total = marginal.sum(axis=1, keepdims=True)
     chance = right.sum(axis=1) * np.log(prior.guess) + wrong.sum(axis=1) * np.log1p(-prior.guess)
     against_chance = highest[:, 0] + np.log(total[:, 0]) - chance
@@ -126,7 +135,7 @@ def _refit_batch(levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPr
     marginal /= total
     mean = marginal @ grid.thresholds
     sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
-    low, middle, high = (_quantile(marginal, grid.thresholds, share) for share in _INTERVAL)
+    middle = _median(marginal, grid.thresholds)
     slope = of_shape.sum(axis=2) @ grid.slopes
     lapse = of_shape.sum(axis=1) @ grid.lapses
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
@@ -151,15 +160,28 @@ def _counts(offsets: FloatArray, outcomes: NDArray[np.bool_]) -> tuple[FloatArra
     return distinct, right, wrong
 
 
-def _quantile(marginal: FloatArray, thresholds: FloatArray, share: float) -> FloatArray:
-    """Return the quantile of each row's marginal, linear within a grid cell."""
+def _median(marginal: FloatArray, thresholds: FloatArray) -> FloatArray:
+    """Return the median of each row's marginal, linear within a grid cell."""
     step = thresholds[1] - thresholds[0]
     cumulative = np.cumsum(marginal, axis=1)
-    cell = np.argmax(cumulative >= share, axis=1)
+    cell = np.argmax(cumulative >= 0.5, axis=1)
     rows = np.arange(marginal.shape[0])
     before = cumulative[rows, cell] - marginal[rows, cell]
-    inside = (share - before) / np.maximum(marginal[rows, cell], 1e-300)
+    inside = (0.5 - before) / np.maximum(marginal[rows, cell], 1e-300)
     return np.asarray(thresholds[cell] + (inside - 0.5) * step)
+
+
+def _ends(likelihood: FloatArray, thresholds: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and the highest threshold whose likelihood, (runs, thresholds), is high enough; at most those
+    of the grid."""
+    height = np.log(np.maximum(likelihood, 1e-300))
+    height -= height.max(axis=1, keepdims=True) - np.log(_LEAST_LIKELY)
+    rows, last, inside, ends = np.arange(height.shape[0]), thresholds.size - 1, height >= 0.0, []
+    for outward, inner in ((-1, inside.argmax(axis=1)), (1, last - inside[:, ::-1].argmax(axis=1))):
+        outer = np.clip(inner + outward, 0, last)
+        fall = np.maximum(height[rows, inner] - height[rows, outer], 1e-300)
+        ends.append(thresholds[inner] + (thresholds[outer] - thresholds[inner]) * height[rows, inner] / fall)
+    return ends[0], ends[1]
 
 
 class _Grid:
@@ -169,8 +191,8 @@ class _Grid:
         self.prior = prior
         count = round(2.0 * prior.reach_db / prior.step_db) + 1
         self.thresholds = np.linspace(-prior.reach_db, prior.reach_db, count)
-        z = np.linspace(-2.4, 2.4, 9)
-        self.slopes = prior.slope_median * np.exp(prior.slope_sd_log * z)
+        self.slopes = _SLOPES
+        z = np.log(self.slopes / prior.slope_median) / prior.slope_sd_log
         self.lapses = np.array([0.0, 0.02, 0.05, 0.12, 0.25, 0.5, 0.75, 0.95]) * (1.0 - prior.target)
         self.shape = (count, self.slopes.size, self.lapses.size)
         width = np.gradient(self.lapses)
