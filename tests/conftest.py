@@ -34,13 +34,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Each channel is designed, and each record identified, once for all tests that ask for the same."""
     import tactuator.identification.identify as identification
-    from tactuator.synthesis import design
+    from tactuator.synthesis import design, strength
 
     base = tmp_path_factory.getbasetemp()  # of this run; a worker's is in the folder of all workers
     kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
     kept.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((design, "design_channel"), (identification, "identify")):
+        for module, name in (
+            (design, "design_channel"),
+            (identification, "identify"),
+            (strength, "_shaping"),
+        ):
             patch.setattr(module, name, made_once(kept, getattr(module, name)))
         yield
 
