@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -105,6 +106,24 @@ class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Return the scheduler of the tests."""
     return _MadeOnce(config, log)
+
+
+_REWRITTEN_S = 120.0
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """In a fresh tree the first worker rewrites the assertions of all tests, which takes as long as all else that a
+    worker does before its first test; the others wait and find them written."""
+    config = session.config
+    second = getattr(config, "workerinput", {"workerid": "gw0"})["workerid"] != "gw0"
+    if not second or config.args_source is not pytest.Config.ArgsSource.TESTPATHS or sys.dont_write_bytecode:
+        return
+    last = max(Path(__file__).parent.rglob("test_*.py"))
+    name = f"{last.stem}.{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
+    end = time.monotonic() + _REWRITTEN_S
+    while not (last.parent / "__pycache__" / name).exists() and time.monotonic() < end:
+        time.sleep(0.2)
 
 
 _BROWSER = ("chromium",)
