@@ -12,6 +12,7 @@ from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
+from tests.browser import drawn
 from tests.experiment.session.apparatuses import rows_of
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
 from tests.web.study import ASKED, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401
@@ -134,7 +135,7 @@ def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> No
     begin(page)
     for size in (LAPTOP, PHONE, {"width": 640, "height": 360}):
         page.set_viewport_size(size)
-        page.wait_for_timeout(150)
+        drawn(page)
         boxes = [button.bounding_box() for button in page.locator(".choice").all()]
         assert len(boxes) == count
         if size["height"] < 600 and count == 30:
