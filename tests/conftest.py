@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import signal
 import sys
 import time
@@ -84,14 +85,13 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 _SHARED = {
     "tests/fuzz/": "the sanitised core",
     "tests/paper/test_": "the study",
-    "tests/rig/guard/test_guard_worst_case.py": "the worst references",
 }
 
 
 @cache
 def _makes_once(file: Path) -> bool:
-    """Whether a file of tests makes something for all of them."""
-    return 'scope="module"' in file.read_text(encoding="utf-8")
+    """Whether a file of tests makes something for all of them, or keeps it for the next."""
+    return re.search(r'scope="module"|^@(lru_)?cache$', file.read_text(encoding="utf-8"), re.MULTILINE) is not None
 
 
 class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
