@@ -30,7 +30,8 @@ def test_keys__by_where_they_stand__answer_on_every_layout(start, page) -> None:
     assert page.evaluate("said") == []
 
 
-@pytest.mark.parametrize("language", ["en", "de", "fr"])
+# German has the longest words
+@pytest.mark.parametrize("language", ["de", *(pytest.param(each, marks=pytest.mark.slow) for each in ("en", "fr"))])
 def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen(start, page, language) -> None:
     page.goto(start(ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"'), controller()).addresses["operator"])
     page.locator("[data-start]").wait_for()

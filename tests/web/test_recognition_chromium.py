@@ -127,7 +127,7 @@ def _file_and_key(found: re.Match[str]) -> str:
     return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
 
 
-@pytest.mark.parametrize("count", [12, 30])
+@pytest.mark.parametrize("count", [pytest.param(12, marks=pytest.mark.slow), 30])
 def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
     server = serve(many(count))
     page.set_viewport_size(LAPTOP)
