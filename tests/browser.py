@@ -25,6 +25,11 @@ def chromium() -> str:
     return path
 
 
+def drawn(page: Any) -> None:
+    """Wait until a page has drawn two pictures: in the first it was told, in the second it has done, what came in."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright

@@ -2,8 +2,10 @@
 
 import gc
 import os
+import re
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -34,13 +36,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Each channel is designed, and each record identified, once for all tests that ask for the same."""
     import tactuator.identification.identify as identification
-    from tactuator.synthesis import design
+    from tactuator.synthesis import design, strength
 
     base = tmp_path_factory.getbasetemp()  # of this run; a worker's is in the folder of all workers
     kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
     kept.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((design, "design_channel"), (identification, "identify")):
+        for module, name in (
+            (design, "design_channel"),
+            (identification, "identify"),
+            (strength, "_shaping"),
+        ):
             patch.setattr(module, name, made_once(kept, getattr(module, name)))
         yield
 
@@ -79,14 +85,13 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 _SHARED = {
     "tests/fuzz/": "the sanitised core",
     "tests/paper/test_": "the study",
-    "tests/rig/guard/test_guard_worst_case.py": "the worst references",
 }
 
 
 @cache
 def _makes_once(file: Path) -> bool:
-    """Whether a file of tests makes something for all of them."""
-    return 'scope="module"' in file.read_text(encoding="utf-8")
+    """Whether a file of tests makes something for all of them, or keeps it for the next."""
+    return re.search(r'scope="module"|^@(lru_)?cache$', file.read_text(encoding="utf-8"), re.MULTILINE) is not None
 
 
 class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
@@ -101,6 +106,24 @@ class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Return the scheduler of the tests."""
     return _MadeOnce(config, log)
+
+
+_REWRITTEN_S = 120.0
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """In a fresh tree the first worker rewrites the assertions of all tests, which takes as long as all else that a
+    worker does before its first test; the others wait and find them written."""
+    config = session.config
+    second = getattr(config, "workerinput", {"workerid": "gw0"})["workerid"] != "gw0"
+    if not second or config.args_source is not pytest.Config.ArgsSource.TESTPATHS or sys.dont_write_bytecode:
+        return
+    last = max(Path(__file__).parent.rglob("test_*.py"))
+    name = f"{last.stem}.{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
+    end = time.monotonic() + _REWRITTEN_S
+    while not (last.parent / "__pycache__" / name).exists() and time.monotonic() < end:
+        time.sleep(0.2)
 
 
 _BROWSER = ("chromium",)

@@ -4,6 +4,7 @@ import errno
 import logging
 import socket
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -74,6 +75,13 @@ def test_name_of_a_dropped_file__stays_within_the_folder_of_the_drawer():
             assert "allowed" in str(ended.value)
 
 
+def comes_to_be(is_so: Callable[[], bool]) -> bool:
+    end = time.monotonic() + 30.0
+    while not is_so() and time.monotonic() < end:
+        time.sleep(0.02)
+    return is_so()
+
+
 def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing(state, monkeypatch, caplog):
     head = (
         f"POST /drop HTTP/1.1\r\nHost: localhost\r\nX-Token: {TOKEN}\r\nX-Name: a.csv\r\nContent-Length: 9\r\n\r\na,b"
@@ -86,10 +94,9 @@ def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing
             assert stranger.recv(99).startswith(b"HTTP/1.1 403 ")
         with socket.create_connection(("127.0.0.1", client.port)) as one:
             one.sendall(head.encode())
-            time.sleep(0.05)
-        time.sleep(0.05)
+            assert comes_to_be(lambda: len(list(state.uploads.folder().iterdir())) == before + 1)
+        assert comes_to_be(lambda: len(list(state.uploads.folder().iterdir())) == before)
         assert client.get("/").status == 200
-        assert len(list(state.uploads.folder().iterdir())) == before
     assert defects(caplog) == []
 
 

@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 
+from tests.browser import drawn
 from tests.console.pages import go
 from tests.console.test_chromium import SETTLED, page, shape  # noqa: F401
 
@@ -54,7 +55,7 @@ def view(page, name, wide, high, there):
     page.wait_for_selector(there)
 
     def settled():
-        page.wait_for_timeout(40)  # two pictures: what was pulled has been asked for
+        drawn(page)  # what was pulled has been asked for
         page.wait_for_selector(there)
 
     return settled

@@ -5,7 +5,7 @@ import pytest
 from tests.console.pages import address_of, opened_page, pressed, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.web.study import ASKED
+from tests.web.study import ASKED, visible
 
 
 @pytest.mark.slow
@@ -36,10 +36,9 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         tab_to(page, "#sessions a")
         with page.context.expect_page() as opened:
             page.keyboard.press("Enter")
-        for _ in range(2):  # consent, and what the run is
-            opened.value.wait_for_selector("#go:visible")
+        for text in ("Before we begin", "Which interval has the vibration"):
+            visible(opened.value, text)
             opened.value.keyboard.press("Enter")
-            opened.value.wait_for_timeout(100)
         opened.value.wait_for_selector(ASKED)
         opened.value.keyboard.press("1")
         page.wait_for_selector("#track circle")

@@ -4,6 +4,7 @@ import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.state import ConsoleState
+from tests.browser import drawn
 from tests.console.pages import TOKEN, address_of, go
 from tests.console.test_chromium import ONE, SETTLED, gain_text, shape
 from tests.web.server import served
@@ -38,7 +39,7 @@ def phone(browser, tmp_path):
             send("touchStart", [{"x": x, "y": y}])
             for step in range(1, steps + 1):
                 send("touchMove", [{"x": x + along * step / steps, "y": y - up * step / steps}])
-                page.wait_for_timeout(20)
+                drawn(page)
             send("touchEnd", [])
             page.wait_for_timeout(100)
             by = page.evaluate("scrollY") - top

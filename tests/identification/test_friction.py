@@ -19,34 +19,28 @@ def rubbing_motor(coulomb: float, presliding: float, seed: int, seconds: float =
     command = 0.6 * np.sign(np.sin(2 * np.pi * 0.45 * time + random.uniform(0, 6)))
     for frequency in np.geomspace(0.3, 300.0, 26):
         command += random.uniform(0.13, 0.26) * np.cos(2 * np.pi * frequency * time + random.uniform(0, 6))
-    position = np.empty(time.size)
-    state = np.zeros(3)
-    for index, asked in enumerate(command.tolist()):
-        position[index] = state[0]
-        state = _next_sample(state.tolist(), asked, coulomb, coulomb / presliding)
+    position, h, slope = np.empty(time.size), 1.0 / RATE_HZ / 4, coulomb / presliding
+    x = v = z = 0.0
+
+    def rates(x: float, v: float, z: float) -> tuple[float, float, float]:
+        return v, GAIN * (asked - z) - DAMPING * v - STIFFNESS * x, slope * (v - abs(v) * z / coulomb)
+
+    for index in range(command.size):
+        position[index], asked = x, float(command[index])
+        for _ in range(4):
+            a1, a2, a3 = rates(x, v, z)
+            b1, b2, b3 = rates(x + h / 2 * a1, v + h / 2 * a2, z + h / 2 * a3)
+            c1, c2, c3 = rates(x + h / 2 * b1, v + h / 2 * b2, z + h / 2 * b3)
+            d1, d2, d3 = rates(x + h * c1, v + h * c2, z + h * c3)
+            x += h / 6 * (a1 + 2 * b1 + 2 * c1 + d1)
+            v += h / 6 * (a2 + 2 * b2 + 2 * c2 + d2)
+            z += h / 6 * (a3 + 2 * b3 + 2 * c3 + d3)
     return command, position + 3e-4 * random.standard_normal(time.size)
 
 
 def true_response(frequency_hz: np.ndarray) -> np.ndarray:
     s = 2j * np.pi * np.asarray(frequency_hz)
     return GAIN / (s * s + DAMPING * s + STIFFNESS)
-
-
-def _next_sample(state: list[float], asked: float, coulomb: float, slope: float) -> np.ndarray:
-    def rates(x: float, v: float, z: float) -> tuple[float, float, float]:
-        return v, GAIN * (asked - z) - DAMPING * v - STIFFNESS * x, slope * (v - abs(v) * z / coulomb)
-
-    x, v, z = state
-    h = 1.0 / RATE_HZ / 4
-    for _ in range(4):
-        a = rates(x, v, z)
-        b = rates(x + h / 2 * a[0], v + h / 2 * a[1], z + h / 2 * a[2])
-        c = rates(x + h / 2 * b[0], v + h / 2 * b[1], z + h / 2 * b[2])
-        d = rates(x + h * c[0], v + h * c[1], z + h * c[2])
-        x += h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
-        v += h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
-        z += h / 6 * (a[2] + 2 * b[2] + 2 * c[2] + d[2])
-    return np.array([x, v, z])
 
 
 def found_in(
@@ -62,7 +56,7 @@ def share_inside(found: Identification) -> float:
     return float(np.mean(error <= found.model.band_db(frequency)))
 
 
-@pytest.mark.parametrize(("coulomb", "seed", "late"), [(0.1, 2, 0), (0.05, 7, 20)])
+@pytest.mark.parametrize(("coulomb", "seed", "late"), [(0.1, 2, 0), pytest.param(0.05, 7, 20, marks=pytest.mark.slow)])
 def test_identify__friction_that_builds_up_between_samples__level_inside_and_distance_cannot_be_told(
     coulomb: float, seed: int, late: int
 ) -> None:
@@ -85,11 +79,12 @@ def test_identify__friction_that_builds_up_slowly_and_hum__level_inside_its_inte
     assert np.max(np.abs(np.log(np.abs(found.model.response(hertz) / true_response(hertz))))) < 0.01
 
 
-@pytest.mark.parametrize("seed", [28, 34])
+@pytest.mark.parametrize("seed", [pytest.param(28, marks=pytest.mark.slow), 34])  # the other way round
 def test_identify__resonance_that_rubs__truth_inside_its_band_whichever_way_the_sensor_counts(seed: int) -> None:
     assert judged(seed)[0] == "ok"
 
 
+@pytest.mark.slow
 def test_identify__friction_of_a_third_of_the_command__is_not_trusted() -> None:
     found = found_in(0.4, 5e-3, 4, seconds=5.0)
     assert bool(found.distrust) or share_inside(found) > 0.9

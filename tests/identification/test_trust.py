@@ -73,11 +73,11 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
     ("name", "status"),
     [
         ("16 samples lost", 0),
-        ("200 ppm back", 0),
+        pytest.param("200 ppm back", 0, marks=pytest.mark.slow),
         ("gain falls 20 %", 1),
         ("backlash", 0),
         ("amplifier clips", 1),
-        ("every 4th sample, white", 1),
+        pytest.param("every 4th sample, white", 1, marks=pytest.mark.slow),
         ("cubic sensor", 1),
     ],
 )

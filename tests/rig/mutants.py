@@ -56,10 +56,10 @@ class Bench:
         self.flags = [word for word in command[:at] if not word.endswith(".c")]
         self.tail = command[at:-2]
         for path in (word for word in command if word.endswith(".c")):
-            needed = self._run([*self.flags, "-MM", path]).replace("\\\n", " ").split()[1:]
+            self._compile(path, "-MMD", "-MF", "needed")
+            needed = (self.folder / "needed").read_text().replace("\\\n", " ").split()[1:]
             for each in needed:
                 self.read_by.setdefault(each, []).append(path)
-            self._compile(path)
 
     def program(self, mutant: Mutant) -> Path:
         """The altered program; the copy is as it was before afterwards."""
@@ -94,17 +94,16 @@ class Bench:
     def _object(self, path: str) -> Path:
         return self.folder / (path.replace("/", "-") + ".o")
 
-    def _compile(self, path: str) -> None:
-        self._run([*self.flags, "-c", path, "-o", str(self._object(path))])
+    def _compile(self, path: str, *more: str) -> None:
+        self._run([*self.flags, *more, "-c", path, "-o", str(self._object(path))])
 
     def _link(self, out: Path) -> None:
         every = sorted({path for readers in self.read_by.values() for path in readers})
         self._run([*self.flags, *(str(self._object(path)) for path in every), *self.tail, "-o", str(out)])
 
-    def _run(self, command: list[str]) -> str:
+    def _run(self, command: list[str]) -> None:
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-2000:]
-        return done.stdout
 
 
 _PERIOD, _BOARD, _GUARD = "core/board/period.c", "core/board/board.c", "core/board/guard.h"

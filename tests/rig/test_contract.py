@@ -21,14 +21,15 @@ from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display
 
 
-def _marked(mark: pytest.MarkDecorator) -> list[object]:
+def _marked(mark: pytest.MarkDecorator, *of_example: pytest.MarkDecorator) -> list[object]:
     """The rigs, with a mark on the board at a socket: its emulator works for 4 ms at every sample that it plays."""
-    return [pytest.param(name, marks=mark if name == "board:socket" else ()) for name in RIGS]
+    marks = {"board:socket": [mark], "docs/rig.md": of_example}
+    return [pytest.param(name, marks=marks.get(name, ())) for name in RIGS]
 
 
 _NAMES = _marked(pytest.mark.slow)
-#: For tests that play a second and more.
-_long = pytest.mark.parametrize("opened", _marked(pytest.mark.soak), indirect=True, scope="module")
+#: For tests that play a second and more; the example of docs/rig.md is computed in Python, sample by sample.
+_long = pytest.mark.parametrize("opened", _marked(pytest.mark.soak, pytest.mark.slow), indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module", params=_NAMES)

@@ -170,7 +170,7 @@ def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself_and_a_port_
                 if count == 2:
                     break
         client = LinkClient(connect(url))
-        for pause_s in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of its time, sooner or later
+        for pause_s in (3.0, 6.0, 12.0, 24.0, 48.0):  # a quarter of a second of its time; each question begins it anew
             time.sleep(pause_s)
             status = client.status()
             if status.mode is Mode.FAULT:

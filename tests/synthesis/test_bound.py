@@ -29,10 +29,11 @@ MOST_DB = {
 PLANTS = {plant.name: plant for plant in [*named(), *drawn(26)]}
 
 
-SOAK = "drawn 15: with a mode"  # a long search; the pair has a mode as well
+SLOW = ("90/80 Hz pair", "drawn 14: no spring", "drawn 25: motor")
+MARKS = dict.fromkeys(SLOW, pytest.mark.slow) | {"drawn 15: with a mode": pytest.mark.soak}  # the pair has one as well
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.soak) if n == SOAK else n for n in MOST_DB])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MOST_DB])
 def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best_known(name) -> None:
     zeros, poles, gain, _, bound = delivered(PLANTS[name])
     judge = Judge(PLANTS[name])

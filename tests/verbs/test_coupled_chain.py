@@ -13,6 +13,9 @@ LEVEL_DB, PERIOD_S, SEED = -20.0, 1.5, 1
 """A record of 27 s: six experiments of three periods."""
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float, CoupledModels]:
     """A folder with record, models, coupling, display and controller; the frame's mass; what `identify` told."""

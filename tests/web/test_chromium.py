@@ -82,8 +82,7 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     assert len({box["y"] for box in boxes}) == 1  # in a row, in the order of time
     assert [box["x"] for box in boxes] == sorted(box["x"] for box in boxes)
     page.locator(".choice").first.tap()
-    page.wait_for_timeout(300)
-    assert page.locator("body").get_attribute("data-trial").endswith("/1")  # the next trial of its run
+    page.locator("body[data-trial$='/1']").wait_for()  # the next trial of its run
     page.evaluate(
         "() => { window.heard = []; link.heard = handlers.stage; handlers.stage = (message) => {"
         " heard.push([message.stage, page.noise.context !== null]); link.heard(message); }; }"

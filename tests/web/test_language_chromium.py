@@ -3,7 +3,7 @@
 import pytest
 
 from tests.experiment.session.apparatuses import controller
-from tests.web.study import ASKED, page, start  # noqa: F401
+from tests.web.study import asked, page, start, visible  # noqa: F401
 from tests.web.test_chromium import ONE
 
 BOXES = """[...document.querySelectorAll("button, #sessions a")].filter((one) => one.checkVisibility())
@@ -15,9 +15,9 @@ def test_keys__by_where_they_stand__answer_on_every_layout(start, page) -> None:
     page.goto(start(ONE, controller()).addresses["subject S1"])
     page.locator("#others button").first.wait_for()
     page.locator("#go").click()
-    page.wait_for_timeout(150)
+    visible(page, "Which interval has the vibration")
     page.keyboard.press("Enter")
-    page.locator(ASKED).first.wait_for(timeout=10_000)
+    asked(page)
     page.evaluate("window.said = []; link.send = (message) => { said.push(message); }")
     for key, code in (("&", "Digit1"), ("é", "Digit2"), ("1", "Digit1"), ("3", "Numpad3"), ("PageDown", "Numpad3")):
         page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
@@ -30,7 +30,8 @@ def test_keys__by_where_they_stand__answer_on_every_layout(start, page) -> None:
     assert page.evaluate("said") == []
 
 
-@pytest.mark.parametrize("language", ["en", "de", "fr"])
+# German has the longest words
+@pytest.mark.parametrize("language", ["de", *(pytest.param(each, marks=pytest.mark.slow) for each in ("en", "fr"))])
 def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen(start, page, language) -> None:
     page.goto(start(ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"'), controller()).addresses["operator"])
     page.locator("[data-start]").wait_for()

@@ -12,6 +12,7 @@ from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
+from tests.browser import drawn
 from tests.experiment.session.apparatuses import rows_of
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
 from tests.web.study import ASKED, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401
@@ -126,7 +127,7 @@ def _file_and_key(found: re.Match[str]) -> str:
     return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
 
 
-@pytest.mark.parametrize("count", [12, 30])
+@pytest.mark.parametrize("count", [pytest.param(12, marks=pytest.mark.slow), 30])
 def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
     server = serve(many(count))
     page.set_viewport_size(LAPTOP)
@@ -134,7 +135,7 @@ def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> No
     begin(page)
     for size in (LAPTOP, PHONE, {"width": 640, "height": 360}):
         page.set_viewport_size(size)
-        page.wait_for_timeout(150)
+        drawn(page)
         boxes = [button.bounding_box() for button in page.locator(".choice").all()]
         assert len(boxes) == count
         if size["height"] < 600 and count == 30:

@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from numpy.typing import NDArray
@@ -111,7 +112,8 @@ class Plate:
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
             stream = io.StringIO()
             about = {"Date": None, "Creator": "tactuator", **({"Title": NOBODY_FELT_IT} if self.simulated else {})}
-            self.figure.savefig(stream, format="svg", metadata=about)
+            # `savefig` would draw it twice, to lay it out first
+            FigureCanvasSVG(self.figure).print_svg(stream, metadata=about)  # type: ignore[no-untyped-call]
         return stream.getvalue()
 
     def csv(self) -> str:

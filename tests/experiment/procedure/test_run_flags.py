@@ -21,12 +21,12 @@ def test_flags__of_the_witness_s_people__are_seldom_wrong_and_mostly_right() -> 
         text = files("tactuator.io.examples.protocols").joinpath(f"{kind}.toml").read_text()
         assert tomllib.loads(text)["catch"]["loud_share"] == LOUD_SHARE
     counts = {
-        name: Counter(flag for flags in judged("imece2004", name, 100, 1, []) for flag in flags)
-        for name in ("normal", "lapsing", "guessing")
+        name: Counter(flag for flags in judged("imece2004", name, people, 1, []) for flag in flags)
+        for name, people in (("normal", 100), ("lapsing", 50), ("guessing", 20))
     }
     assert max(counts["normal"].values(), default=0) <= 4
-    assert counts["lapsing"]["lapses"] >= 60
-    assert counts["guessing"]["chance"] == 100
+    assert counts["lapsing"]["lapses"] >= 30
+    assert counts["guessing"]["chance"] == 20
 
 
 def test_quest_plus__estimate__is_of_the_product_of_prior_and_all_answers() -> None:

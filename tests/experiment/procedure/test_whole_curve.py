@@ -206,6 +206,7 @@ def people(truth: np.ndarray, trials: int, seed: int) -> tuple[CurveBelief, np.n
     return belief, np.array(played)
 
 
+@pytest.mark.slow
 def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twelve() -> None:
     """None of the twelve was told above 6.1 dB where no trial was put to exclude a notch and none was weighed late.
 

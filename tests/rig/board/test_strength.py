@@ -1,6 +1,7 @@
 """A board reshapes references as the host does, bit for bit, and only where the image says so."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,7 +15,11 @@ from tests.runtime.paper_display import RATE_HZ, controller, display
 from tests.strength import core, reshaped
 
 PLAIN = controller(display())
-SHAPED = reshaped(PLAIN)
+
+
+@cache
+def shaped() -> Controller:
+    return reshaped(PLAIN)
 
 
 def wave(samples: int = 3000) -> np.ndarray:
@@ -26,7 +31,7 @@ def wave(samples: int = 3000) -> np.ndarray:
 
 
 def by_hand(reference: np.ndarray) -> np.ndarray:
-    steps = [core(channel.strength, RATE_HZ)[0] for channel in SHAPED.channels]
+    steps = [core(channel.strength, RATE_HZ)[0] for channel in shaped().channels]
     return np.array([[step(r) for step, r in zip(steps, row, strict=True)] for row in reference])
 
 
@@ -46,14 +51,14 @@ RIGS = {"simulated": lambda: SimulatedRig(PLAIN.display, seed=5)} | {
 
 @pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
 def test_rig__that_reshapes__plays_what_the_reshaped_reference_would_play_however_cut(rig: Callable[[], Rig]) -> None:
-    there = played(rig(), SHAPED, *np.split(wave(), [7, 1000, 1001]))
+    there = played(rig(), shaped(), *np.split(wave(), [7, 1000, 1001]))
     assert there == played(rig(), PLAIN, by_hand(wave()))
     assert there != played(rig(), PLAIN, wave())
 
 
 def test_board__driven__is_not_reshaped() -> None:
     traces = []
-    for of in (SHAPED, PLAIN):
+    for of in (shaped(), PLAIN):
         with in_process_rig(of.display, 5) as rig:
             rig.load(of)
             traces.append(rig.drive(0.1 * np.sin(np.arange(400.0))[:, None] * np.ones(3)))
@@ -65,5 +70,5 @@ def test_board__driven__is_not_reshaped() -> None:
     [("mps2-an500", "float32"), pytest.param("stm32f405", "q31", marks=pytest.mark.slow)],
 )
 def test_emulated_board__that_reshapes__plays_the_hosts_bits(board: str, number_format: str) -> None:
-    there = played(emulated_rig(board, SHAPED.display, 5, number_format), SHAPED, wave(1200))
-    assert there == played(in_process_rig(SHAPED.display, 5, number_format), SHAPED, wave(1200))
+    there = played(emulated_rig(board, shaped().display, 5, number_format), shaped(), wave(1200))
+    assert there == played(in_process_rig(shaped().display, 5, number_format), shaped(), wave(1200))
