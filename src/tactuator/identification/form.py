@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -58,7 +59,7 @@ class Form:
         if not self.origin_zeros <= self.zeros <= self.poles:
             raise BadInput(f"{self.zeros} zeros for {self.poles} poles", f"{self.origin_zeros} to {self.poles}")
 
-    @property
+    @cached_property
     def free(self) -> int:
         """Return the number of poles that are estimated."""
         return self.poles - self.integrators - sum(len(section) for section in self.known)
@@ -116,16 +117,17 @@ def all_sections(theta: FloatArray, form: Form) -> list[FloatArray]:
 
 def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return the estimated poles, (free,)."""
-    return _roots(section_list(theta, form))
+    return np.array(_roots(theta, form), dtype=np.complex128)
 
 
-def _roots(sections: list[FloatArray]) -> ComplexArray:
-    roots: list[complex] = []
-    for section in sections:
-        if section.size == 2:
-            roots.append(complex(-float(section[1])))
+def _roots(theta: FloatArray, form: Form, known: tuple[Section, ...] = ()) -> list[complex]:
+    """Return the roots of the free sections, and of known ones."""
+    values, roots = theta.tolist(), list[complex]()
+    for section in (*(values[j : min(j + 2, form.free)] for j in range(0, form.free, 2)), *known):
+        if len(section) == 1:
+            roots.append(complex(-section[0]))
             continue
-        half, product = 0.5 * float(section[1]), float(section[2])
+        half, product = 0.5 * section[0], section[1]
         under = half * half - product
         if under < 0.0:
             roots += [complex(-half, (-under) ** 0.5), complex(-half, -((-under) ** 0.5))]
@@ -133,7 +135,7 @@ def _roots(sections: list[FloatArray]) -> ComplexArray:
             # the larger root first: the smaller one as a difference would lose its digits
             large = -half - (under**0.5 if half >= 0.0 else -(under**0.5))
             roots += [complex(large), complex(product / large if large else 0.0)]
-    return np.array(roots, dtype=np.complex128)
+    return roots
 
 
 def is_stable(theta: FloatArray, form: Form) -> bool:
@@ -143,7 +145,7 @@ def is_stable(theta: FloatArray, form: Form) -> bool:
 
 def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return all poles, those at zero last, (poles,)."""
-    return np.concatenate([_roots(all_sections(theta, form)), np.zeros(form.integrators)])
+    return np.array([*_roots(theta, form, form.known), *[0.0] * form.integrators], dtype=np.complex128)
 
 
 def sections_of(poles: NDArray[Any]) -> FloatArray:

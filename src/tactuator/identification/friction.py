@@ -102,6 +102,51 @@ class _Level:
         return [(command - self.coulomb * state, position) for (command, position), state in pairs]
 
 
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """An estimate of signals with a level of friction off their commands, and what all trials from there share."""
+
+    signals: Signals
+    now: SpectralEstimate
+    level: _Level
+
+    @cached_property
+    def lines(self) -> _FrictionLines:
+        """Return what the fit leaves without friction."""
+        return _FrictionLines(self.now, self.level)
+
+    @cached_property
+    def paths(self) -> tuple[FloatArray, ...]:
+        """Return the motion of every record as the estimate has it, free of noise and dead time, (n,) each."""
+        pairs = zip(self.signals, self.now.residuals, strict=True)
+        return tuple(self._earlier(rest.simulated, position.size, rest.taken.shift) for (_, position), rest in pairs)
+
+    @cached_property
+    def measured(self) -> tuple[FloatArray, ...]:
+        """Return the same as it was measured, low-passed."""
+        rate_hz = self.now.spectra[0].rate_hz
+        paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in self.signals)
+        return tuple(self._earlier(path, path.size) for path in paths)
+
+    def _earlier(self, path: FloatArray, count: int, shift: int = 0) -> FloatArray:
+        """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait, in
+        the direction in which commands do work: a sensor may count the other way.
+        """
+        late = int(self.now.chosen.fit.delay_s * self.now.spectra[0].rate_hz + 0.5)
+        moved = path[max(late - shift, 0) :]
+        return self._direction * np.append(moved, np.full(count - moved.size, moved[-1]))
+
+    @cached_property
+    def _direction(self) -> float:
+        """Return the sign of the work that the commands do along the estimate's motion without its dead time."""
+        work = 0.0
+        for taken, rest in zip(self.now.spectra, self.now.residuals, strict=True):
+            turn = 2j * np.pi * taken.frequency_hz[1:]
+            moved = rest.response * np.exp(turn * self.now.chosen.fit.delay_s)
+            work += float(np.sum(np.abs(taken.command[1:]) ** 2 * (turn * moved).real))
+        return float(np.copysign(1.0, work))
+
+
 def fit_friction(
     signals: Signals,
     bare: SpectralEstimate,
@@ -114,56 +159,58 @@ def fit_friction(
     bare: the estimate without friction, or a quick one; known: of the form; estimate_of: what makes an estimate of
     signals, from one of others that hardly differ if there is one, or a quick one.
     """
-    level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
-    if level is None and not _shows(signals, bare):
+    stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
+    level = _level_without_model(stage) if _share_left(bare.residuals) > _POOR else None
+    if level is None and not _shows(stage):
         return None
-    measured = _measured_paths(signals, bare)
-    level = _stepped(signals, bare, _Level(0.0, 0.0, ()), measured) if level is None else level
+    measured = stage.measured
+    level = _stepped(stage, measured) if level is None else level
     if level.coulomb <= 0.0:
         return None
     # the first level is so rough that a quick estimate tells the next as well
     now = estimate_of(level.off(signals), None, True)
-    level = _settled(signals, now, level, measured)
+    level = _settled(_Stage(signals, now, level), measured)
     for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
-        now, before = estimate_of(level.off(signals), now, False), level
-        level = _settled(signals, now, level, measured)
-        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
+        now = estimate_of(level.off(signals), now, False)
+        stage = _Stage(signals, now, level)
+        level = _settled(stage, measured)
+        if abs(level.coulomb - stage.level.coulomb) < _STILL * level.deviation:
             break
-    rubbed = _with_level(signals, now, before)
+    rubbed = _with_level(stage)
     simpler = now if rubbed is None else simplified(now, known, rubbed.shifts)
     if simpler is now:
         return rubbed
-    level = _settled(signals, simpler, before, measured)
-    return _with_level(signals, _again(simpler, level.off(signals)), level) or rubbed
+    level = _settled(_Stage(signals, simpler, stage.level), measured)
+    return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or rubbed
 
 
-def _with_level(signals: Signals, now: SpectralEstimate, level: _Level) -> FrictionFit | None:
-    """Return an estimate of signals with friction off their commands, with what friction leaves unknown; None where no
+def _with_level(stage: _Stage) -> FrictionFit | None:
+    """Return the estimate of signals with friction off their commands, with what friction leaves unknown; None where no
     friction is certain.
     """
-    lines = _FrictionLines(now, level)
-    gain, coulomb, power, weights = lines.explained(lines.pull(level.states))
+    lines, level = stage.lines, stage.level
+    plain = lines.pull(level.states)
+    gain, coulomb, power, weights = lines.explained(plain)
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
-    by_law, by_level = lines.other_laws(level)
+    by_law, by_level = lines.other_laws(level, plain)
     deviation = float(np.linalg.norm([np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb, *by_level]))
     shifts = np.vstack([-weights * deviation, by_law])
-    return FrictionFit(now, level.off(signals), level.coulomb, deviation, level.presliding, shifts)
+    return FrictionFit(stage.now, level.off(stage.signals), level.coulomb, deviation, level.presliding, shifts)
 
 
-def _shows(signals: Signals, bare: SpectralEstimate) -> bool:
+def _shows(bare: _Stage) -> bool:
     """Return true where a friction along the model's own path explains more of the residual than chance ever would,
     beside what the model's parameters make up for: it damps a resonance like any other damping.
     """
-    if not all(np.all(residual.response) for residual in bare.residuals):
+    if not all(np.all(residual.response) for residual in bare.now.residuals):
         return False  # nothing moves
-    lines, paths = _FrictionLines(bare, _Level(0.0, 0.0, ())), _paths(signals, bare)
-    motion = max(float(np.std(path)) for path in paths)
-    pulls = (lines.pull([dahl_state(path, place) for path in paths]) for place in _SHOWN_AT * motion)
-    return any(2.0 * lines.explained(pull)[0] > _CERTAIN for pull in pulls)
+    motion = max(float(np.std(path)) for path in bare.paths)
+    pulls = (bare.lines.pull([dahl_state(path, place) for path in bare.paths]) for place in _SHOWN_AT * motion)
+    return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in pulls)
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
@@ -172,58 +219,31 @@ def _share_left(residuals: Sequence[Residual]) -> float:
     return left_over / max(whole, 1e-300)
 
 
-def _settled(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
+def _settled(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level at which the estimate's form and the friction along its own path, or the measured one, agree."""
     for _ in range(_ROUNDS):
-        ahead = _stepped(signals, now, level, measured)
-        change, level = abs(ahead.coulomb - level.coulomb), ahead
+        level = _stepped(stage, measured)
+        change = abs(level.coulomb - stage.level.coulomb)
         if level.coulomb <= 0.0 or change < _STILL * level.deviation:
             break
-        now = _again(now, level.off(signals))
+        stage = _Stage(stage.signals, _again(stage.now, level.off(stage.signals)), level)
     return level
 
 
 def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
     """Return the estimate with its chosen fit fitted to other signals."""
-    before = now.spectra[0]
-    spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
+    spectra = tuple(taken.under(command) for taken, (command, _) in zip(now.spectra, signals, strict=True))
     chosen = refitted(replace(now.chosen, fits={}), equations_of(spectra))
     return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
 
 
-def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
-    """Return the motion of every record as the estimate has it, free of noise and dead time, (n,) each."""
-    pairs = zip(signals, now.residuals, strict=True)
-    return tuple(_earlier(rest.simulated, now, position.size, rest.taken.shift) for (_, position), rest in pairs)
-
-
-def _earlier(path: FloatArray, now: SpectralEstimate, count: int, shift: int = 0) -> FloatArray:
-    """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait, in the
-    direction in which commands do work: a sensor may count the other way.
-    """
-    late = int(now.chosen.fit.delay_s * now.spectra[0].rate_hz + 0.5)
-    moved = path[max(late - shift, 0) :]
-    return _direction(now) * np.append(moved, np.full(count - moved.size, moved[-1]))
-
-
-def _direction(now: SpectralEstimate) -> float:
-    """Return the sign of the work that the commands do along the estimate's motion without its dead time."""
-    work = 0.0
-    for taken, rest in zip(now.spectra, now.residuals, strict=True):
-        turn = 2j * np.pi * taken.frequency_hz[1:]
-        moved = rest.response * np.exp(turn * now.chosen.fit.delay_s)
-        work += float(np.sum(np.abs(taken.command[1:]) ** 2 * (turn * moved).real))
-    return float(np.copysign(1.0, work))
-
-
-def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: tuple[FloatArray, ...]) -> _Level:
-    """Return the level that explains most of what the estimate leaves; level: what is off its commands already.
+def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
+    """Return the level that explains most of what the estimate leaves, that which is off its commands included.
 
     Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample: the
     better way is told at one presliding distance, and the distance looked for along that way.
     """
-    lines = _FrictionLines(now, level)
-    both = (_paths(signals, now), measured)
+    lines, both = stage.lines, (stage.paths, measured)
 
     @cache
     def states(k: int, presliding: float) -> list[FloatArray]:
@@ -237,7 +257,7 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
     def gain(way: tuple[int, bool, float]) -> float:
         return explained(way)[0]
 
-    place, ratio, step = level.presliding, _FINE, 1
+    place, ratio, step = stage.level.presliding, _FINE, 1
     if place == 0.0:
         motion, ratio, step = max(float(np.std(path)) for path in both[0]), _FINE_AT_FIRST, (_REACH + 1) // 2
         places = (np.geomspace(1e-4, 1.0, 9) * motion).tolist()
@@ -246,7 +266,7 @@ def _stepped(signals: Signals, now: SpectralEstimate, level: _Level, measured: t
     at = _uphill(lambda steps: gain((k, held, place * ratio**steps)), step)
     presliding = place * ratio**at
     _, coulomb, power = explained((k, held, presliding))
-    coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in signals) else 0.0  # it ran away
+    coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in stage.signals) else 0.0  # it ran away
     return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
 
 
@@ -262,12 +282,6 @@ def _uphill(gain: Callable[[int], float], step: int) -> int:
 def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
     """Return Dahl's states, (n,) each, as they act from each sample to the next."""
     return states if held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
-
-
-def _measured_paths(signals: Signals, bare: SpectralEstimate) -> tuple[FloatArray, ...]:
-    rate_hz = bare.spectra[0].rate_hz
-    paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in signals)
-    return tuple(_earlier(path, bare, path.size) for path in paths)
 
 
 class _FrictionLines:
@@ -331,13 +345,13 @@ class _FrictionLines:
             np.float64
         )
 
-    def other_laws(self, level: _Level) -> tuple[FloatArray, FloatArray]:
+    def other_laws(self, level: _Level, plain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
         not exclude: one that acts otherwise between samples, and those of another level in either direction and of
-        one that falls with the speed (Stribeck), by their evidence.
+        one that falls with the speed (Stribeck), by their evidence; plain: the level's own pull.
         """
         free, speed = level.free, [np.abs(np.gradient(path)) for path in level.paths]
-        plain, otherwise = self.pull(level.states), self.pull(_acting(free, not level.held))
+        otherwise = self.pull(_acting(free, not level.held))
         uneven = [self.pull(_acting(row, level.held)) for row in ([np.abs(state) for state in free], speed)]
         solved = [self._together([plain]), self._together([plain, *uneven])]
         for shape in (1, 2):
@@ -375,22 +389,21 @@ def _lines(values: FloatArray, taken: Spectrum, last: int) -> ComplexArray:
     return np.asarray(np.fft.rfft(early - early.mean())[1 : last + 1] * (1.0 / np.sqrt(taken.samples)))
 
 
-def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | None:
+def _level_without_model(bare: _Stage) -> _Level | None:
     """Return the level by which the records are most nearly linear, whatever their response: a start where friction
     eats so much of the command that every fit without it goes astray. None where no level makes them more so.
     """
-    rate_hz = bare.spectra[0].rate_hz
+    rate_hz = bare.now.spectra[0].rate_hz
 
     def misfit(at: Signals) -> float:
         local = [local_response(spectrum(*pair, rate_hz), 0.47 * rate_hz) for pair in at]
         return sum(2.0 * float(pair.lines @ np.log(np.maximum(pair.noise, 1e-300))) for pair in local)
 
-    best, least = None, misfit(signals) - _CERTAIN
-    paths = _measured_paths(signals, bare)
+    best, least, paths = None, misfit(bare.signals) - _CERTAIN, bare.measured
     presliding = 1e-3 * max(float(np.std(path)) for path in paths)
     for coulomb in np.geomspace(0.03, 1.5, 16):
         level = _Level(float(coulomb), presliding, paths)
-        here = misfit(level.off(signals))
+        here = misfit(level.off(bare.signals))
         if here < least:
             best, least = level, here
     return best

@@ -190,8 +190,9 @@ def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> Compl
 
 def _integral(poles: ComplexArray, duration: float) -> ComplexArray:
     """Return the integral of exp(p t) over 0 .. duration, (n,)."""
-    small = np.abs(poles * duration) < 1e-8
-    return np.where(small, duration, np.expm1(_bounded(poles * duration)) / np.where(small, 1.0, poles))
+    turned = poles * duration
+    grown, small = np.expm1(_bounded(turned)), np.abs(turned) < 1e-8
+    return np.where(small, duration, grown / np.where(small, 1.0, poles)) if small.any() else grown / poles
 
 
 def _integral_slope(poles: ComplexArray, duration: float) -> ComplexArray:

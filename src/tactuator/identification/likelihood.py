@@ -29,7 +29,7 @@ from tactuator.identification.form import (
     theta_left,
     weights_left,
 )
-from tactuator.identification.hold import Grid, edge_columns, held_slopes, response_columns, transient_columns
+from tactuator.identification.hold import Grid, held_slopes, response_columns, transient_columns
 from tactuator.identification.lines import Equations, JoinedEquations, equation_slices
 
 _SOON, _FAR_AWAY = 4, 100.0
@@ -146,9 +146,7 @@ class SpectralProblem:
         if not self.with_transient:
             return bases
         for part, piece in zip(self.given.parts, equation_slices(self.given), strict=True):
-            grid = replace(self.grid, frequency_hz=part.frequency_hz)
-            columns = part.transient_of(edge_columns(grid)) * self.weight[piece, None]
-            rows = np.ascontiguousarray(columns.T).view(np.float64)
+            rows = np.ascontiguousarray((part.ends * self.weight[piece, None]).T).view(np.float64)
             bases.append((slice(2 * piece.start, 2 * piece.stop), orthonormal(rows)))
         return bases
 
@@ -266,18 +264,13 @@ class SpectralProblem:
         rest = self.given.goal - self.given.response_of(response[:, None])[:, 0]
         if not self.with_transient:
             return np.asarray(rest)
-        columns = self.given.transient_of(beside_columns(self.grid, fit.theta, fit.form))
+        columns = self.given.beside_of(transient_columns(self.grid, fit.theta, fit.form))
         solution = fitted_beside(columns, rest, self.weight)
         return np.asarray(rest - columns @ solution)
 
     def with_weight(self, weight: FloatArray) -> SpectralProblem:
         """Return the same equations, weighted otherwise."""
         return replace(self, weight=weight)
-
-
-def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
-    """Return everything that is fitted beside the response: decays, ends, drift, (m, k)."""
-    return np.hstack([transient_columns(grid, theta, form), edge_columns(grid)])
 
 
 @dataclass(frozen=True, eq=False)

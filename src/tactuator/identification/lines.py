@@ -14,6 +14,7 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -24,7 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.hold import Grid
+from tactuator.identification.hold import Grid, edge_columns
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -67,6 +68,21 @@ class Spectrum:
         """Return what the position's shift does to the lines but zero, (m - 1,)."""
         return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
 
+    @cached_property
+    def measured(self) -> FloatArray:
+        """Return the position's samples, shifted and without mean, (n,)."""
+        return self.samples_of(np.concatenate([[0.0], self.position[1:]]))
+
+    def samples_of(self, lines: ComplexArray) -> FloatArray:
+        """Return the samples (n,) of lines as those of the record are."""
+        return np.asarray(np.fft.irfft(lines, self.samples) * np.sqrt(self.samples))
+
+    def under(self, command: FloatArray) -> Spectrum:
+        """Return the same position's lines under another command (n,); what does not depend on it is not done again."""
+        other = copy(self)
+        other.__dict__["command"] = _lines_of(command[: self.samples])
+        return other
+
 
 @lru_cache(maxsize=1)
 def _all_lines(samples: int, rate_hz: float) -> Grid:
@@ -84,9 +100,11 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
         # a length with a large prime factor takes the transform many times as long
         count = fast_length(count, up=False)
     late, early = position[shift : shift + count], command[:count]
-    root = np.sqrt(late.size)
-    lines = [np.fft.rfft(values - values.mean()) / root for values in (early, late)]
-    return Spectrum(lines[0], lines[1], rate_hz, late.size, shift)
+    return Spectrum(_lines_of(early), _lines_of(late), rate_hz, late.size, shift)
+
+
+def _lines_of(values: FloatArray) -> ComplexArray:
+    return np.asarray(np.fft.rfft(values - values.mean()) / np.sqrt(values.size))
 
 
 def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
@@ -153,6 +171,15 @@ class Equations:
     def transient_of(self, values: ComplexArray) -> ComplexArray:
         """Return the same for transients (m, c)."""
         return self._gathered(values[: self.raw], self.by_transient, values)
+
+    def beside_of(self, decays: ComplexArray) -> ComplexArray:
+        """Return the right sides of all that is fitted beside the response: decays (m, c) and ends, (e, c + k)."""
+        return np.hstack([self.transient_of(decays), self.ends])
+
+    @cached_property
+    def ends(self) -> ComplexArray:
+        """Return the right sides of what the record's ends may add, (e, k)."""
+        return self.transient_of(edge_columns(Grid(self.frequency_hz, self.rate_hz, 1.0, "band-limited")))
 
     def _gathered(self, top: ComplexArray, operator: ComplexArray, values: ComplexArray) -> ComplexArray:
         if not self.lines.size:
@@ -347,6 +374,11 @@ class JoinedEquations:
     def transient_of(self, values: NDArray[Any]) -> ComplexArray:
         """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
         blocks = [part.transient_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
+        return np.asarray(scipy.linalg.block_diag(*blocks))
+
+    def beside_of(self, decays: ComplexArray) -> ComplexArray:
+        """Return the same for decays (m, c) and ends: (e, (c + k) * records)."""
+        blocks = [part.beside_of(decays[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
         return np.asarray(scipy.linalg.block_diag(*blocks))
 
     @cached_property

@@ -39,15 +39,15 @@ def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> 
     frequencies (m,), as a deviation of its logarithm: play turns the phase too; zeros where none stands out.
     """
     shapes = [list(_shapes(residual)) for residual in residuals]
+    total = sum(float(np.sum(np.abs(each.weight[1:] * each.lines[1:]) ** 2)) for each in residuals)
+    powers = [residual.weight[1:] ** 2 for residual in residuals]
     best, share, level = 0.0, 0.0, np.zeros(frequency_hz.size, dtype=np.complex128)
     for pairs in zip(*shapes, strict=True):
         pulls, (side, *_) = zip(*pairs, strict=True)
-        size = along = total = 0.0
-        for pull, residual in zip(pulls, residuals, strict=True):
-            weight = residual.weight[1:]
-            size += float(np.sum(np.abs(weight * pull) ** 2))
-            along += float(np.sum((np.conj(pull) * residual.lines[1:]).real * weight**2))
-            total += float(np.sum(np.abs(weight * residual.lines[1:]) ** 2))
+        size = along = 0.0
+        for pull, residual, power in zip(pulls, residuals, powers, strict=True):
+            size += float(np.sum(np.abs(residual.weight[1:] * pull) ** 2))
+            along += float(np.sum((np.conj(pull) * residual.lines[1:]).real * power))
         won = along**2 / max(size, 1e-300)
         if size > 0.0 and won > max(best, 0.5 * _CERTAIN, _SHARE * total):
             best = won

@@ -18,7 +18,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import freedom
 from tactuator.identification.hold import Hold, edge_lines, transient_columns
-from tactuator.identification.likelihood import SpectralFit, SpectralProblem, beside_columns, fitted_beside
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem, fitted_beside
 from tactuator.identification.lines import Equations, Spectrum, equation_slices, equations, weights
 from tactuator.identification.residual_tests import (
     ResidualTests,
@@ -43,23 +43,20 @@ class Residual:
     response: ComplexArray
     taken: Spectrum
 
-    @cached_property
+    @property
     def measured(self) -> FloatArray:
         """Return the position's samples, shifted and without mean, (n,)."""
-        return self._samples(np.concatenate([[0.0], self.taken.position[1:]]))
+        return self.taken.measured
 
     @cached_property
     def simulated(self) -> FloatArray:
         """Return the samples of model and transient, (n,)."""
-        return self.measured - self._samples(self.lines)
+        return self.measured - self.taken.samples_of(self.lines)
 
     @property
     def fit_percent(self) -> float:
         """Return 100 (1 - |y - simulated| / |y|)."""
         return fit_percent(self.measured, self.simulated)
-
-    def _samples(self, lines: ComplexArray) -> FloatArray:
-        return np.asarray(np.fft.irfft(lines, self.taken.samples) * np.sqrt(self.taken.samples))
 
 
 def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
@@ -109,10 +106,10 @@ def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     grid = taken.grid.like(fit.grid.scale_rad_s, fit.grid.hold)
-    response = response_on(fit, grid) * taken.ahead
+    response = response_on(fit, grid) * taken.ahead if taken.shift else response_on(fit, grid)
     moved = response * taken.command[1:]
     there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
-    columns = given.transient_of(beside_columns(there, fit.theta, fit.form))
+    columns = given.beside_of(transient_columns(there, fit.theta, fit.form))
     held = response_on(fit, there)
     weights = fitted_beside(columns, given.goal - given.response_of(held[:, None])[:, 0], weight)
     decays = transient_columns(grid, fit.theta, fit.form)

@@ -95,13 +95,14 @@ def estimate(
 ) -> SpectralEstimate:
     """Return the estimate from (command, position), each (n,) and of about unit size, of every record.
 
-    before: an estimate of signals that hardly differ, under the same holds, to start from. quick: the better of the two
-    most likely forms alone, whatever values are known. Raises BadInput where no form gives a start.
+    before: an estimate of the same positions under commands that hardly differ, and the same holds, to start from.
+    quick: the better of the two most likely forms alone, whatever values are known. Raises BadInput where no form gives
+    a start.
     """
     if before is None:
         taken, local, proposals = _begun(signals, rate_hz, holds, known.without_values, note)
     else:
-        taken = tuple(spectrum(*pair, rate_hz, before.spectra[0].shift) for pair in signals)
+        taken = tuple(was.under(command) for was, (command, _) in zip(before.spectra, signals, strict=True))
         local, proposals = _local(taken, rate_hz), before.starts or _fits_of(before.free or before)
     given = equations_of(taken)
     if quick:
