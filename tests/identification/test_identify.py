@@ -120,6 +120,25 @@ def test_identify__other_excitations__recover_the_plant(kind: str) -> None:
     assert np.max(np.abs(error_db(found, PAPER))) < 0.05
 
 
+def test_identify__few_sines_through_a_filter__filter_and_hold_are_found() -> None:
+    """Of sines between a record's lines every band has one: its response is known at that sine, not in its middle."""
+    rng, rate_hz, turn = np.random.default_rng(1), 2000.0, 2.0 * np.pi * 60.0
+    phases = np.outer(2.0 * np.pi * np.geomspace(1.0, 700.0, 60), np.arange(12000) / rate_hz)
+    command = 0.09 * np.cos(phases + rng.uniform(0.0, 2.0 * np.pi, (60, 1))).sum(axis=0)
+    top, under = signal.butter(2, 2.0 * np.pi * 200.0, analog=True)
+    top, under = np.polymul([turn**2], top), np.polymul([1.0, turn / 3.0, turn**2], under)
+    clean = signal.dlsim((*signal.cont2discrete(signal.tf2ss(top, under), 1.0 / rate_hz)[:4], 1.0 / rate_hz), command)
+    position = clean[1][:, 0] + 0.003 * clean[1].std() * rng.standard_normal(12000)
+    found = identify(Record(rate_hz, command, position))
+    assert not found.model.distrust
+    assert (found.between.hold, found.between.certain) == ("zero-order", True)
+    assert found.model.valid_hz[1] > 600.0
+    at_hz = np.geomspace(1.0, found.model.valid_hz[1], 200)
+    off = np.log(found.model.response(at_hz) * np.polyval(under, 2j * np.pi * at_hz) / np.polyval(top, 2j * np.pi * at_hz))
+    assert np.all(np.abs(off.real) * 8.686 <= found.model.band_db(at_hz) + 0.01)
+    assert np.all(np.abs(off.imag) <= found.model.band_rad(at_hz) + 1e-3)
+
+
 def test_identify__acceleration__zeros_at_the_origin() -> None:
     rng = np.random.default_rng(19)
     command = rng.standard_normal(8000)
