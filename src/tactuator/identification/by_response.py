@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.form import Known
@@ -56,24 +56,19 @@ def identify_response(
     with single_threaded(scipys=False), solvable():
         if given.phase_rad is None:
             return _identify_response(given, asked, note)
-        fits = _beginning(given, asked, note)
-        astray = _astray(given, fits)
-        if not astray.any():
-            return _identify_response(_with_own_noise(given, fits) if given.assumed else given, asked, note)
-        note("leaving out points that stand off all others")
-        kept = _at(given, ~astray)
-        kept = _with_own_noise(kept, _beginning(kept, asked, note)) if given.assumed else kept
-        result = _identify_response(kept, asked, note)
-        off = np.log(result.model.response(given.frequency_hz) / given.value())
-        return replace(result, model=_reaching(result.model, given.frequency_hz[astray], off[astray]))
+        kept, fits = given, _beginning(given, asked, note)
+        if (astray := _astray(given, fits)).any():
+            note("leaving out points that stand off all others")
+            kept = _at(given, ~astray)
+            fits = _beginning(kept, asked, note)
+        result = _identify_response(_with_own_noise(kept, fits) if given.assumed else kept, asked, note)
+        return result if kept is given else _reaching(result, given, kept)
 
 
 def _at(given: FrequencyResponse, kept: NDArray[np.bool_]) -> FrequencyResponse:
-    """Return the response at the points that are kept, (m,), the others named."""
-    said = ", ".join(f"{hertz:.5g}" for hertz in given.frequency_hz[~kept])
-    remarks = (*given.remarks, f"left out, far off what all others follow: at {said} Hz")
+    """Return the response at the points that are kept, (m,)."""
     names = ("frequency_hz", "magnitude", "phase_rad", "deviation")
-    return replace(given, remarks=remarks, **{name: getattr(given, name)[kept] for name in names})
+    return replace(given, **{name: getattr(given, name)[kept] for name in names})
 
 
 def _beginning(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> list[SpectralFit]:
@@ -137,12 +132,19 @@ def _trimmed(problem: SpectralProblem, fit: SpectralFit, most: int) -> tuple[flo
     return cost, out
 
 
-def _reaching(model: PlantModel, hertz: FloatArray, off: ComplexArray) -> PlantModel:
-    """Return the model with a band that reaches the points (k,) that it is `off`: each may be a narrow resonance."""
+def _reaching(result: ResponseFit, given: FrequencyResponse, kept: FrequencyResponse) -> ResponseFit:
+    """Return the fit with its band reaching the points that were not kept, and these named: each may be a narrow
+    resonance.
+    """
+    out = ~np.isin(given.frequency_hz, kept.frequency_hz)
+    hertz, model = given.frequency_hz[out], result.model
+    off = np.log(model.response(hertz) / given.value()[out]) / 1.959964
     frequency = np.sort(np.concatenate([model.excess.frequency_hz, hertz]))
     place, magnitude, phase_rad = np.searchsorted(frequency, hertz), *model.excess.at(frequency)
-    magnitude[place], phase_rad[place] = np.abs(off.real) / 1.959964, np.abs(off.imag) / 1.959964
-    return replace(model, excess=Excess(frequency, magnitude, phase_rad))
+    magnitude[place], phase_rad[place] = np.abs(off.real), np.abs(off.imag)
+    said = f"left out, far off what all others follow: at {', '.join(f'{at:.5g}' for at in hertz)} Hz"
+    model = replace(model, excess=Excess(frequency, magnitude, phase_rad))
+    return replace(result, model=model, remarks=(*result.remarks, said))
 
 
 def _with_own_noise(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> FrequencyResponse:
