@@ -119,6 +119,33 @@ def test_identify__other_excitations__recover_the_plant(kind: str) -> None:
     assert np.max(np.abs(error_db(found, PAPER))) < 0.05
 
 
+@pytest.mark.parametrize("kind", ["few sines through a filter", "sweep behind coupling by capacitors"])
+def test_identify__a_command_that_tells_little_of_most_bands__filters_and_hold_are_found(kind: str) -> None:
+    """Of sines between a record's lines every band has one, and shows the response at that sine, not in its middle. The
+    slow end of a quick sweep is as smooth as a transient: bands show nothing there, and the record by itself does.
+    """
+    rng, rate_hz, turn = np.random.default_rng(1), 2000.0, 2.0 * np.pi * 60.0
+    time = np.arange(12000) / rate_hz
+    if kind.startswith("few"):
+        phases = np.outer(2.0 * np.pi * np.geomspace(1.0, 700.0, 60), time) + rng.uniform(0.0, 2.0 * np.pi, (60, 1))
+        command, (top, under) = 0.09 * np.cos(phases).sum(axis=0), signal.butter(2, 2.0 * np.pi * 200.0, analog=True)
+    else:
+        command, top = 0.7 * signal.chirp(time, 1.0, 6.0, 700.0), [1.0, 0.0, 0.0]
+        under = np.polymul([1.0, 2.0 * np.pi * 5.0], [1.0, 2.0 * np.pi])
+    top, under = np.polymul([turn**2], top), np.polymul([1.0, turn / 3.0, turn**2], under)
+    clean = signal.dlsim((*signal.cont2discrete(signal.tf2ss(top, under), 1.0 / rate_hz)[:4], 1.0 / rate_hz), command)
+    position = clean[1][:, 0] + 0.003 * clean[1].std() * rng.standard_normal(12000)
+    found = identify(Record(rate_hz, command, position))
+    assert not found.model.distrust
+    assert (found.between.hold, found.between.certain) == ("zero-order", True)
+    assert found.model.valid_hz[1] > 600.0
+    at_hz = np.geomspace(max(1.0, found.model.valid_hz[0]), found.model.valid_hz[1], 200)
+    s = 2j * np.pi * at_hz
+    off = np.log(found.model.response(at_hz) * np.polyval(under, s) / np.polyval(top, s))
+    assert np.all(np.abs(off.real) * 8.686 <= found.model.band_db(at_hz) + 0.01)
+    assert np.all(np.abs(off.imag) <= found.model.band_rad(at_hz) + 1e-3)
+
+
 def test_identify__acceleration__zeros_at_the_origin() -> None:
     rng = np.random.default_rng(19)
     command = rng.standard_normal(8000)

@@ -50,6 +50,23 @@ def test_identify_response__without_confidence_and_with_noise__keeps_to_its_pole
         assert np.mean(np.abs(off) <= found.model.band_db(HERTZ)) > 0.8
 
 
+@pytest.mark.parametrize("assumed", [True, False])
+def test_identify_response__bad_readings__are_left_out_and_named_and_the_band_reaches_them(assumed: bool) -> None:
+    rng = np.random.default_rng(9)
+    value = PLANT.response(HERTZ) * (1.0 + 0.007 * (rng.standard_normal(60) + 1j * rng.standard_normal(60)))
+    bad, off_db = [12, 33, 48], np.array([6.0, -10.0, -6.0])
+    value[bad] *= 10.0 ** (off_db / 20.0)
+    given = FrequencyResponse(HERTZ, np.abs(value), np.unwrap(np.angle(value)), np.full(60, 0.007), assumed=assumed)
+    found = identify_response(given, Asked())
+    assert (found.order, found.distrust) == (2, ())
+    (remark,) = (remark for remark in found.remarks if "left out" in remark)
+    assert all(f"{HERTZ[k]:.5g}" in remark for k in bad)
+    off = 20.0 * np.log10(np.abs(found.model.response(HERTZ) / PLANT.response(HERTZ)))
+    assert np.max(np.abs(off)) < 0.1
+    assert np.all(found.model.band_db(HERTZ[bad]) >= np.abs(off_db) - 0.3)
+    assert np.all(np.delete(found.model.band_db(HERTZ), bad) < 0.1)
+
+
 @pytest.mark.parametrize(
     ("magnitude", "assumed", "order", "reason"),
     [

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.form import Known
-from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem, information
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.search import TIE, Choice, choose, propose
 from tactuator.identification.standing import FixedAgainstOwn, beside_free, exact
@@ -53,20 +54,104 @@ def identify_response(
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     asked = asked.of(given.about)
     with single_threaded(scipys=False), solvable():
-        if given.assumed and given.phase_rad is not None:
-            given = _with_own_noise(given, asked, note)
-        return _identify_response(given, asked, note)
+        if given.phase_rad is None:
+            return _identify_response(given, asked, note)
+        kept, fits = given, _beginning(given, asked, note)
+        if (astray := _astray(given, fits)).any():
+            note("leaving out points that stand off all others")
+            kept = _at(given, ~astray)
+            fits = _beginning(kept, asked, note)
+        result = _identify_response(_with_own_noise(kept, fits) if given.assumed else kept, asked, note)
+        return result if kept is given else _reaching(result, given, kept)
 
 
-def _with_own_noise(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> FrequencyResponse:
-    """Return the response with the deviation that it shows itself, where that is more than what was assumed: by what
-    the form leaves that is best by Bayes' criterion for noise of an unknown level.
-    """
+def _at(given: FrequencyResponse, kept: NDArray[np.bool_]) -> FrequencyResponse:
+    """Return the response at the points that are kept, (m,)."""
+    names = ("frequency_hz", "magnitude", "phase_rad", "deviation")
+    return replace(given, **{name: getattr(given, name)[kept] for name in names})
+
+
+def _beginning(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> list[SpectralFit]:
+    """Return fits of all forms, best first, that leave half the equations to tell the noise by."""
     local, rate_hz, scale = _prepared(given)
     known = asked.known(1.0).without_values
     fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
+    return [fit for fit in fits if fit.form.count < given.magnitude.size]
+
+
+_OUT, _MOST_OUT = 40.0, 0.1
+"""Square of a departure over their median from which on a point may be a bad reading; share of points that may be."""
+_ROUNDS = 6
+_CLEAR = 30.0
+"""What leaving points out has to win of Bayes' criterion; within it the form of fewest poles says which: a resonance
+may stand at any point, and bend to its neighbours' noise."""
+
+
+def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> NDArray[np.bool_]:
+    """Return which points stand off the form that all others follow, (m,).
+
+    A bad point costs two parameters, its own magnitude and phase, at the price of any other: where poles and zeros
+    explain it, it stays.
+    """
+    local, rate_hz, scale = _prepared(given)
+    problem = Starter(local, rate_hz, "band-limited", scale).problem
+    points = given.magnitude.size
+    price = float(np.log(2.0 * points))
+
+    def criterion(cost: float, fit: SpectralFit, out: int) -> float:
+        return 2.0 * points * float(np.log(max(cost, 1e-300))) + price * (fit.form.count + 2 * out)
+
+    trials = [(fit, *_trimmed(problem, fit, int(_MOST_OUT * points))) for fit in fits]
+    scores = [criterion(cost, fit, int(out.sum())) for fit, cost, out in trials]
+    whole = min((criterion(fit.cost, fit, 0) for fit in fits), default=0.0)
+    near = [k for k, score in enumerate(scores) if score < min(min(scores) + _CLEAR, whole - _CLEAR)]
+    best = min(near, key=lambda k: (fits[k].form.poles, scores[k]), default=None)
+    return np.zeros(points, dtype=np.bool_) if best is None else trials[best][2]
+
+
+def _trimmed(problem: SpectralProblem, fit: SpectralFit, most: int) -> tuple[float, NDArray[np.bool_]]:
+    """Return the cost of the fit of that form after it was freed of the points that stand off it, and which they are,
+    (m,), `most` of them.
+
+    At first every point counts the less, the farther it stands off (Cauchy's weights), later not at all.
+    """
+    cost, out = fit.cost, np.zeros(problem.weight.size, dtype=np.bool_)
+    for k in range(2 * _ROUNDS):
+        off = np.abs(problem.residual(fit) * problem.weight) ** 2
+        usual = max(float(np.median(off)), 1e-300)
+        before, out = out, off > max(_OUT * usual, float(np.sort(off)[-1 - most]))
+        if k == 0 and not out.any():
+            break
+        if k >= _ROUNDS and np.array_equal(out, before):
+            break
+        weight = np.where(out, 0.0, problem.weight) if k >= _ROUNDS else problem.weight / np.sqrt(1.0 + off / usual / 4)
+        again = problem.with_weight(weight).descend(fit.form, fit.theta, fit.delay, most=10)
+        if again is None:
+            break
+        fit, cost = again, again.cost
+    return cost, out
+
+
+def _reaching(result: ResponseFit, given: FrequencyResponse, kept: FrequencyResponse) -> ResponseFit:
+    """Return the fit with its band reaching the points that were not kept, and these named: each may be a narrow
+    resonance.
+    """
+    out = ~np.isin(given.frequency_hz, kept.frequency_hz)
+    hertz, model = given.frequency_hz[out], result.model
+    off = np.log(model.response(hertz) / given.value()[out]) / 1.959964
+    frequency = np.sort(np.concatenate([model.excess.frequency_hz, hertz]))
+    place, magnitude, phase_rad = np.searchsorted(frequency, hertz), *model.excess.at(frequency)
+    magnitude[place], phase_rad[place] = np.abs(off.real), np.abs(off.imag)
+    said = f"left out, far off what all others follow: at {', '.join(f'{at:.5g}' for at in hertz)} Hz"
+    model = replace(model, excess=Excess(frequency, magnitude, phase_rad))
+    return replace(result, model=model, remarks=(*result.remarks, said))
+
+
+def _with_own_noise(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> FrequencyResponse:
+    """Return the response with the deviation that it shows itself, where that is more than what was assumed: by what
+    the form leaves that is best by Bayes' criterion for noise of an unknown level.
+    """
     equations = 2.0 * given.magnitude.size
-    fits = [fit for fit in fits if fit.form.count < 0.5 * equations]
     if not fits:
         return given
     price = float(np.log(equations))

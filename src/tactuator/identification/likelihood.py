@@ -258,6 +258,22 @@ class SpectralProblem:
         products[before:, before:] = slopes @ slopes.T - along @ along.T
         return products
 
+    def won_by(self, fit: SpectralFit, poles: FloatArray) -> FloatArray:
+        """Return what a real pole at each of -`poles` (k,), and a zero near it, would win of a fit's cost, to first
+        order and beside the fit's own parameters (a score test; held commands: of poles far below the rate).
+        """
+        at = self.evaluate(fit.form, fit.theta, fit.delay)
+        if at is None:
+            return np.zeros(poles.size)
+        columns = at.response[:, None] / (self.grid.s[:, None] + poles)
+        slopes, linear = self.slopes(at), at.rows.shape[0] - 1
+        rows = np.concatenate([slopes, self.weighted(self.given.response_of(columns))])
+        _, rest = eliminated(self._products_with(at, rows), linear, at.turning)
+        # the slopes before the goal
+        order = np.concatenate([np.arange(1, slopes.shape[0] + 1), [0], np.arange(slopes.shape[0] + 1, rest.shape[0])])
+        _, apart = eliminated(rest[np.ix_(order, order)], slopes.shape[0])
+        return np.asarray(apart[0, 1:] ** 2 / np.maximum(np.diag(apart)[1:], 1e-300))
+
     def residual(self, fit: SpectralFit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
         response = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator

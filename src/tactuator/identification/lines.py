@@ -259,6 +259,11 @@ class LocalResponse:
     excitation: FloatArray
     lines: FloatArray
 
+    @property
+    def blindness(self) -> FloatArray:
+        """Return the variance over that of a response of which one line has all the command's power, (m,)."""
+        return np.asarray(self.variance / self.noise * self.excitation * self.lines)
+
     def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""
         return LocalResponse(
@@ -267,9 +272,13 @@ class LocalResponse:
         )  # fmt: skip
 
 
+_NEARLY, _ROUNDS = 10.0, 6
+"""Variance amid a band over the least in it, up to which the middle is taken; steps towards the least."""
+
+
 def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
-    """Return the local polynomial estimate in bands 2 % of their frequency wide, at least 13 lines; the position's
-    shift is put back into the response.
+    """Return the local polynomial estimate in bands 2 % of their frequency wide, at least 13 lines, of each where it is
+    surest: where a band has one sine, the response is known at that sine alone. The position's shift is put back.
     """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
     bands = [band for band in band_edges(taken, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
@@ -278,15 +287,38 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
     least, most = size.min(axis=1, initial=np.inf), size.max(axis=1, initial=0.0)
     seen = (size[:, :NODES].min(axis=1, initial=np.inf) > 1e-9 * most) & (least > 1e-13 * most)
     triangle, ends = triangle[seen], np.array(bands, dtype=np.int64).reshape(-1, 2)[seen]
-    first, lines = np.linalg.inv(triangle[:, :-1, :-1])[:, 0], (ends[:, 1] - ends[:, 0]).astype(np.float64)
-    noise = np.abs(triangle[:, -1, -1]) ** 2 / (lines - 2 * NODES)
-    power = np.add.reduceat(np.abs(taken.command) ** 2, ends.ravel())[::2] / lines
-    frequency = 0.5 * (ends[:, 0] + ends[:, 1] - 1) * taken.spacing_hz
+    lines = (ends[:, 1] - ends[:, 0]).astype(np.float64)
+    total = np.add.reduceat(np.abs(taken.command) ** 2, ends.ravel())[::2]
+    place, first = _surest(np.linalg.inv(triangle[:, :-1, :-1])[:, :NODES], lines / (lines - 1.0))
+    spread = np.sum(np.abs(first) ** 2, axis=1)
+    noise = np.maximum(np.abs(triangle[:, -1, -1]) ** 2 / (lines - 2 * NODES), 1e-200)
+    frequency = (0.5 * (ends[:, 0] + ends[:, 1] - 1) + 0.5 * place * (lines - 1.0)) * taken.spacing_hz
     late = np.exp(-2j * np.pi * frequency * taken.shift / taken.rate_hz)
-    return LocalResponse(
-        frequency, np.sum(first * triangle[:, :-1, -1], axis=1) * late, noise * np.sum(np.abs(first) ** 2, axis=1),
-        noise, power, lines,
-    )  # fmt: skip
+    value = np.sum(first * triangle[:, :-1, -1], axis=1) * late
+    return LocalResponse(frequency, value, noise * spread, noise, total / lines, lines)
+
+
+def _surest(rows: ComplexArray, far: FloatArray) -> tuple[FloatArray, ComplexArray]:
+    """Return where in each band, as `far` (b,) from its middle as the next band begins, the response has the least
+    variance, (b,), and what of the band's triangle it is there, (b, 2 NODES), from that of its coefficients (b, NODES,
+    2 NODES): the middle, if that is nearly as sure.
+    """
+
+    def at(place: FloatArray) -> ComplexArray:
+        return np.asarray(rows[:, 0] + place[:, None] * (rows[:, 1] + place[:, None] * rows[:, 2]))
+
+    def variance(place: FloatArray) -> FloatArray:
+        return np.asarray(np.sum(np.abs(at(place)) ** 2, axis=1))
+
+    middle = np.zeros(rows.shape[0])
+    tried = np.linspace(-1.0, 1.0, 21)
+    place = far * tried[np.argmin([variance(far * x) for x in tried], axis=0)]
+    for _ in range(_ROUNDS):
+        slope = rows[:, 1] + 2.0 * place[:, None] * rows[:, 2]
+        step = np.sum((slope.conj() * at(place)).real, axis=1) / np.sum(np.abs(slope) ** 2, axis=1)
+        place = np.clip(place - step, -far, far)
+    place = np.where(_NEARLY * variance(place) < variance(middle), place, middle)
+    return place, at(place)
 
 
 _AT_ONCE = 1 << 14

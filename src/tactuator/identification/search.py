@@ -224,7 +224,7 @@ def choose(
     """
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]
-    first = kept[0]
+    first, first_hz = kept[0], kept[0].grid.frequency_hz[0]
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
 
     def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
@@ -244,10 +244,41 @@ def choose(
     for _ in range(1 if quick else 2):
         problem = weighed(problem, best)
         best = _again(problem, best, 10) or best
+    for added in _with_slow_poles(problem, best, known, float(first_hz)):
+        problem = weighed(problem, added)
+        best = _again(problem, added, 10) or added
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
     return _preferred(Choice(hold, best, fits, problem), weighed)
+
+
+_SLOWER, _STARTS = 12.0, 8
+"""What a pole below all that the local response shows has to win of the criterion; places where one is looked for."""
+
+
+def _with_slow_poles(
+    problem: SpectralProblem, best: SpectralFit, known: Known, first_hz: float
+) -> Iterator[SpectralFit]:
+    """Yield the fit with a pole and a zero more below first_hz, and with two, as long as the record asks for them.
+
+    Where a command's lines are as smooth as a transient, as those of a quick sweep's slow end, the local response shows
+    nothing, and proposes nothing: the record by itself may tell more.
+    """
+    price, to_scale = float(np.log(problem.given.total)), 2.0 * np.pi / best.grid.scale_rad_s
+    lowest_hz = float(problem.grid.frequency_hz.min())
+    places = np.geomspace(lowest_hz, first_hz, _STARTS) * to_scale
+    while best.form.poles < MOST_POLES and not best.form.pins and first_hz > 10.0 * lowest_hz:
+        form = replace(best.form, poles=best.form.poles + 1, zeros=best.form.zeros + 1)
+        won = problem.won_by(best, places)
+        if not known.allows(form) or 2.0 * float(np.max(won)) < 2.0 * price + _SLOWER:
+            break
+        theta = sections_of(np.append(free_poles(best.theta, best.form), -places[np.argmax(won)]))
+        slower = problem.descend(form, theta, best.delay, most=12)
+        if slower is None or _score(problem, slower) > _score(problem, best) - _SLOWER:
+            break
+        best = slower
+        yield best
 
 
 def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit], SpectralProblem]) -> Choice:
@@ -258,9 +289,14 @@ def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit],
     near = _near(problem, choice.fits, best) | {best.form: best}
     preferred = _best(problem, near)
     if _score(problem, preferred) < _score(problem, best):
-        problem = weighed(problem, preferred)
-        best = _again(problem, preferred, 10) or preferred
-        near = _near(problem, near, best) | {best.form: best}
+        again = weighed(problem, preferred)
+        fitted = _again(again, preferred, 10) or preferred
+        # by weights of its own residual a fit's cost is the number of equations, unless its numbers ran away
+        if fitted.cost < _ASTRAY * problem.given.goal.size:
+            problem, best = again, fitted
+            near = _near(problem, near, best) | {best.form: best}
+        else:
+            del near[preferred.form]
     return Choice(choice.hold, best, near, problem)
 
 

@@ -54,6 +54,9 @@ _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
 _NOTHING = 1e-10
 """The same over the strongest line: there is rounding and leakage alone."""
+_BLIND = 1e6
+"""How much less sure a response may be than its command's power allows, over the surest: between sines, where the
+command's lines are as smooth as a transient, it is 1e10 and more, at the slow end of a chirp 4e4, in noise 4."""
 _NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
 
 
@@ -214,6 +217,8 @@ def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
             f"the record shows its response at {local.frequency_hz.size} frequencies",
             "4 or more (a longer record, or a command with more lines)",
         )
+    blindness = local.blindness
+    local = local.at(blindness <= max(_BLIND * float(np.min(blindness)), float(np.sort(blindness)[3])))
     power = local.excitation
     return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))
 

@@ -29,6 +29,8 @@ FLOOR = 5e-4
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _POOLED = 0.15
+_BELOW = 20
+"""Frequencies below those at which the record shows its own response, at which forms are held against each other."""
 _EDGES: tuple[tuple[float, Literal["left", "right"]], ...] = ((-1.0, "left"), (1.0, "right"))
 
 
@@ -76,13 +78,16 @@ def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray
 
 def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None = None) -> Callable[[SpectralFit], bool]:
     """Return what tells whether a fit's response lies within the band of the chosen one wherever the record shows its
-    own response: the noise, other forms, and what the form does not follow; no band is narrower than `FLOOR`.
+    own response, and below: the noise, other forms, and what the form does not follow; no band is narrower than
+    `FLOOR`.
 
     shifts: further deviations of (numerator, theta, dead time), (k, parameters).
     """
-    hertz, best = local.frequency_hz, choice.fit
+    best, seen_hz = choice.fit, local.frequency_hz
+    below = np.geomspace(float(choice.problem.grid.frequency_hz.min()), seen_hz[0], _BELOW, endpoint=False)
+    hertz = np.concatenate([below, seen_hz])
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
-    rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, hertz), hertz))
+    rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))
     covariance = information(choice.problem, best) + (0.0 if shifts is None else shifts.T @ shifts)
     variances = _variances(log_slopes(best, hertz), covariance)
     pairs = zip(variances, (beyond.magnitude, beyond.phase_rad), strict=True)
