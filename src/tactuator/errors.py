@@ -15,7 +15,8 @@
     │   └── TimingMissed   a stretch of time was not what was asked for, and may be asked for again
     │       ├── StreamDry      a stream ran dry (rig/board)
     │       └── SoundGap       a run on a sound card had a gap (rig/sound)
-    └── StoreFault     2   the database of an experiment cannot be read or written
+    ├── StoreFault     2   the database of an experiment cannot be read or written
+    └── Interrupted  130   a person stopped a command that writes files
 
 An error is data: where it is (outermost first), which key, what was got and what is allowed. `str` makes the sentence
 of them, one line, and it is the only place that does; nothing reads a sentence.
@@ -100,6 +101,12 @@ class TimingMissed(DeviceFault):
 
 class StoreFault(TactuatorError):
     """The database of an experiment cannot be read or written; nothing was changed."""
+
+
+class Interrupted(TactuatorError):
+    """A person stopped a command; it says what of its files was written by then."""
+
+    exit_status = 130
 
 
 def likely(word: str, known: Iterable[str], alike: float = 0.6) -> str:

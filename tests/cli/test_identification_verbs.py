@@ -70,9 +70,12 @@ def test_record_and_identify__multisine__noise_and_distortion_are_told(folder, r
     run.refused(*record, "--duration-s", "1", said="allowed: 8 or more")
 
 
-def test_measure__table__begins_with_the_largest_felt_error(paper, run) -> None:
-    ended = run("measure", *paper, "--frequency-hz", "5,30,250", "--level", "40")
+def test_measure__table__begins_with_the_largest_felt_error_and_breaks_no_word(paper, run, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    ended = run("measure", *paper, "--frequency-hz", "5,30,251.2", "--level", "40")
     assert ended.status == 1
+    heads = ended.out.partition("─")[0].split()
+    assert {"channel", "error", "load", "rest", "phase", "delay", "dist."} <= set(heads)
     shown = [line.split() for line in ended.out.splitlines() if line.split()[:1] == ["index"]]
     errors = [abs(float(row[3])) for row in shown[:3]]
     assert errors == sorted(errors, reverse=True)

@@ -24,7 +24,10 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
     def make(action: Callable[[], None]) -> None:
         module = types.ModuleType("tactuator.trial")
 
-        def trial(rate_hz: Annotated[float, Option("Of the trial.")] = 1.0) -> None:
+        def trial(
+            rate_hz: Annotated[float, Option("Of the trial.")] = 1.0,
+            file: Annotated[Path | None, Option("File to write.", writes=True)] = None,
+        ) -> None:
             """Try."""
             action()
 
@@ -91,6 +94,19 @@ def test_main__misused__exits_2_with_one_line(arguments, words, trial, run):
 
 def test_main__verb_with_parts_and_none_named__is_told_them_in_one_line(run):
     run.refused("firmware", said="firmware: no part of it is named; allowed: program, verify, stream")
+
+
+def test_main__interrupted_in_a_verb_that_writes__says_what_was_written(trial, run, tmp_path):
+    new, old = tmp_path / "new.csv", tmp_path / "old.csv"
+    old.write_text("0")
+
+    def action() -> None:
+        new.write_text("1")
+        raise KeyboardInterrupt
+
+    trial(action)
+    for out, said in ((new, new), (old, "nothing")):
+        assert run("trial", "--file", str(out)) == (130, "", f"tactuator: interrupted; written: {said}\n")
 
 
 VERB = """

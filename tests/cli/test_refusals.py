@@ -10,6 +10,7 @@ REFUSALS = {
     "design wild.toml": "unstable",
     "design display.toml --out display.toml": "is read as display, or by it; allowed: another name",
     "design named.toml --out record.h5": "record.h5 is read as display, or by it; allowed: another name",
+    "design lines.toml --out record.h5": "record.h5 is read as display, or by it; allowed: another name",
     "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
     "wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
     "wordlength controller.json --rate nan": "rate_hz is nan; allowed",
@@ -84,6 +85,7 @@ REFUSALS = {
 def test_verb__amiss__one_line_status_2_and_nothing_left(desk, run, command) -> None:
     (desk / "short.csv").write_text("frequency_hz,level_db_re_1um\n5,0\n50,0\n100,0\n")
     (desk / "named.toml").write_text("[[channel]]\nplant = 'record.h5'\n")
+    (desk / "lines.toml").write_text('[[channel]]\nplant = """\nrecord.h5"""\n')
     (desk / "wild.toml").write_text((desk / "display.toml").read_text().replace("[2875.0]", "[90000.0]"))
     (desk / "mains.toml").write_text((desk / "protocol.toml").read_text().replace("[30, 90, 210]", "[30, 60, 210]"))
     run.refused(*command.split(), said=REFUSALS[command])

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import same_color
 
 from tactuator.errors import BadInput
 from tactuator.report.controller import design_plates, resolution_plate, save_design_plates
 from tactuator.report.nichols import hull, nichols_plate
-from tactuator.report.plate import Plate
+from tactuator.report.plate import ORANGE, Plate
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem
@@ -73,9 +74,16 @@ def designed_charts(finger: str) -> dict[str, Plate]:
 
 
 @pytest.mark.parametrize("chart", [paper_chart, lambda: designed_charts("thumb")["nichols-thumb"]])
-def test_nichols__labels__neither_collide_nor_leave_the_frame(chart: Callable[[], Plate]) -> None:
+def test_nichols__labels__neither_collide_nor_lie_under_curves_nor_leave_the_frame(chart: Callable[[], Plate]) -> None:
     made = chart()
-    assert_apart_and_within(boxes(made), made.figure.axes[0].get_window_extent().extents)
+    axes = made.figure.axes[0]
+    assert_apart_and_within(boxes(made), axes.get_window_extent().extents)
+    peaks = [one for one in axes.collections if len(one.get_edgecolor()) and same_color(one.get_edgecolor()[0], ORANGE)]
+    curves = [path.vertices for one in peaks for path in one.get_paths()] + [one.get_xydata() for one in axes.lines]
+    assert len(peaks) == 2
+    x, y = np.concatenate([axes.transData.transform(curve) for curve in curves if len(curve) > 2]).T
+    for name, (x0, y0, x1, y1) in boxes(made).items():
+        assert not np.any((x > x0) & (x < x1) & (y > y0) & (y < y1)), f"{name} lies under a curve"
 
 
 def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end() -> None:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, Interrupted
 from tactuator.table import ResultTable
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
 from tactuator.verbs.result import Result, Step, plain, watched
@@ -135,13 +135,19 @@ def command_of(verb: Verb) -> Callable[..., None]:
         # The matrices here are small: a second thread would spin for nothing, and change last digits.
         for variable in SOLE_PROCESSOR:
             os.environ.setdefault(variable, "1")
-        with watched(Bars()):
-            result = verb(**given)
-        if result is None:
-            return
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
-        written = [place for place in places if Path(place).exists()] if result.ending is None else []
-        answer(result, as_json, written)
+        before = {place: _changed_ns(place) for place in places}
+        try:
+            with watched(Bars()):
+                result = verb(**given)
+            if result is None:
+                return
+            answer(result, as_json, [place for place in places if place.exists() and result.ending is None])
+        except KeyboardInterrupt:
+            if not places:
+                raise
+            written = ", ".join(str(place) for place in places if _changed_ns(place) != before[place])
+            raise Interrupted(f"interrupted; written: {written or 'nothing'}") from None
         if result.ending is not None:
             raise result.ending
         if not result.holds:
@@ -201,6 +207,10 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
                     raise BadInput(f"{name} {place} is read as {read}, or by it", "another name")
 
 
+def _changed_ns(place: Path) -> int:
+    return place.stat().st_mtime_ns if place.exists() else 0
+
+
 def _is_same(place: Path, path: Path) -> bool:
     try:
         return place.samefile(path)
@@ -210,14 +220,21 @@ def _is_same(place: Path, path: Path) -> bool:
 
 def _named_in(path: Path) -> tuple[Path, ...]:
     """Return what the texts of a TOML file would name from its folder, but for what is `measured` anew."""
-    from tactuator.io.text import read_content
+    from tactuator.io.text import parse_toml, read_text
 
     try:
-        text = read_content(path).decode(errors="replace") if path.suffix == ".toml" else ""
+        document = parse_toml(read_text(path)) if path.suffix == ".toml" else {}
     except BadInput:  # the verb that reads it says so
         return ()
-    lines = [line for line in text.splitlines() if not line.startswith("measured")]
-    return tuple(path.parent / text for line in lines for _, text in re.findall(r"""(["'])(.{1,200}?)\1""", line))
+    return tuple(path.parent / text for text in _texts_of(document))
+
+
+def _texts_of(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    values = value.items() if isinstance(value, dict) else enumerate(value if isinstance(value, list) else ())
+    for key, each in values:
+        yield from _texts_of(each) if key != "measured" else ()
 
 
 def _paths(value: Any) -> tuple[Path, ...]:

@@ -14,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator.cli.commands import build_app
-from tactuator.errors import BadInput, TactuatorError, likely
+from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
 from tactuator.verbs.table import parts_of, top_verbs
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -92,7 +92,7 @@ def _status_of(arguments: Sequence[str]) -> int:
         return _say("interrupted", INTERRUPTED)
     except Exception as error:
         ear = signal.getsignal(signal.SIGINT)
-        if isinstance(error, typer.Abort) or (isinstance(ear, _Ear) and ear.came):
+        if isinstance(error, typer.Abort) or (isinstance(ear, _Ear) and ear.came and type(error) is not Interrupted):
             return _say("interrupted", INTERRUPTED)
         return _say_what_failed(error, arguments)
     if status == INTERRUPTED:  # typer's own rendering of Ctrl-C

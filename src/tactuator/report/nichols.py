@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,16 +147,18 @@ def nichols_plate(
     drawing, axes = figure(height_in=5.4)
     axes.grid(False)
     _frame(axes, [run, *members, *(track for track, _ in others)])
-    _grid(axes, limits)
+    peaks = _grid(axes, limits)
     for track, style in others:
         axes.plot(track.phase_deg, track.level_db, **style)
     templates = _templates(axes, members, run)
     axes.plot(run.phase_deg, run.level_db, color=BLUE, linewidth=2.0, label="C P, sampled, as it runs", zorder=4)
     # the upper left corner is left free by the curves
     axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
-    placer = LabelPlacer(axes, [run.line, *(track.line for track, _ in others), *templates])
+    arrows = _arrows(limits, run, bottom_db=axes.get_ylim()[0])
+    tracks = [run, *(track for track, _ in others)]
+    placer = LabelPlacer(axes, [*(track.line for track in tracks), *templates, *peaks, *arrows.values()])
     placer.block(axes.get_legend().get_window_extent())
-    _margin_marks(axes, placer, limits, run)
+    _margin_marks(axes, placer, arrows)
     _frequency_marks(axes, placer, run)
     _grid_labels(axes, placer)
     caption = (
@@ -221,7 +223,8 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
     axes.set_ylabel("open-loop gain (dB)", fontsize=9)
 
 
-def _grid(axes: Axes, limits: Margins) -> None:
+def _grid(axes: Axes, limits: Margins) -> list[FloatArray]:
+    """Draw the grid, and the contours of the peaks; return the latter."""
     phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(all="ignore"):
@@ -233,12 +236,15 @@ def _grid(axes: Axes, limits: Margins) -> None:
         height = np.where(turned.real > 0.0, turned.imag / np.abs(turned), np.nan)
         axes.contour(phase, level, height, levels=[0.0], colors=_GRID, linewidths=0.5, linestyles=":", zorder=1)
     axes.plot([-180.0], [0.0], "+", color=INK, markersize=9, markeredgewidth=1.6, zorder=5)
-    peaks: dict[str, Any] = {"colors": ORANGE, "linewidths": 1.3, "zorder": 2}
-    axes.contour(phase, level, np.abs(closed), levels=[limits.complementary_peak], **peaks)
-    axes.contour(phase, level, np.abs(1.0 - closed), levels=[limits.sensitivity_peak], **peaks, linestyles="--")
+    style: dict[str, Any] = {"colors": ORANGE, "linewidths": 1.3, "zorder": 2}
+    contours = (
+        axes.contour(phase, level, np.abs(closed), levels=[limits.complementary_peak], **style),
+        axes.contour(phase, level, np.abs(1.0 - closed), levels=[limits.sensitivity_peak], **style, linestyles="--"),
+    )
     for symbol, peak, line_style in (("T", limits.complementary_peak, "-"), ("S", limits.sensitivity_peak, "--")):
         label = f"|{symbol}| = {db(peak):.2f} dB, the peak"
         axes.plot([], [], color=ORANGE, linewidth=1.3, linestyle=line_style, label=label)
+    return [piece.T for drawn in contours for piece in drawn.allsegs[0]]
 
 
 def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatArray]:
@@ -256,24 +262,30 @@ def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatA
     return outlines
 
 
-def _margin_marks(axes: Axes, placer: LabelPlacer, limits: Margins, run: _Track) -> None:
-    arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+def _arrows(limits: Margins, run: _Track, bottom_db: float) -> dict[str, FloatArray]:
+    """Return the ends, (2, 2), of the arrow of each margin that is seen, by its text."""
+    arrows = {}
     if np.isfinite(limits.phase_margin_deg):
-        end = run.at(limits.crossover_hz)[0]
-        axes.annotate("", (-180.0, 0.0), (end, 0.0), arrowprops=arrow, zorder=5)
-        text = f"{limits.phase_margin_deg:.1f}°"
-        middle = (end - 180.0) / 2.0
-        placer.place(text, [(middle, 0.0)], [(0.0, 7.0), (0.0, -7.0)], fontsize=8, color=INK, weight="bold")
-    bottom = axes.get_ylim()[0]
-    if np.isfinite(limits.gain_margin_db) and -limits.gain_margin_db > bottom:
-        axes.annotate("", (-180.0, 0.0), (-180.0, -limits.gain_margin_db), arrowprops=arrow, zorder=5)
-        text = f"{limits.gain_margin_db:.1f} dB"
-        spots = [(-180.0, -limits.gain_margin_db * share) for share in (0.5, 0.35, 0.65, 0.2)]
-        placer.place(text, spots, [(-22.0, 0.0), (22.0, 0.0)], fontsize=8, color=INK, weight="bold")
+        end_deg = run.at(limits.crossover_hz)[0]
+        arrows[f"{limits.phase_margin_deg:.1f}°"] = np.array([[-180.0, end_deg], [0.0, 0.0]])
+    if np.isfinite(limits.gain_margin_db) and -limits.gain_margin_db > bottom_db:
+        arrows[f"{limits.gain_margin_db:.1f} dB"] = np.array([[-180.0, -180.0], [0.0, -limits.gain_margin_db]])
+    return arrows
+
+
+def _margin_marks(axes: Axes, placer: LabelPlacer, arrows: Mapping[str, FloatArray]) -> None:
+    style = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+    for text, ends in arrows.items():
+        start, end = ends.T
+        axes.annotate("", start, end, arrowprops=style, zorder=5)
+        spots = [tuple(start + share * (end - start)) for share in (0.5, 0.35, 0.65, 0.2, 0.8)]
+        beside = [(0.0, 8.0), (0.0, -8.0)] if start[1] == end[1] else [(-22.0, 0.0), (22.0, 0.0)]
+        placer.place(text, spots, beside, fontsize=8, color=INK, weight="bold")
 
 
 def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
-    offsets = [(r * np.cos(a), r * np.sin(a)) for r in (11.0, 15.0, 20.0, 26.0) for a in np.radians(range(0, 360, 30))]
+    far, around = (11.0, 15.0, 20.0, 26.0, 34.0), np.radians(range(0, 360, 30))
+    offsets = [(r * np.cos(a), r * np.sin(a)) for r in far for a in around]
     for mark in _MARKS_HZ:
         if not run.frequency_hz[0] <= mark <= run.frequency_hz[-1]:
             continue

@@ -298,28 +298,30 @@ class MeasuredResponses(Result):
         from tactuator.perception.curve import AMPLITUDE_JND_DB
         from tactuator.verbs.designed import verdict_tables
 
+        cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
+        heads = tuple(name for name in cells[0] if any(row[name] for row in cells))
         note = (
             "felt: dB SL; error: felt minus asked, the largest first; JND: the error in just-noticeable differences of "
-            f"{AMPLITUDE_JND_DB:g} dB; prefilter, load: what of the error the controller's own model expects of each; "
-            "rest: what it does not expect: friction, noise, another plant or load; delay: of the phase; dist.: "
-            "distortion against the fundamental, dB; cut: a limit was reached"
+            f"{AMPLITUDE_JND_DB:g} dB; filter, load: what of the error the controller's own model expects of its "
+            "prefilter and the load; rest: what it does not expect: friction, noise, another plant or load; delay: of "
+            f"the phase; dist.: distortion against the fundamental, dB{'; cut: a limit was reached' * ('cut' in heads)}"
         )
-        cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
-        table = ResultTable("", tuple(cells[0]), tuple(tuple(row.values()) for row in cells), (note,))
+        table = ResultTable("", heads, tuple(tuple(row[name] for name in heads) for row in cells), (note,))
         return [table, *map(_learnt_line, self.learnt), *verdict_tables(self.verdict)]
 
 
 def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, str]:
     magnitude_v = response.magnitude_v[k]
     ratio = float(response.distortion_v[k] / magnitude_v) if magnitude_v > 0.0 else inf
+    half_db = response.confidence_db[k]
     return {
         "channel": response.channel,
         "Hz": f"{response.frequency_hz[k]:.4g}",
         "felt": f"{levels.felt_db_sl[k]:.2f}",
         "error dB": f"{levels.error_db[k]:+.2f}",
-        "± dB": f"{response.confidence_db[k]:.2g}",
+        "± dB": "<0.001" if half_db < 0.001 else f"{half_db:.2g}",
         "JND": f"{levels.error_jnd[k]:.1f}",
-        "prefilter": f"{levels.prefilter_db[k]:+.2f}",
+        "filter": f"{levels.prefilter_db[k]:+.2f}",
         "load": f"{levels.load_db[k]:+.2f}",
         "rest": f"{levels.unpredicted_db[k]:+.2f}",
         "phase °": f"{degrees(response.phase_rad[k]):.1f}",
