@@ -42,11 +42,7 @@ def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
     kept.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in (
-            (design, "design_channel"),
-            (identification, "identify"),
-            (strength, "_shaping"),
-        ):
+        for module, name in ((design, "design_channel"), (identification, "identify"), (strength, "_shaping")):
             patch.setattr(module, name, made_once(kept, getattr(module, name)))
         yield
 
@@ -108,21 +104,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return _MadeOnce(config, log)
 
 
-_REWRITTEN_S = 120.0
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
     """In a fresh tree the first worker rewrites the assertions of all tests, which takes as long as all else that a
-    worker does before its first test; the others wait and find them written."""
-    config = session.config
-    second = getattr(config, "workerinput", {"workerid": "gw0"})["workerid"] != "gw0"
-    if not second or config.args_source is not pytest.Config.ArgsSource.TESTPATHS or sys.dont_write_bytecode:
-        return
-    last = max(Path(__file__).parent.rglob("test_*.py"))
-    name = f"{last.stem}.{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
-    end = time.monotonic() + _REWRITTEN_S
-    while not (last.parent / "__pycache__" / name).exists() and time.monotonic() < end:
+    worker does before its first test; the others wait until the last file is written, or for two minutes."""
+    config, last = session.config, max(Path(__file__).parent.rglob("test_*.py"))
+    kept = f"__pycache__/{last.stem}.{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
+    second = getattr(config, "workerinput", {"workerid": "gw0"})["workerid"] != "gw0" and not sys.dont_write_bytecode
+    end = time.monotonic() + (120.0 if second and config.args_source is config.ArgsSource.TESTPATHS else 0.0)
+    while not (last.parent / kept).exists() and time.monotonic() < end:
         time.sleep(0.2)
 
 

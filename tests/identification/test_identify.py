@@ -80,21 +80,6 @@ def test_identify__friction_rules_a_positioning_drive_in_closed_loop__mass_and_f
     assert not found.distrust
 
 
-def test_identify__resonances_and_antiresonance__four_poles_two_zeros() -> None:
-    rng = np.random.default_rng(15)
-    num = 4e3 * np.array([1.0, 15.1, (2.0 * np.pi * 60.0) ** 2])
-    den = np.polymul([1.0, 5.03, (2.0 * np.pi * 40.0) ** 2], [1.0, 22.6, (2.0 * np.pi * 90.0) ** 2])
-    command = rng.standard_normal(20000)
-    system = signal.cont2discrete(signal.tf2ss(num, den), 1e-3)
-    clean = signal.dlsim((*system[:4], 1e-3), command)[1][:, 0]
-    found = identify(Record(1000.0, command, clean + 0.03 * clean.std() * rng.standard_normal(20000)))
-    assert (found.order, found.model.num.size - 1) == (4, 2)
-    frequency = np.geomspace(1.0, 300.0, 100)
-    s = 2j * np.pi * frequency
-    expected = np.polyval(num, s) / np.polyval(den, s)
-    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(frequency) / expected)))) < 0.2
-
-
 def test_identify__slow_process_with_dead_time__delay_is_found() -> None:
     rng = np.random.default_rng(16)
     command = steps(4000.0, 1.0, 60.0, rng)

@@ -12,7 +12,7 @@ from tests.identification.others import Plant, band_limited
 PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 1e-3)
 
 
-FACTORS = [(1e3, 1e-3, 30.0), (0.01, 250.0, 1e3)]
+FACTORS = [(1e3, 1e-3, 30.0), pytest.param(0.01, 250.0, 1e3, marks=pytest.mark.slow)]
 """Of the rate, of the command's unit and of the position's."""
 
 

@@ -61,6 +61,8 @@ def test_simplest__what_stands_out_of_the_band__is_kept() -> None:
     plant = Plant(np.array(zeros), np.array(poles), 1.0, 0.0)
     found = identify(Record(2000.0, *band_limited(plant, np.random.default_rng(2), 2000.0, 8.0, 50.0)), friction=False)
     assert (found.order, found.model.num.size - 1) == (4, 2)
+    place = np.geomspace(1.0, 600.0, 100)
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(place) / plant.response(place))))) < 0.2
 
 
 def test_simplest__simpler_form_that_leaves_less__is_taken_though_it_can_be_told_apart() -> None:

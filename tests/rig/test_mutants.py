@@ -93,14 +93,13 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Bench]:
     return cache(lambda board: Bench(board, tmp_path_factory.mktemp(board)))
 
 
-#: Every file reads these: to alter one takes as long as all others together.
-_READ_BY_ALL = "core/arithmetic/"
+ALWAYS = [  # every file reads the arithmetic: to alter it takes as long as all others together
+    pytest.param(each, id=each.name, marks=[pytest.mark.slow] * each.path.startswith("core/arithmetic/"))
+    for each in FEW
+]
 
 
-@pytest.mark.parametrize(
-    "mutant",
-    [pytest.param(m, id=m.name, marks=pytest.mark.slow if m.path.startswith(_READ_BY_ALL) else ()) for m in FEW],
-)
+@pytest.mark.parametrize("mutant", ALWAYS)
 def test_check_period__altered_line__is_noticed(mutant: Mutant, bench: Callable[[str], Bench]) -> None:
     program, of = bench("mps2-an500").program(mutant), adaptive() if mutant.adaptive else designed()
     assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS, controller=of)

@@ -103,18 +103,16 @@ class Plate:
     def svg(self) -> str:
         """Return the figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts.
 
-        It is drawn the first time that it is asked for.
+        It is drawn the first time that it is asked for, and once: `savefig` would draw it twice, to lay it out first.
         """
         return self._drawn
 
     @cached_property
     def _drawn(self) -> str:
-        with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
-            stream = io.StringIO()
+        with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}), io.StringIO() as stream:
             about = {"Date": None, "Creator": "tactuator", **({"Title": NOBODY_FELT_IT} if self.simulated else {})}
-            # `savefig` would draw it twice, to lay it out first
             FigureCanvasSVG(self.figure).print_svg(stream, metadata=about)  # type: ignore[no-untyped-call]
-        return stream.getvalue()
+            return stream.getvalue()
 
     def csv(self) -> str:
         """Return the table as CSV text, floats with nine digits."""
