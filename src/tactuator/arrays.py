@@ -1,7 +1,23 @@
 """Types of arrays, one for each kind of number; the shapes stand in the docstrings; and fields that stay as given."""
 
+import importlib.util
+import sys
+
 import numpy as np
 from numpy.typing import NDArray
+
+
+def _load_later(name: str) -> None:
+    """Let a package of NumPy load when something of it is asked for."""
+    spec = importlib.util.find_spec(f"numpy.{name}")
+    if spec is not None and spec.loader is not None and spec.name not in sys.modules:
+        spec.loader = importlib.util.LazyLoader(spec.loader)
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        setattr(np, name, module)
+        spec.loader.exec_module(module)
+
+
+_load_later("f2py")  # SciPy touches every name of NumPy, and this translator of Fortran takes as long as all the others
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -77,7 +77,7 @@ def identification(
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
-    measured = np.concatenate([residual.measured for residual in residuals])
+    measured = np.concatenate([residual.taken.measured for residual in residuals])
     result = Identification(
         model=model,
         order=chosen.fit.form.poles,

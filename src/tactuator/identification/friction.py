@@ -104,7 +104,9 @@ class _Level:
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """An estimate of signals with a level of friction off their commands, and what all trials from there share."""
+    """An estimate of signals with a level of friction off their commands, and what all trials from there share. paths:
+    the motion of every record as the estimate has it, free of noise and dead time; measured: low-passed; (n,) each.
+    """
 
     signals: Signals
     now: SpectralEstimate
@@ -112,18 +114,15 @@ class _Stage:
 
     @cached_property
     def lines(self) -> _FrictionLines:
-        """Return what the fit leaves without friction."""
         return _FrictionLines(self.now, self.level)
 
     @cached_property
     def paths(self) -> tuple[FloatArray, ...]:
-        """Return the motion of every record as the estimate has it, free of noise and dead time, (n,) each."""
         pairs = zip(self.signals, self.now.residuals, strict=True)
         return tuple(self._earlier(rest.simulated, position.size, rest.taken.shift) for (_, position), rest in pairs)
 
     @cached_property
     def measured(self) -> tuple[FloatArray, ...]:
-        """Return the same as it was measured, low-passed."""
         rate_hz = self.now.spectra[0].rate_hz
         paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in self.signals)
         return tuple(self._earlier(path, path.size) for path in paths)

@@ -280,7 +280,7 @@ class SpectralProblem:
         rest = self.given.goal - self.given.response_of(response[:, None])[:, 0]
         if not self.with_transient:
             return np.asarray(rest)
-        columns = self.given.beside_of(transient_columns(self.grid, fit.theta, fit.form))
+        columns = self.given.transient_of(transient_columns(self.grid, fit.theta, fit.form), ends=True)
         solution = fitted_beside(columns, rest, self.weight)
         return np.asarray(rest - columns @ solution)
 

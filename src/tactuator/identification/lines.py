@@ -168,13 +168,10 @@ class Equations:
         """Return the equations' right sides for responses (m, c) at the nodes: (e, c)."""
         return self._gathered(values[: self.raw] * self.command[:, None], self.by_response, values)
 
-    def transient_of(self, values: ComplexArray) -> ComplexArray:
-        """Return the same for transients (m, c)."""
-        return self._gathered(values[: self.raw], self.by_transient, values)
-
-    def beside_of(self, decays: ComplexArray) -> ComplexArray:
-        """Return the right sides of all that is fitted beside the response: decays (m, c) and ends, (e, c + k)."""
-        return np.hstack([self.transient_of(decays), self.ends])
+    def transient_of(self, values: ComplexArray, *, ends: bool = False) -> ComplexArray:
+        """Return the same for transients (m, c); ends: and for what the record's ends may add, (e, c + k)."""
+        columns = self._gathered(values[: self.raw], self.by_transient, values)
+        return np.hstack([columns, self.ends]) if ends else columns
 
     @cached_property
     def ends(self) -> ComplexArray:
@@ -403,15 +400,10 @@ class JoinedEquations:
             [part.response_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
         )
 
-    def transient_of(self, values: NDArray[Any]) -> ComplexArray:
+    def transient_of(self, values: NDArray[Any], *, ends: bool = False) -> ComplexArray:
         """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
-        blocks = [part.transient_of(values[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
-        return np.asarray(scipy.linalg.block_diag(*blocks))
-
-    def beside_of(self, decays: ComplexArray) -> ComplexArray:
-        """Return the same for decays (m, c) and ends: (e, (c + k) * records)."""
-        blocks = [part.beside_of(decays[piece]) for part, piece in zip(self.parts, self._pieces, strict=True)]
-        return np.asarray(scipy.linalg.block_diag(*blocks))
+        pairs = zip(self.parts, self._pieces, strict=True)
+        return np.asarray(scipy.linalg.block_diag(*(part.transient_of(values[at], ends=ends) for part, at in pairs)))
 
     @cached_property
     def _pieces(self) -> list[slice]:

@@ -57,7 +57,7 @@ def recursive(common: Prepared) -> Identification:
     taken = spectrum(command, position, rate_hz)
     fit = fit_of_model(model, rate_hz, "zero-order" if asked.hold == "auto" else asked.hold, common.gain)
     rest = residual_of_record(fit, taken, 0.47 * rate_hz)
-    residual = rest.measured - rest.simulated
+    residual = taken.measured - rest.simulated
     tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
     tests = replace(tests, feedback=None if tests.is_misfit else feedback_seen(rest, fit.grid.hold))
     model = model.judged(*check_length(np.roots(estimate.den), 0.0, record.duration_s))
@@ -74,7 +74,7 @@ def recursive(common: Prepared) -> Identification:
         tried=(),
         empirical=common.own_response,
         simulated=rest.simulated * common.scale[1] + offset,
-        measured=rest.measured * common.scale[1] + offset,
+        measured=taken.measured * common.scale[1] + offset,
         remarks=common.remarks,
     )
 

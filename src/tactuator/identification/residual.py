@@ -43,20 +43,15 @@ class Residual:
     response: ComplexArray
     taken: Spectrum
 
-    @property
-    def measured(self) -> FloatArray:
-        """Return the position's samples, shifted and without mean, (n,)."""
-        return self.taken.measured
-
     @cached_property
     def simulated(self) -> FloatArray:
         """Return the samples of model and transient, (n,)."""
-        return self.measured - self.taken.samples_of(self.lines)
+        return self.taken.measured - self.taken.samples_of(self.lines)
 
     @property
     def fit_percent(self) -> float:
         """Return 100 (1 - |y - simulated| / |y|)."""
-        return fit_percent(self.measured, self.simulated)
+        return fit_percent(self.taken.measured, self.simulated)
 
 
 def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
@@ -82,7 +77,7 @@ def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> 
 
 def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True) -> ResidualTests:
     """Return the tests of what the fit leaves of a record; command: (n,), all; fitted: did it take part in it?"""
-    taken, residual = of_lines.taken, of_lines.measured - of_lines.simulated
+    taken, residual = of_lines.taken, of_lines.taken.measured - of_lines.simulated
     whitener = whitening_filter(residual)
     skip = whitener.size + 1
     tested = slice(skip, skip + _TESTED)
@@ -109,7 +104,7 @@ def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken:
     response = response_on(fit, grid) * taken.ahead if taken.shift else response_on(fit, grid)
     moved = response * taken.command[1:]
     there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
-    columns = given.beside_of(transient_columns(there, fit.theta, fit.form))
+    columns = given.transient_of(transient_columns(there, fit.theta, fit.form), ends=True)
     held = response_on(fit, there)
     weights = fitted_beside(columns, given.goal - given.response_of(held[:, None])[:, 0], weight)
     decays = transient_columns(grid, fit.theta, fit.form)

@@ -98,9 +98,8 @@ def estimate(
 ) -> SpectralEstimate:
     """Return the estimate from (command, position), each (n,) and of about unit size, of every record.
 
-    before: an estimate of the same positions under commands that hardly differ, and the same holds, to start from.
-    quick: the better of the two most likely forms alone, whatever values are known. Raises BadInput where no form gives
-    a start.
+    before: an estimate of these positions under commands that hardly differ, and these holds, to start from. quick: the
+    better of the two most likely forms alone, whatever values are known. Raises BadInput where no form gives a start.
     """
     if before is None:
         taken, local, proposals = _begun(signals, rate_hz, holds, known.without_values, note)

@@ -100,7 +100,7 @@ def _judged(
     remarks: tuple[str, ...],
 ) -> Validation:
     taken, percent = line_residual.taken, line_residual.fit_percent
-    residual = float(np.mean((line_residual.measured - line_residual.simulated) ** 2))
+    residual = float(np.mean((line_residual.taken.measured - line_residual.simulated) ** 2))
     share, points = _share_inside(result.model, fit, local)
     hertz = taken.frequency_hz[1:]
     moved = np.abs(response_of_rows(fit, hertz) * taken.command[1:]) ** 2
