@@ -21,7 +21,7 @@ from tactuator.identification.form import (
 from tactuator.identification.hold import Grid, Hold, response_columns
 from tactuator.identification.likelihood import SpectralFit, information, nonlinear_slopes
 from tactuator.identification.lines import LocalResponse, Spectrum
-from tactuator.identification.search import Choice
+from tactuator.identification.search import SHOWN_LATE, Choice
 from tactuator.model.plant_model import Excess, PlantModel
 
 FLOOR = 5e-4
@@ -78,13 +78,14 @@ def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray
 
 def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None = None) -> Callable[[SpectralFit], bool]:
     """Return what tells whether a fit's response lies within the band of the chosen one wherever the record shows its
-    own response, and below: the noise, other forms, and what the form does not follow; no band is narrower than
-    `FLOOR`.
+    own response, and below where it shows that late: the noise, other forms, and what the form does not follow; no
+    band is narrower than `FLOOR`.
 
     shifts: further deviations of (numerator, theta, dead time), (k, parameters).
     """
     best, seen_hz = choice.fit, local.frequency_hz
-    below = np.geomspace(float(choice.problem.grid.frequency_hz.min()), seen_hz[0], _BELOW, endpoint=False)
+    lowest_hz = float(choice.problem.grid.frequency_hz.min())
+    below = np.geomspace(lowest_hz, seen_hz[0], _BELOW if seen_hz[0] > SHOWN_LATE * lowest_hz else 0, endpoint=False)
     hertz = np.concatenate([below, seen_hz])
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))
