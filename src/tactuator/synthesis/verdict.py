@@ -185,7 +185,8 @@ class _Judge:
             level, shaping = self._shaped(frequency, strength)
             friction_db.append(friction_loss_db(channel, loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear)
             steps_db.append(steps_change_db(channel, loop, frequency, level))
-            errors.append(np.max(np.abs(linear + shaping - friction_db[-1] + steps_db[-1]), axis=0))
+            error = np.max(np.abs(linear + shaping - friction_db[-1] + steps_db[-1]), axis=0)
+            errors.append(error + channel.model_error_db)
         stepped = frequency.size and np.max(np.abs(steps_db[0])) >= _TOLD_DB
         if not errors or not (rubs or stepped):
             return
@@ -199,7 +200,8 @@ class _Judge:
         finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy)
         beside = " and ".join([*(["friction"] if rubs else []), *(["steps"] if stepped else [])])
         remark = f"at {levels[0]:g} dB SL, with {beside}"
-        yield replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
+        finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
+        yield _unsure(finding, channel) if channel.model_error_db > 0.0 else finding
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
