@@ -119,6 +119,8 @@ def test_headroom__paper_loop__ends_at_the_command_less_its_offset_or_at_the_tra
     assert 50.0 < found.level_db_sl[-1] < 51.0
     shifted = headroom(channel(converter=Converter(offset_v=5.0)), loop, frequency[-1:], 55.0)
     assert found.level_db_sl[-1:] - shifted.level_db_sl == pytest.approx([6.02], abs=0.01)
+    felt_less = headroom(paper_alone().channels[0], loop, np.array([300.0]), 30.0)  # F is far too low there
+    assert (felt_less.binding, felt_less.level_db_sl.tolist()) == (("comfort",), [30.0])  # no more may be asked
     short = headroom(channel(travel_mm=0.5), loop, np.array([0.5, 100.0]), 55.0)
     assert short.binding == ("travel", "comfort")
 

@@ -18,6 +18,7 @@ from tactuator.model.controller import AntiWindup, ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import channel_reasons
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.processors import single_threaded
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
@@ -218,7 +219,7 @@ def _still_taken_db(
 
 
 BINDING = ("travel", "command", "comfort")
-_RESHAPED_MOST_DB, _LEVEL_STEP_DB = 20.0, 0.05
+_LEVEL_STEP_DB = 0.05
 """How far below its own level a reference may be reshaped, and the step of the levels that are tried."""
 
 
@@ -242,7 +243,7 @@ class Headroom:
         """Return the headroom of the reference that comes in: no level up to it is reshaped to more than this one."""
         if shaping is None:
             return self
-        asked = np.arange(0.0, self.level_db_sl.max() + _RESHAPED_MOST_DB, _LEVEL_STEP_DB)
+        asked = np.arange(0.0, COMFORT_DB_SL + 1.5 * _LEVEL_STEP_DB, _LEVEL_STEP_DB)
         raised = np.array([db(np.abs(shaping.response(level, self.frequency_hz, rate_hz))) for level in asked])
         over = asked[:, None] + raised > self.level_db_sl
         first = np.where(over.any(axis=0), np.argmax(over, axis=0), asked.size - 1)
@@ -260,8 +261,8 @@ def headroom(
     """Return the headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
 
     travel: displacement at +/- travel_mm. command: the command at the converter's range less the motor's offset.
-    comfort: the felt level at comfort_db_sl. answer: H where something is fed forward besides, (n,); the command
-    is then what moves the loop's plant so far.
+    comfort: comfort_db_sl, asked for or felt, whichever comes first. answer: H where something is fed forward besides,
+    (n,); the command is then what moves the loop's plant so far.
     """
     moved = loop.position_response(frequency_hz) if answer is None else answer
     position = np.abs(moved)
@@ -271,7 +272,8 @@ def headroom(
     command = np.abs(driven)
     room_v = channel.converter.range_v - abs(channel.converter.offset_v)
     felt_error = db(displacement_mm / channel.threshold.curve.displacement_mm(frequency_hz))
-    levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfort_db_sl - felt_error])
+    comfortable = comfort_db_sl - np.maximum(felt_error, 0.0)  # where less is felt than asked, no more may be asked
+    levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfortable])
     which = np.argmin(levels, axis=0)
     return Headroom(frequency_hz, levels[which, np.arange(which.size)], tuple(BINDING[i] for i in which))
 

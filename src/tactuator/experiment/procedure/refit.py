@@ -24,7 +24,7 @@ from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 _MINIMUM_TRIALS = 5
 _SLOPES = np.geomspace(0.4, 5.0, 10)
 _LEAST_LIKELY = 15.0
-"""How many times less likely than the best a threshold at an end of the interval is: 15 holds 0.92 of people with slope
+"""How many times less likely than the best a threshold at an end of the interval is: 15 holds 0.91 of people with slope
 0.8, 0.94 with 1, 0.97 with 1.5 and more above."""
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
