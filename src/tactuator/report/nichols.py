@@ -161,22 +161,26 @@ def nichols_plate(
     _margin_marks(axes, placer, arrows)
     _frequency_marks(axes, placer, run)
     _grid_labels(axes, placer)
+    table = {"frequency_hz": frequency.tolist(), "phase_deg": run.phase_deg.tolist(), "gain_db": run.level_db.tolist()}
+    for track, style in others:
+        table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
+        table[f"{style['label']} gain_db"] = track.level_db.tolist()
+    return Plate(name, title, _caption(limits, len(family)), drawing, table)
+
+
+def _caption(limits: Margins, others: int) -> str:
     caption = (
         f"Open-loop gain against phase on the grid of the closed loop. Crossover {limits.crossover_hz:.1f} Hz, phase "
         f"margin {limits.phase_margin_deg:.1f}°, gain margin {limits.gain_margin_db:.1f} dB. The loop touches the "
         f"contours |T| = {db(limits.complementary_peak):.2f} dB (at {limits.complementary.frequency_hz:.1f} Hz) and "
         f"|S| = {db(limits.sensitivity_peak):.2f} dB (at {limits.sensitivity.frequency_hz:.1f} Hz)."
     )
-    if family:
+    if others:
         caption += (
-            f" Shaded: the same controller on all {len(family) + 1} plants of the family; at the marked "
+            f" Shaded: the same controller on all {others + 1} plants of the family; at the marked "
             "frequencies their convex hulls, the templates."
         )
-    table = {"frequency_hz": frequency.tolist(), "phase_deg": run.phase_deg.tolist(), "gain_db": run.level_db.tolist()}
-    for track, style in others:
-        table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
-        table[f"{style['label']} gain_db"] = track.level_db.tolist()
-    return Plate(name, title, caption, drawing, table)
+    return caption
 
 
 @dataclass(frozen=True)

@@ -220,7 +220,7 @@ def _still_taken_db(
 
 BINDING = ("travel", "command", "comfort")
 _LEVEL_STEP_DB = 0.05
-"""How far below its own level a reference may be reshaped, and the step of the levels that are tried."""
+"""Step of the levels of a reference that are tried."""
 
 
 @dataclass(frozen=True)
