@@ -145,7 +145,6 @@ def nichols_plate(
         style = {"color": RED, "linestyle": "--", "linewidth": 1.4, "label": "C P, continuous", "zorder": 3}
         others.append((_Track(frequency, continuous.open_response(frequency)), style))
     drawing, axes = figure(height_in=5.4)
-    axes.grid(False)
     _frame(axes, [run, *members, *(track for track, _ in others)])
     peaks = _grid(axes, limits)
     for track, style in others:
@@ -155,8 +154,7 @@ def nichols_plate(
     # the upper left corner is left free by the curves
     axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
     arrows = _arrows(limits, run, bottom_db=axes.get_ylim()[0])
-    tracks = [run, *(track for track, _ in others)]
-    placer = LabelPlacer(axes, [*(track.line for track in tracks), *templates, *peaks, *arrows.values()])
+    placer = LabelPlacer(axes, [run.line, *(track.line for track, _ in others), *templates, *peaks, *arrows.values()])
     placer.block(axes.get_legend().get_window_extent())
     _margin_marks(axes, placer, arrows)
     _frequency_marks(axes, placer, run)
@@ -209,6 +207,7 @@ class _Track:
 
 
 def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
+    axes.grid(False)
     bottom, top = -50.0, 20.0
     lowest_deg, highest_deg = -200.0, 0.0
     for track in tracks:
