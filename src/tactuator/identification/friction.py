@@ -387,8 +387,8 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
 def _lines(values: FloatArray, taken: Spectrum, weight: ComplexArray) -> ComplexArray:
     """Return the first lines but zero of values (n,) at the record's command, times their weight (m,)."""
     early = values[: taken.samples]
-    lines = np.fft.rfft(early - early.mean())[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))
-    return np.asarray(weight * lines)
+    lines = np.fft.rfft(early - early.mean())
+    return np.asarray(weight * (lines[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))))
 
 
 def _level_without_model(bare: _Stage) -> _Level | None:
