@@ -84,6 +84,15 @@ def test_parsing__help_and_a_missing_file__import_nothing_heavy(tmp_path: Path) 
     assert json.loads(said) == [[0, []]] * (len(asked) - 1) + [[2, ["pydantic"]]]
 
 
+def test_scipy__imported_after_our_arrays__leaves_numpys_translator_of_fortran_for_later() -> None:
+    program = (
+        "import sys, tactuator.arrays, scipy.linalg, numpy; late = 'numpy.f2py.crackfortran' not in sys.modules; "
+        "print(late, callable(numpy.f2py.get_include))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "True"]
+
+
 def completed(shell: str, line: str) -> str:
     words = line.split(" ")
     said = {"_TACTUATOR_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line,

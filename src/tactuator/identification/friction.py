@@ -280,7 +280,10 @@ def _uphill(gain: Callable[[int], float], step: int) -> int:
 
 def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
     """Return Dahl's states, (n,) each, as they act from each sample to the next."""
-    return states if held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
+    if held:
+        return states
+    doubled = [np.append(state[:-1] + state[1:], 2.0 * state[-1]) for state in states]
+    return [np.multiply(0.5, both, out=both) for both in doubled]
 
 
 class _FrictionLines:
@@ -300,7 +303,7 @@ class _FrictionLines:
             weighted = residual.response * residual.weight[1:]
             here = residual.lines[1:] * residual.weight[1:]
             if level.coulomb > 0.0:
-                here -= weighted * _lines(level.coulomb * level.states[k], taken, weighted.size)
+                here -= _lines(level.coulomb * level.states[k], taken, weighted)
             self.power += float(np.sum(here.view(np.float64) ** 2))
             self.lines += 2 * here.size
             last = _moving(weighted, taken.command[1:])
@@ -339,10 +342,9 @@ class _FrictionLines:
         """Return what one unit of friction of these states, (n,) along every record, makes of the position's lines,
         weighted.
         """
-        parts = zip(self._weighted, self._spectra, states, strict=True)
-        return np.concatenate([weighted * _lines(row, taken, weighted.size) for weighted, taken, row in parts]).view(
-            np.float64
-        )
+        parts = zip(states, self._spectra, self._weighted, strict=True)
+        rows = [_lines(row, taken, weight) for row, taken, weight in parts]
+        return (rows[0] if len(rows) == 1 else np.concatenate(rows)).view(np.float64)
 
     def other_laws(self, level: _Level, plain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
@@ -382,10 +384,11 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
     return 1 + max(int(np.searchsorted(moved, (1.0 - _UNMOVED) * moved[-1])) for moved in sums)
 
 
-def _lines(values: FloatArray, taken: Spectrum, last: int) -> ComplexArray:
-    """Return the first `last` lines but zero of values (n,) at the record's command."""
+def _lines(values: FloatArray, taken: Spectrum, weight: ComplexArray) -> ComplexArray:
+    """Return the first lines but zero of values (n,) at the record's command, times their weight (m,)."""
     early = values[: taken.samples]
-    return np.asarray(np.fft.rfft(early - early.mean())[1 : last + 1] * (1.0 / np.sqrt(taken.samples)))
+    lines = np.fft.rfft(early - early.mean())
+    return np.asarray(weight * (lines[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))))
 
 
 def _level_without_model(bare: _Stage) -> _Level | None:
