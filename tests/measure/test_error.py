@@ -1,18 +1,24 @@
 """The verdict on a measured response, against errors and confidences that are written down here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactuator.io.display import parse_display
-from tactuator.measure.error import ChannelPrediction, error_db, response_verdict
+from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
+from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
+from tactuator.model.description import Converter, Environment
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.verdict import Finding
+from tactuator.model.verdict import Finding, Outcome
+from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
-from tests.synthesis.displays import channel, of
+from tests.synthesis.displays import channel, moved_db, of, paper_alone, paper_controller
 
 DISPLAY = of(channel().plant, 4)
 NAME = DISPLAY.channels[0].name
@@ -50,6 +56,23 @@ def test_response_verdict__errors_with_confidence__the_point_that_decides(
     one = finding(errors, confidence)
     assert (one.outcome.value, one.frequency_hz) == (outcome, at_hz)
     assert f"differences of 1.65 dB; {'confidence 0.0023 dB' if outcome == 'met' else 'confidence 0.'}" in one.remark
+
+
+@pytest.mark.parametrize(("bits", "known"), [(12, False), (13, True), (14, True), (16, True)])
+def test_as_read__steps_of_the_converter__the_motion_that_there_is_lies_within(bits: int, known: bool) -> None:
+    """As the sensor told it, a display of 14 bits that is 0.1 dB off was 1.1 dB off, within 0.35 dB."""
+    quiet = channel(loads=(), environment=Environment(friction_v=0.0), converter=Converter(bits=bits))
+    controller = replace(paper_controller(), display=replace(paper_alone(), channels=(quiet,)))
+    rig = SimulatedRig(controller.display, seed=3)
+    rig.load(controller)
+    (told,) = stepped_sine(rig, [100.0, 200.0, 250.0], MeasurementOptions(10.0, mains_hz=60.0, band_hz=(0.4, 300.0)))
+    read = as_read(told, controller, 0.25)
+    true = [moved_db(controller, controller.display, hertz, 10.0) for hertz in told.frequency_hz]
+    assert np.all(np.isfinite(read.confidence_db)) == known
+    if known:
+        assert np.all(np.abs(error_db(told, controller.display) - true) <= read.confidence_db + 0.05)
+    assert (read is told) == (bits == 16)
+    assert (response_verdict([read], controller.display).outcome is Outcome.MET) == (bits == 16)
 
 
 def test_response_verdict__under_a_load__told_only() -> None:

@@ -6,9 +6,13 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
+from tactuator.runtime.simulation import Simulation
+from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
@@ -72,3 +76,15 @@ def paper_controller(poles: int = 4) -> Controller:
     """The paper's C on the paper's plant, with a prefilter of our own."""
     assert paper.PREFILTER_POLES == 4
     return design_controller(with_structure(paper_alone(), "paper"), poles)
+
+
+def moved_db(controller: Controller, display: Display, hertz: float, level_db_sl: float) -> float:
+    """Return how much further than asked the simulated display moves, by least squares on its true position."""
+    simulation, seconds = Simulation(display, seed=1), max(2.0, 8.0 / hertz)
+    simulation.load(controller)
+    time = np.arange(round(seconds * display.rate_hz)) / display.rate_hz
+    tone = 10.0 ** (level_db_sl / 20.0) * np.sin(2.0 * np.pi * hertz * time) * np.minimum(1.0, time / 0.2)
+    moved = simulation.play(tone[:, None], None).displacement_mm[time.size // 2 :, 0]
+    phase = 2.0 * np.pi * hertz * time[time.size // 2 :]
+    parts = np.linalg.lstsq(np.column_stack([np.cos(phase), np.sin(phase), np.ones(phase.size)]), moved)[0]
+    return float(db(np.hypot(*parts[:2]) / display.channels[0].threshold.curve.displacement_mm(hertz))) - level_db_sl

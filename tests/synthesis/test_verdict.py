@@ -9,20 +9,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.model.controller import Controller, Limits
+from tactuator.model.controller import Limits
 from tactuator.model.description import Converter, Display, Environment
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
-from tactuator.runtime.simulation import Simulation
-from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_noise_rms_v, step_gain
 from tactuator.synthesis.verdict import AT_LOWEST, judge
-from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
+from tests.synthesis.displays import (
+    channel,
+    moved_db,
+    of,
+    paper_alone,
+    paper_controller,
+    three_finger_controller,
+    three_fingers,
+)
 
 RATE_HZ = 4000.0
 INTEGRATING = ContinuousSystem.from_polynomials([35530.0], [1.0, 50.0, 0.0])
@@ -92,18 +98,6 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
     if not_met == ["ii"]:
         assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
-
-
-def moved_db(controller: Controller, display: Display, hertz: float, level_db_sl: float) -> float:
-    """Return how much further than asked the simulated display moves, by least squares on its true position."""
-    simulation, seconds = Simulation(display, seed=1), max(2.0, 8.0 / hertz)
-    simulation.load(controller)
-    time = np.arange(round(seconds * display.rate_hz)) / display.rate_hz
-    tone = 10.0 ** (level_db_sl / 20.0) * np.sin(2.0 * np.pi * hertz * time) * np.minimum(1.0, time / 0.2)
-    moved = simulation.play(tone[:, None], None).displacement_mm[time.size // 2 :, 0]
-    phase = 2.0 * np.pi * hertz * time[time.size // 2 :]
-    parts = np.linalg.lstsq(np.column_stack([np.cos(phase), np.sin(phase), np.ones(phase.size)]), moved)[0]
-    return float(db(np.hypot(*parts[:2]) / display.channels[0].threshold.curve.displacement_mm(hertz))) - level_db_sl
 
 
 @pytest.mark.parametrize(("bits", "kept"), [(10, False), (11, False), (13, True), (16, True)])

@@ -24,7 +24,7 @@ from tactuator.console.generator import Generator
 from tactuator.console.rig_orders import WaitingOrders
 from tactuator.errors import BadInput, DeviceFault, TactuatorError, TimingMissed
 from tactuator.io.response import write_responses
-from tactuator.measure.error import ResponseLevels
+from tactuator.measure.error import ResponseLevels, as_read
 from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
@@ -288,7 +288,8 @@ class RigWorker:
                 def tell(responses: tuple[Response, ...], over: bool = False) -> None:
                     nonlocal measured_so_far
                     measured_so_far = responses
-                    self._tell(points_of(responses, order, Path(folder), over))
+                    read = tuple(as_read(each, order.controller, settings.confidence_db) for each in responses)
+                    self._tell(points_of(read, order, Path(folder), over))
 
                 watched, settings = WatchedRig(self._opened, self._halt.is_set), order.settings
                 stepped_sine(watched, np.array(settings.frequency_hz), settings, so_far=tell)

@@ -20,6 +20,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis.felt import step_gain
 from tactuator.synthesis.touch import adapted_response
 
 
@@ -109,6 +110,43 @@ def expected_v(response: Response, controller: Controller) -> FloatArray:
     load = None if response.load == "none" else response.load
     answer = expected_response(controller, response.channel, load, response.frequency_hz)
     return np.asarray(_reshaped(response, controller) * np.abs(answer))
+
+
+_DITHERED, _BLIND = 0.6, 1e-3
+"""Noise, in steps of the A/D, from which on a reading follows all that moves; share of a motion that nobody reads."""
+
+
+def reading_doubt_db(
+    controller: Controller, name: str, amplitude_v: FloatArray, beside_v_rms: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return by how much, dB, (m,), the steps of the A/D may change the reading of sinusoids of these peak volts at the
+    sensor, wherever it rests between two codes; beside_v_rms: of what moves beside each.
+    """
+    channel = controller.display.channel(name)
+    step_v, environment = channel.converter.step_v, channel.environment
+    noise_v = np.broadcast_to(np.hypot(environment.noise_v_rms, beside_v_rms), amplitude_v.shape)
+    doubt, coarse = np.zeros(amplitude_v.shape), noise_v < _DITHERED * step_v
+    if np.any(coarse):
+        feedback, lines = ChannelPrediction.of(controller, name).loop.feedback, np.array(environment.hum_hz)
+        hum = np.array(environment.hum_v_peak) * (1.0 if feedback is None else np.abs(feedback.sensitivity(lines)))
+        for at in np.flatnonzero(coarse):
+            read = step_gain(step_v, amplitude_v[at : at + 1], float(noise_v[at]), hum)
+            doubt[at] = np.max(np.abs(db(np.maximum(read, _BLIND))))
+    return doubt
+
+
+def as_read(response: Response, controller: Controller, confidence_db: float) -> Response:
+    """Return the response with what the A/D's steps leave unknown in its confidence, and whether it still has
+    `confidence_db`. The lines of a multisine move the sensor for each other.
+    """
+    peak_v = expected_v(response, controller)
+    power = 0.5 * peak_v**2
+    beside = np.sqrt(np.sum(power) - power) if response.method == "multisine" else 0.0
+    doubt = reading_doubt_db(controller, response.channel, peak_v, beside)
+    if not np.any(doubt):
+        return response
+    confidence = response.confidence_db + doubt
+    return replace(response, confidence_db=confidence, reached=confidence <= confidence_db)
 
 
 def _reshaped(response: Response, controller: Controller) -> FloatArray:
@@ -205,11 +243,14 @@ def _finding(response: Response, display: Display) -> Finding:
     """Return the finding on the point that decides: one that surely passes what is allowed before one that may."""
     error, allowed = np.abs(error_db(response, display)), display.objectives.flatness_db
     doubt = response.confidence_db
-    surely, perhaps = error - doubt > allowed, error + doubt > allowed
+    surely, perhaps = error > allowed + doubt, error + doubt > allowed
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
     finding = compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at)
+    if not np.isfinite(value):
+        remark = "the sensor reads nothing: less than a step of the A/D; a higher level, or finer steps"
+        return replace(finding, outcome=Outcome.NOT_JUDGED, value=None, remark=remark)
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)
@@ -220,7 +261,6 @@ def _finding(response: Response, display: Display) -> Finding:
         remark = f"{beside}; the command was limited at {limited.min():.4g} Hz{more}: a lower level"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
-        return replace(
-            finding, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db"
-        )
+        remark = f"{beside} leaves it open: a smaller --confidence-db, or a higher level if converters are coarse"
+        return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     return replace(finding, remark=f"{beside}; {_REMEDY}" if finding.outcome is Outcome.NOT_MET else beside)

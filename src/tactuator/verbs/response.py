@@ -372,7 +372,7 @@ def measure_response(
     import numpy as np
 
     from tactuator.measure.adaptive import settle_weights
-    from tactuator.measure.error import response_verdict
+    from tactuator.measure.error import as_read, response_verdict
     from tactuator.measure.response import multisine_response, stepped_sine
     from tactuator.signals.multisine import over_the_band
 
@@ -396,6 +396,7 @@ def measure_response(
             with working("multisine"):
                 exactly, rng = frequency_hz is not None, np.random.default_rng(seed)
                 responses = multisine_response(ready, wanted, options, rng, exactly=exactly)
+    responses = tuple(as_read(each, loop, confidence_db) for each in responses)
     measured = MeasuredResponses(responses, loop, tuple(learnt), response_verdict(responses, loop.display))
     if out is not None:
         measured.write(out)

@@ -31,11 +31,13 @@ from tactuator.experiment.store.stored_runs import answered_runs
 from tactuator.experiment.task.task_keys import JudgedTone, Judgement, Place, TaskRun
 from tactuator.experiment.trial import IntervalRecord, Trial
 from tactuator.experiment.words import Words, shipped_words
+from tactuator.measure.error import reading_doubt_db
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.excitation import tone as tone_wave
 from tactuator.table import ResultTable
 
-_LEAST_PEAK_V = 1e-12
+_LEAST_PEAK_V, _HIDDEN_DB = 1e-12, 1.0
+"""Least peak that is told, and what the A/D's steps may change of a reading that is told."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,13 @@ class ToneCourse(Course):
         channel, column = apparatus.channel(tone.finger), apparatus.column(tone.finger)
         ramp_s = tone.ramp_s(self.task.protocol.timing)
         peak_v = amplitude(trace.position_v[:, column], tone.frequency_hz, trace.rate_hz, ramp_s)
-        measured = float(db(max(peak_v, _LEAST_PEAK_V) / float(channel.threshold_voltage(tone.frequency_hz))))
-        return at.record(label, tone.level_db_sl if np.isfinite(tone.level_db_sl) else None, measured, column)
+        threshold_v = float(channel.threshold_voltage(tone.frequency_hz))
+        measured = float(db(max(peak_v, _LEAST_PEAK_V) / threshold_v))
+        if not np.isfinite(tone.level_db_sl):
+            return at.record(label, None, measured, column)
+        asked_v = np.array([threshold_v * from_db(tone.level_db_sl)])
+        hidden = reading_doubt_db(apparatus.controller, channel.name, asked_v)[0] > _HIDDEN_DB
+        return at.record(label, tone.level_db_sl, None if hidden else measured, column)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
         """Return the envelope of an interval: of its strongest tone in each step."""
