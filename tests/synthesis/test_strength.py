@@ -16,7 +16,7 @@ from tactuator.signals.decibels import db, from_db
 from tactuator.signals.record import Response
 from tactuator.synthesis.design import Headroom
 from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
-from tactuator.synthesis.verdict import judge_channel
+from tactuator.synthesis.verdict import AT_LOWEST, judge_channel
 from tactuator.verbs.controller import design
 from tests.griffin import distance_db, griffin
 from tests.runtime.paper_display import RATE_HZ, channel, display
@@ -81,6 +81,12 @@ def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() ->
     (flat,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
                if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
     assert flat.outcome is Outcome.MET
+    # at another level it is off by what the contours lie apart
+    apart = griffin().level_db_sl_at(40.0, HERTZ) - griffin().level_db_sl_at(10.0, HERTZ) - 30.0
+    (low,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
+              if f.quantity == AT_LOWEST]  # fmt: skip
+    assert (low.outcome, "blended = true" in low.remark) == (Outcome.NOT_MET, True)
+    assert low.value == pytest.approx(np.max(np.abs(apart)), abs=1.0)
     plain = replace(made.display.channels[0], strength=Strength())
     (off,) = [f for f in judge_channel(made.channels[0], plain, made.display)
               if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip

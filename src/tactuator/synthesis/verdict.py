@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 import scipy
@@ -152,7 +153,8 @@ class _Judge:
         if frequency.size == 0:
             return self.open("i", FELT_MINUS_ASKED, self.channel.known_words)
         error = response_error_db(self.channel, self.loop, frequency)
-        error = furthest([error + self._shaped(frequency, level)[1] for level in JUDGED_DB_SL])
+        levels = (self.channel.strength.strength_db_sl,) if self.strength is None else JUDGED_DB_SL
+        error = furthest([error + self._shaped(frequency, level)[1] for level in levels])
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         remedy = "more poles in [prefilter], or a wider flatness_db"
@@ -163,44 +165,53 @@ class _Judge:
             return finding
         return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
 
-    def _shaped(self, frequency: FloatArray, level: float) -> tuple[float | FloatArray, float | FloatArray]:
-        """Return the level asked for at a strength level, dB SL, and the error of the reshaping against it, dB."""
-        contours = self.channel.strength.contours
-        if self.strength is None or contours is None:
-            return level, 0.0
-        error = shaping_error_db(self.strength, level, contours, frequency, self.display.rate_hz)
-        return contours.level_db_sl_at(level, frequency), error
+    def _shaped(self, frequency: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+        """Return the level asked for at a strength level, dB SL, and the error against it of a reference's reshaping,
+        or of the one contour that the prefilter follows, dB.
+        """
+        asked, contours = self.channel.strength, self.channel.strength.contours
+        wanted, made_for = asked.asked_db_sl(level, frequency), asked.strength_db_sl
+        if self.strength is not None and contours is not None:
+            return wanted, shaping_error_db(self.strength, level, contours, frequency, self.display.rate_hz)
+        return wanted, asked.asked_db_sl(made_for, frequency) - made_for - (wanted - level)
 
     def lowest(self) -> Iterator[Finding]:
-        """Judge objective i at `from_db_sl`, beside the friction that the display file states and the converters'
-        steps, and say from which level up it holds.
+        """Judge objective i at `from_db_sl`, beside the friction that the display file states, the converters' steps
+        and the contour of another level, and say from which level up it holds.
         """
         channel, loop, asked = self.channel, self.loop, self.display.objectives
         frequency = _band(channel)[:: _POINTS // 200]
         frequency = frequency[channel.is_known(frequency)]
-        rubs = channel.environment.friction_v > 0.0 and "friction" not in channel.environment.assumed
-        linear, errors, steps_db, friction_db = response_error_db(channel, loop, frequency), [], [], []
-        levels = [asked.from_db_sl, *(level for level in JUDGED_DB_SL if level > asked.from_db_sl)]
-        for strength in levels if frequency.size else ():
-            level, shaping = self._shaped(frequency, strength)
-            friction_db.append(friction_loss_db(channel, loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear)
-            steps_db.append(steps_change_db(channel, loop, frequency, level))
-            error = np.max(np.abs(linear + shaping - friction_db[-1] + steps_db[-1]), axis=0)
-            errors.append(error + channel.model_error_db)
-        stepped = frequency.size and np.max(np.abs(steps_db[0])) >= _TOLD_DB
-        if not errors or not (rubs or stepped):
+        if frequency.size == 0:
             return
-        kept = [level for level, error in zip(levels, errors, strict=True) if error.max() <= asked.flatness_db]
+        rubs = channel.environment.friction_v > 0.0 and "friction" not in channel.environment.assumed
+        linear, errors, shares = response_error_db(channel, loop, frequency), [], []
+        levels = [asked.from_db_sl, *(level for level in JUDGED_DB_SL if level > asked.from_db_sl)]
+        for strength in levels:
+            level, shaping = self._shaped(frequency, strength)
+            friction = friction_loss_db(channel, loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear
+            steps = steps_change_db(channel, loop, frequency, level)
+            errors.append(np.max(np.abs(linear + shaping - friction + steps), axis=0) + channel.model_error_db)
+            shares.append([np.abs(friction), np.max(np.abs(steps), axis=0), np.abs(shaping)])
         place = int(np.argmax(errors[0]))
-        by_steps, by_friction = np.max(np.abs(steps_db[0][:, place])), abs(friction_db[0][place])
-        less = f"less friction than {1e3 * channel.environment.friction_v:.3g} mV of command"
-        remedy = f"more than {channel.converter.bits} bits" if by_steps > by_friction else less
-        remedy += f", or [objectives] from_db_sl = {kept[0]:g}" if kept else f": at no level up to {levels[-1]:g} dB SL"
+        beside = {
+            "friction": f"less friction than {1e3 * channel.environment.friction_v:.3g} mV of command",
+            "steps": f"more than {channel.converter.bits} bits",
+            "one contour": "[strength] blended = true",
+        }
+        there = [share.max() >= _TOLD_DB for share in shares[0]]
+        there[2] &= self.strength is None
+        if not any(there):
+            return
+        strongest = list(beside.values())[int(np.argmax([share[place] for share in shares[0]]))]
+        fine = list(takewhile(lambda k: errors[k].max() <= asked.flatness_db, reversed(range(len(levels)))))
+        from_there = f", or [objectives] from_db_sl = {levels[fine[-1]]:g}" if fine else ""
+        remedy = strongest + (from_there or f": at no level up to {levels[-1]:g} dB SL")
         figure = float(errors[0][place]), asked.flatness_db, "dB"
         finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy)
-        beside = " and ".join([*(["friction"] if rubs else []), *(["steps"] if stepped else [])])
-        remark = f"at {levels[0]:g} dB SL, with {beside}"
-        finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
+        words = " and ".join(word for word, is_there in zip(beside, there, strict=True) if is_there)
+        remark = "; ".join(filter(None, [f"at {levels[0]:g} dB SL, with {words}", finding.remark]))
+        finding = replace(finding, remark=remark)
         yield _unsure(finding, channel) if channel.model_error_db > 0.0 else finding
 
     def reach(self) -> Iterator[Finding]:
