@@ -1,14 +1,18 @@
 """Felt noise against what the finger port really feels; rejection against S."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import disturbance
-from tactuator.measure.noise import felt_noise, felt_of_command, proportional_controller, sensor_noise
+from tactuator.measure.noise import felt_noise, felt_of_command, noise_verdict, proportional_controller, sensor_noise
+from tactuator.model.description import Converter
+from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.spectra import lock_in, power_spectrum
-from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response
+from tests.measure.loops import PLANT, RATE_HZ, controller, display, full, loop_response
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +45,19 @@ def test_felt_noise__sensor__what_the_simulated_display_has(probed) -> None:
         assert said.sensor.hum_hz.tolist() == list(stated.hum_hz)
         np.testing.assert_allclose(said.sensor.hum_v_peak, stated.hum_v_peak, rtol=0.1)
         assert said.sensor.noise_v_rms == pytest.approx(stated.noise_v_rms, rel=0.1)
+
+
+@pytest.mark.parametrize("bits", [12, 16])
+def test_noise_verdict__sensor_that_reads_nothing__is_not_judged(bits: int) -> None:
+    described = display()
+    quiet = replace(described.channels[0], converter=Converter(bits=bits))
+    described = replace(described, channels=(quiet,))
+    rig = SimulatedRig(described, 3)
+    rig.load(controller(described))
+    verdict = noise_verdict(felt_noise(rig, described, duration_s=4.0), described)
+    hum = [finding for finding in verdict.objectives[1].findings if "reads nothing" in finding.remark]
+    assert bool(hum) == (verdict.outcome is Outcome.NOT_JUDGED) == (bits == 12)
+    assert "amplifier off" in verdict.assumptions[0]
 
 
 def test_sensor_noise__no_mains__no_lines_and_the_noise() -> None:

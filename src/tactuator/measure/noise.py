@@ -306,4 +306,16 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
             level, at = heard.resonance_db_sl, heard.resonance_hz
         most = allowed.noise_max_db_sl
         findings.append(compared("iii", *judged, FELT_NOISE, level, most, "dB SL", at, remedy=NOISE_REMEDY))
-    return verdict_of([*findings, *doubtful(display)])
+    assumed = () if len(open_loops) == len(felt) else (_OF_THE_SENSOR,)
+    return verdict_of([*map(_read, findings), *doubtful(display)], assumed)
+
+
+_OF_THE_SENSOR = "what is heard is of the sensor, as with the amplifier off: what moves the motor is felt more"
+
+
+def _read(finding: Finding) -> Finding:
+    """Return a finding, not judged where the sensor read nothing at all."""
+    if finding.value is None or np.isfinite(finding.value):
+        return finding
+    remark = "the sensor reads nothing: less than a step of the A/D"
+    return replace(finding, outcome=Outcome.NOT_JUDGED, value=None, remark=remark)
