@@ -32,6 +32,19 @@ def test_fit_line__many_calibrations__confidence_covers_95_in_100() -> None:
     assert 0.91 < inside / 400 < 0.985
 
 
+def test_fit_line__voltmeter_of_few_decimals__says_what_rounding_leaves_unknown() -> None:
+    """Nine readings of two decimals often lie on a line of their own: it was told to be known to 0.000000."""
+    covered = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        decimals, span = ((2, 5.0), (3, 2.0), (3, 10.0))[seed % 3]
+        x = np.round(np.linspace(-span, span, 11) + 0.01 * rng.random(), 2)
+        told = fit_line(x, np.round(0.199 * x + 0.03 + 0.01 * rng.random(), decimals))
+        covered += abs(told.gain_v_per_mm - 0.199) <= told.gain_confidence_v_per_mm
+        assert told.refused == ()
+    assert covered >= 57
+
+
 def test_fit_line__gauge_error__is_taken_out_of_the_slope() -> None:
     rng = np.random.default_rng(5)
     true = np.repeat(np.linspace(-2.0, 2.0, 9), 200)

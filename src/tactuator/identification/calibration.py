@@ -10,6 +10,8 @@ from tactuator.errors import BadInput
 
 _LARGEST, _SMALLEST = 1e9, 1e-12
 """Largest number (mm, V) and smallest range: far beyond any sensor, and their squares are still numbers."""
+_DECIMALS = 7
+"""Voltages are taken for rounded that have fewer decimals, all of them."""
 _OUTLIER_PROBABILITY = 0.002
 """Chance, over all pairs together, of refusing one when none is wrong."""
 
@@ -54,17 +56,27 @@ def fit_line(
 
     gauge_error_mm is the gauge's own standard error: it pulls a least-squares slope towards zero, and the slope is
     corrected for that (Fuller, Measurement Error Models, 1987, section 1.2). Pairs whose studentised residual is
-    beyond the Bonferroni bound are left out of the fit and named in `refused`. Raises BadInput for fewer than 4 pairs,
+    beyond the Bonferroni bound are left out of the fit and named in `refused`. They scatter by their rounding at least:
+    readings of two decimals may all lie on one line that is not the sensor's. Raises BadInput for fewer than 4 pairs,
     values that are not finite, displacements that do not vary, or where more than a quarter would be refused.
     """
     x, y = np.asarray(displacement_mm, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64)
     labels = names if names is not None else [f"pair {k + 1}" for k in range(x.size)]
     _check_pairs(x, y, labels)
-    kept = _kept_pairs(x, y)
+    rounding_v = _rounding(y)
+    kept = _kept_pairs(x, y, rounding_v)
     if kept.sum() < max(4, 0.75 * x.size):
         bad = ", ".join(label for label, keep in zip(labels, kept, strict=True) if not keep)
         raise BadInput(f"{x.size - kept.sum()} of {x.size} pairs are off the line ({bad})", "a quarter at most")
-    return _line(x, y, kept, gauge_error_mm, labels)
+    return _line(x, y, kept, gauge_error_mm, labels, rounding_v)
+
+
+def _rounding(values: NDArray[np.float64]) -> float:
+    """Return the rms of the rounding of values that all have the same few decimals, or 0.0."""
+    for step in 10.0 ** -np.arange(_DECIMALS):
+        if np.all(np.abs(values / step - np.round(values / step)) < 1e-6):
+            return float(step / np.sqrt(12.0))
+    return 0.0
 
 
 def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[str]) -> None:
@@ -80,13 +92,13 @@ def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[st
         raise BadInput(f"every {what} is the same", "pairs that span a range")
 
 
-def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64], rounding_v: float) -> NDArray[np.bool_]:
     """Start from the half of the pairs nearest to the median line, then let in all that belong to it."""
     slope = scipy.stats.theilslopes(y, x)[0]
     distance = np.abs(y - slope * x - np.median(y - slope * x))
     kept: NDArray[np.bool_] = distance <= np.median(distance)
     for _ in range(20):
-        offset, gain, scatter = _fit(x[kept], y[kept])
+        offset, gain, scatter = _fit(x[kept], y[kept], rounding_v)
         residual = np.abs(y - offset - gain * x)
         centred = x - x[kept].mean()
         leverage = 1.0 / kept.sum() + centred**2 / np.sum(centred[kept] ** 2)
@@ -101,18 +113,23 @@ def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bo
     return kept
 
 
-def _fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
+def _fit(x: NDArray[np.float64], y: NDArray[np.float64], rounding_v: float) -> tuple[float, float, float]:
     centre = x.mean()
     gain = float(np.sum((x - centre) * (y - y.mean())) / np.sum((x - centre) ** 2))
     offset = float(y.mean() - gain * centre)
     scatter = np.sqrt(np.sum((y - offset - gain * x) ** 2) / max(x.size - 2, 1))
-    return offset, gain, float(scatter)
+    return offset, gain, max(float(scatter), rounding_v)
 
 
 def _line(
-    x: NDArray[np.float64], y: NDArray[np.float64], kept: NDArray[np.bool_], gauge_error_mm: float, labels: list[str]
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    kept: NDArray[np.bool_],
+    gauge_error_mm: float,
+    labels: list[str],
+    rounding_v: float,
 ) -> Calibration:
-    offset, gain, scatter = _fit(x[kept], y[kept])
+    offset, gain, scatter = _fit(x[kept], y[kept], rounding_v)
     centre, spread = x[kept].mean(), np.sum((x[kept] - x[kept].mean()) ** 2)
     true_spread = spread - kept.sum() * gauge_error_mm**2
     if true_spread <= 0.5 * spread:
