@@ -193,6 +193,8 @@ class _Judge:
             steps = steps_change_db(channel, loop, frequency, level)
             errors.append(np.max(np.abs(linear + shaping - friction + steps), axis=0) + channel.model_error_db)
             shares.append([np.abs(friction), np.max(np.abs(steps), axis=0), np.abs(shaping)])
+            if errors[0].max() <= asked.flatness_db:
+                break  # the others say from where it holds
         place = int(np.argmax(errors[0]))
         beside = {
             "friction": f"less friction than {1e3 * channel.environment.friction_v:.3g} mV of command",
@@ -204,7 +206,7 @@ class _Judge:
         if not any(there):
             return
         strongest = list(beside.values())[int(np.argmax([share[place] for share in shares[0]]))]
-        fine = list(takewhile(lambda k: errors[k].max() <= asked.flatness_db, reversed(range(len(levels)))))
+        fine = list(takewhile(lambda k: errors[k].max() <= asked.flatness_db, reversed(range(len(errors)))))
         from_there = f", or [objectives] from_db_sl = {levels[fine[-1]]:g}" if fine else ""
         remedy = strongest + (from_there or f": at no level up to {levels[-1]:g} dB SL")
         figure = float(errors[0][place]), asked.flatness_db, "dB"
