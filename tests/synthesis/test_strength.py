@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.errors import NoDesign
 from tactuator.measure.error import ResponseLevels, error_db
-from tactuator.model.description import Strength, display_document
+from tactuator.model.description import Converter, Strength, display_document
 from tactuator.model.verdict import FELT_MINUS_ASKED, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
@@ -91,6 +91,18 @@ def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() ->
     (off,) = [f for f in judge_channel(made.channels[0], plain, made.display)
               if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
     assert off.value == pytest.approx(8.0, abs=1.0)
+
+
+def test_judge__reshapes_for_other_contours__is_not_told_to_reshape() -> None:
+    made = design(blended(display(channel())))
+    table = np.array([[14.0, 10.0, 10.0], [54.0, 50.0, 50.0]])
+    other = Contours("other", [2.0, 100.0, 300.0], [10.0, 50.0], table, provenance="synthetic")
+    finger = made.display.channels[0]
+    asks = replace(finger, strength=replace(finger.strength, contours=other), converter=Converter(bits=12))
+    (low,) = [f for f in judge_channel(made.channels[0], asks, made.display) if f.quantity == AT_LOWEST]
+    assert low.outcome is Outcome.NOT_MET
+    assert "more poles in [prefilter]" in low.remark
+    assert "blended = true" not in low.remark
 
 
 def test_design__without_strength__is_what_it_was() -> None:

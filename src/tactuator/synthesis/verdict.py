@@ -52,6 +52,7 @@ _POINTS = 600
 _ROUNDS, _TOLD_DB = 16, 0.005
 AT_LOWEST = f"{FELT_MINUS_ASKED}, lowest level"
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
+_FLATNESS_REMEDY, _RESHAPING = "more poles in [prefilter], or a wider flatness_db", "reshaping"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 _WIDENS = {
     "travel": "more travel_mm",
@@ -119,6 +120,14 @@ def hum_remedy(line_hz: float) -> str:
 
 
 @dataclass(frozen=True)
+class _Cause:
+    """What changes the felt level beside the loop: its share, dB, (n,), and what would help."""
+
+    share_db: FloatArray
+    remedy: str
+
+
+@dataclass(frozen=True)
 class _Judge:
     """One channel under one member of its family; free: the loop of the same model without load."""
 
@@ -157,8 +166,7 @@ class _Judge:
         error = furthest([error + self._shaped(frequency, level)[1] for level in levels])
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
-        remedy = "more poles in [prefilter], or a wider flatness_db"
-        finding = self.compared(("i", FELT_MINUS_ASKED), figure, float(frequency[worst]), remedy)
+        finding = self.compared(("i", FELT_MINUS_ASKED), figure, float(frequency[worst]), _FLATNESS_REMEDY)
         finding = replace(finding, remark="; ".join(filter(None, [in_jnd(figure[0]), finding.remark])))
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
@@ -179,42 +187,48 @@ class _Judge:
         """Judge objective i at `from_db_sl`, beside the friction that the display file states, the converters' steps
         and the contour of another level, and say from which level up it holds.
         """
-        channel, loop, asked = self.channel, self.loop, self.display.objectives
+        channel, asked, allowed = self.channel, self.display.objectives, self.display.objectives.flatness_db
         frequency = _band(channel)[:: _POINTS // 200]
         frequency = frequency[channel.is_known(frequency)]
         if frequency.size == 0:
             return
-        rubs = channel.environment.friction_v > 0.0 and "friction" not in channel.environment.assumed
-        linear, errors, shares = response_error_db(channel, loop, frequency), [], []
-        levels = [asked.from_db_sl, *(level for level in JUDGED_DB_SL if level > asked.from_db_sl)]
-        for strength in levels:
-            level, shaping = self._shaped(frequency, strength)
-            friction = friction_loss_db(channel, loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear
-            steps = steps_change_db(channel, loop, frequency, level)
-            errors.append(np.max(np.abs(linear + shaping - friction + steps), axis=0) + channel.model_error_db)
-            shares.append([np.abs(friction), np.max(np.abs(steps), axis=0), np.abs(shaping)])
-            if errors[0].max() <= asked.flatness_db:
-                break  # the others say from where it holds
-        place = int(np.argmax(errors[0]))
-        beside = {
-            "friction": f"less friction than {1e3 * channel.environment.friction_v:.3g} mV of command",
-            "steps": f"more than {channel.converter.bits} bits",
-            "one contour": "[strength] blended = true",
-        }
-        there = [share.max() >= _TOLD_DB for share in shares[0]]
-        there[2] &= self.strength is None
-        if not any(there):
-            return
-        strongest = list(beside.values())[int(np.argmax([share[place] for share in shares[0]]))]
-        fine = list(takewhile(lambda k: errors[k].max() <= asked.flatness_db, reversed(range(len(errors)))))
-        from_there = f", or [objectives] from_db_sl = {levels[fine[-1]]:g}" if fine else ""
-        remedy = strongest + (from_there or f": at no level up to {levels[-1]:g} dB SL")
-        figure = float(errors[0][place]), asked.flatness_db, "dB"
+        linear = response_error_db(channel, self.loop, frequency)
+        error, causes = self._beside(frequency, linear, asked.from_db_sl)
+        if causes.keys() <= {_RESHAPING}:
+            return  # objective i holds it at every level
+        place, remark = int(np.argmax(error)), f"at {asked.from_db_sl:g} dB SL, with {' and '.join(causes)}"
+        remedy = max(causes.values(), key=lambda cause: cause.share_db[place]).remedy
+        if error.max() > allowed:
+            higher = [level for level in reversed(JUDGED_DB_SL) if level > asked.from_db_sl]
+            holds = list(takewhile(lambda level: self._beside(frequency, linear, level)[0].max() <= allowed, higher))
+            greatest = max(JUDGED_DB_SL[-1], asked.from_db_sl)
+            nowhere = f"; it holds at no level up to {greatest:g} dB SL"
+            remedy += f", or [objectives] from_db_sl = {holds[-1]:g}" if holds else nowhere
+        figure = float(error[place]), allowed, "dB"
         finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy)
-        words = " and ".join(word for word, is_there in zip(beside, there, strict=True) if is_there)
-        remark = "; ".join(filter(None, [f"at {levels[0]:g} dB SL, with {words}", finding.remark]))
-        finding = replace(finding, remark=remark)
+        finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
         yield _unsure(finding, channel) if channel.model_error_db > 0.0 else finding
+
+    def _beside(
+        self, frequency: FloatArray, linear: FloatArray, strength_db_sl: float
+    ) -> tuple[FloatArray, dict[str, _Cause]]:
+        """Return the greatest error at a level and its causes beside the loop's own error `linear`, which counts."""
+        channel, environment = self.channel, self.channel.environment
+        rubs = environment.friction_v > 0.0 and "friction" not in environment.assumed
+        level, shaping = self._shaped(frequency, strength_db_sl)
+        friction = friction_loss_db(channel, self.loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear
+        steps = steps_change_db(channel, self.loop, frequency, level)
+        error = np.max(np.abs(linear + shaping - friction + steps), axis=0) + channel.model_error_db
+        less = f"less friction than {1e3 * environment.friction_v:.3g} mV of command"
+        causes = {
+            "friction": _Cause(np.abs(friction), less),
+            "steps": _Cause(np.max(np.abs(steps), axis=0), f"more than {channel.converter.bits} bits"),
+        }
+        if self.strength is None:
+            causes["one contour"] = _Cause(np.abs(shaping), "[strength] blended = true")
+        else:
+            causes[_RESHAPING] = _Cause(np.abs(shaping), _FLATNESS_REMEDY)
+        return error, {word: cause for word, cause in causes.items() if cause.share_db.max() >= _TOLD_DB}
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
