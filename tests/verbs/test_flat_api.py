@@ -216,3 +216,21 @@ def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(
     verdict, response = capsys.readouterr().out.splitlines()
     assert verdict.startswith("<Verdict ")
     assert all(f"{name}: felt within" in response for name in ("index", "thumb", "middle"))
+
+
+def test_record__motor_stronger_than_its_file__is_told_to_leave_the_travel(place: Path) -> None:
+    text = Path("display.toml").read_text()
+    Path("weak.toml").write_text(text.replace("num = [2875.0]", "num = [1000.0]"))
+    rig = tt.SimulatedRig(tt.read_display("display.toml"), seed=1)
+    planned = {"duration_s": 8.0, "travel_share": 0.8, "rig": rig}
+    assert tt.record("weak.toml", **planned).beyond_travel
+    assert not tt.record("display.toml", **planned).beyond_travel
+
+
+def test_record__load_that_no_program_reaches__is_asked_of_the_person(place: Path, capsys) -> None:
+    class Real(tt.SimulatedRig):
+        has_finger_ports = False
+
+    display = tt.read_display("display.toml")
+    tt.record(display, duration_s=4.0, excitation="noise", load="finger", rig=Real(display, seed=1))
+    assert "put the load 'finger' on index by hand now" in capsys.readouterr().err

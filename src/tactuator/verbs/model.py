@@ -19,6 +19,7 @@ from tactuator.verbs.parameters import (
     chosen_display,
     opened,
     paths,
+    put_load,
 )
 from tactuator.verbs.result import Result, promoted, working
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from tactuator.model.description import Channel, Display
-    from tactuator.rig.rig import Rig
     from tactuator.signals.record import FrequencyResponse, JointRecord, Record
     from tactuator.verbs.identified import CalibrationResult, CoupledModels, IdentificationResult, ResponseModelResult
 
@@ -77,6 +77,7 @@ class RecordingResult(Result):
         "command_peak_v": "greatest command (V)::.2f",
         "position_peak_v": "greatest position (V of the sensor)::.3f",
         "saturated": "a converter reached its limit",
+        "beyond_travel": "the motion went beyond travel_mm",
     }
 
     record: Path | None
@@ -86,6 +87,7 @@ class RecordingResult(Result):
     command_peak_v: float
     position_peak_v: float
     saturated: bool
+    beyond_travel: bool
     taken: "Record | JointRecord" = field(repr=False)
 
     @property
@@ -129,8 +131,7 @@ def record(
     names = tuple(each.name for each in driven)
     with opened(rig, described, seed) as ready:
         require_sensors(ready, names)
-        for each in driven if load != "none" else ():
-            _put(each.load(load).name, each.name, ready)
+        put_load(ready, driven, load)
         columns = [ready.channels.index(name) for name in names]
         commands = np.zeros((command.shape[0], len(ready.channels)))
         commands[:, columns] = command
@@ -147,6 +148,9 @@ def record(
         about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     whole = JointRecord(trace.rate_hz, names, trace.command_v[:, columns], trace.position_v[:, columns], about=about)
     taken = whole if together else whole.of(0)
+    peaks_v = np.max(np.abs(whole.position), axis=0)
+    places = [k for k, each in enumerate(driven) if each.quantity == "displacement"]
+    travel_v = [driven[k].travel_mm * driven[k].sensor_gain_v_per_mm for k in places]
     if out is not None:
         write_record(Path(out), taken)
     return RecordingResult(
@@ -155,16 +159,11 @@ def record(
         command.shape[0] / trace.rate_hz,
         trace.rate_hz,
         float(np.max(np.abs(command))),
-        float(np.max(np.abs(whole.position))),
+        float(peaks_v.max()),
         bool(np.any(trace.saturated[:, columns])),
+        bool(np.any(peaks_v[places] > travel_v)),
         taken,
     )
-
-
-def _put(load: str, channel: str, rig: "Rig") -> None:
-    touch = getattr(rig, "finger", None)
-    if touch is not None:
-        touch(channel).touch(load)
 
 
 _READ = 0.5

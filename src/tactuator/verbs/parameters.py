@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from tactuator.experiment.session.task import Apparatus
     from tactuator.model.controller import Controller
-    from tactuator.model.description import Display
+    from tactuator.model.description import Channel, Display
     from tactuator.rig.rig import Rig
 
 Place = str | PathLike[str]
@@ -252,17 +252,21 @@ def require_stable(controller: "Controller", load: str = "none") -> None:
         )
 
 
+def put_load(rig: "Rig", channels: Sequence["Channel"], load: str) -> None:
+    """Put a load on channels; where no program reaches a channel, tell the person at the terminal to do it."""
+    from tactuator.rig.rig import touch_all
+
+    if by_hand := touch_all(rig, channels, load):
+        say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
+
+
 def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[str] | None = None) -> str:
-    """Put a load on every channel, under which the loop is stable; where no program reaches a channel, tell the person
-    at the terminal to do it.
+    """Put a load on every channel, under which the loop is stable, as `put_load` does.
 
     Return the load that touches the channels then: where "none" is asked, one that touched an open rig before. Raises
     BadInput where these differ or make `controller` unstable.
     """
-    from tactuator.rig.rig import touch_all
-
-    if by_hand := touch_all(rig, controller.display.channels, load):
-        say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
+    put_load(rig, controller.display.channels, load)
     if load != "none" or not rig.has_finger_ports:
         return load
     touching = {name: rig.finger(name).load or "none" for name in channels or rig.channels}
