@@ -5,17 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tactuator as tt
 from tactuator.io.display import parse_display
 from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
-from tactuator.model.description import Converter, Environment
+from tactuator.model.description import Converter, Display, Environment
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
+from tactuator.signals.systems import ContinuousSystem
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
 from tests.synthesis.displays import channel, moved_db, of, paper_alone, paper_controller
@@ -75,8 +77,55 @@ def test_as_read__steps_of_the_converter__the_motion_that_there_is_lies_within(b
     assert (response_verdict([read], controller.display).outcome is Outcome.MET) == (bits == 16)
 
 
-def test_response_verdict__under_a_load__told_only() -> None:
-    one = finding([3.0, 0.0, 0.0], [0.01] * 3, load="finger")
+def shaken(mode: tuple[float, float, float] | None = None, friction_v: float = 0.0) -> tuple[Controller, Display]:
+    """The paper's controller, and its display with what no model knows: friction, or a mode (Hz, damping, mass)."""
+    (usual,) = paper_alone().channels
+    environment = Environment(friction_v=0.004)
+    made = replace(
+        paper_controller(), display=replace(paper_alone(), channels=(replace(usual, environment=environment),))
+    )
+    changed = replace(usual, environment=replace(environment, friction_v=friction_v))
+    if mode is not None:
+        hertz, damping, mass = mode
+        w = 2.0 * np.pi * hertz
+        beside, bare = np.array([1.0, 2.0 * damping * w, w**2]), np.poly(usual.plant.poles).real
+        carried = mass * np.array([2.0 * damping * w, w**2, 0.0, 0.0])
+        poles = np.roots(np.polyadd(np.polymul(bare, beside), carried))
+        changed = replace(changed, plant=ContinuousSystem(np.roots(beside), poles, usual.plant.gain))
+    return made, replace(made.display, channels=(changed,))
+
+
+@pytest.mark.parametrize("method", ["stepped", "multisine"])
+@pytest.mark.parametrize("mode", [(171.0, 0.005, 0.015), (42.0, 0.01, 0.02), None], ids=["171 Hz", "42 Hz", "none"])
+def test_measure__narrow_mode_between_the_points__is_played_and_judged(
+    mode: tuple[float, float, float] | None, method: str
+) -> None:
+    """An outsider's devices were met, 6.6 dB off where nothing was played."""
+    made, described = shaken(mode)
+    measured = tt.measure_response(SimulatedRig(described, 5), made, method=method, level_db_sl=30.0)
+    (judged,) = measured.verdict.objectives[0].findings
+    assert judged.outcome is (Outcome.MET if mode is None else Outcome.NOT_MET)
+    if mode is not None:
+        assert abs(judged.frequency_hz / mode[0] - 1.0) < 0.02
+        assert judged.value == pytest.approx(abs(moved_db(made, described, judged.frequency_hz, 30.0)), abs=0.3)
+    elif method == "stepped":
+        assert measured.responses[0].frequency_hz.size == 30
+
+
+def test_measure__multisine_under_friction__is_judged_by_what_a_tone_alone_is_felt() -> None:
+    """The lines keep the motor moving: they told -0.4 dB at 6 Hz, where a tone alone was 1.6 dB too weak."""
+    made, described = shaken(friction_v=0.01)
+    measured = tt.measure_response(SimulatedRig(described, 5), made, method="multisine", level_db_sl=10.0)
+    assert measured.verdict.outcome is not Outcome.MET
+    (response,) = measured.responses
+    for place in np.flatnonzero((response.frequency_hz > 4.0) & (response.frequency_hz < 25.0)):
+        true = moved_db(made, described, response.frequency_hz[place], 10.0)
+        assert abs(error_db(response, made.display)[place] - true) <= response.confidence_db[place] + 0.15
+
+
+@pytest.mark.parametrize("error", [3.0, -np.inf])
+def test_response_verdict__under_a_load__told_only(error: float) -> None:
+    one = finding([error, 0.0, 0.0], [0.01] * 3, load="finger")
     assert (one.outcome.value, one.counts) == ("not judged", False)
 
 

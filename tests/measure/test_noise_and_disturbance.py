@@ -12,7 +12,7 @@ from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.spectra import lock_in, power_spectrum
-from tests.measure.loops import PLANT, RATE_HZ, controller, display, full, loop_response
+from tests.measure.loops import PLANT, RATE_HZ, controller, display, full, loaded, loop_response, quiet
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,31 @@ def test_noise_verdict__sensor_that_reads_nothing__is_not_judged(bits: int) -> N
     hum = [finding for finding in verdict.objectives[1].findings if "reads nothing" in finding.remark]
     assert bool(hum) == (verdict.outcome is Outcome.NOT_JUDGED) == (bits == 12)
     assert "amplifier off" in verdict.assumptions[0]
+
+
+@pytest.mark.parametrize(("hertz", "motor_v", "opens"), [(60.0, 0.02, "ii"), (87.0, 0.03, "iii"), (60.0, 0.0, "")])
+def test_noise_verdict__what_comes_in_at_the_motor__is_not_judged_as_the_sensors(
+    hertz: float, motor_v: float, opens: str
+) -> None:
+    """An outsider's amplifier hummed: told was -7.9 dB SL, met, and felt +3.2."""
+    described, made = quiet()
+    rig = loaded(made, 3)
+    rig.finger("index").press(motor_v * np.sin(2.0 * np.pi * hertz * np.arange(44_000) / RATE_HZ))
+    felt: list[np.ndarray] = []
+    rig.finger("index").attach(felt.append)
+    (heard,) = felt_noise(rig, described)
+    judged = noise_verdict([heard], described).objectives
+    assert [each.number for each in judged if each.outcome is not Outcome.MET] == [opens][: bool(opens)]
+    if opens:
+        peak_mm = np.abs(lock_in(np.concatenate(felt)[8000:40_000], [hertz], RATE_HZ)[0])
+        true = 20.0 * np.log10(peak_mm / described.channels[0].threshold.curve.displacement_mm(hertz))
+        told = heard.line_db_sl[0], heard.line_moved_db_sl[0]
+        if opens == "iii":
+            band = int(np.argmin(np.abs(heard.band_hz / hertz - 1.0)))
+            told = heard.band_db_sl[band], heard.band_moved_db_sl[band]
+        assert told[0] < 0.0 < true <= told[1] + 2.0
+        (finding,) = (each for each in judged[opens == "iii"].findings if each.outcome is Outcome.NOT_JUDGED)
+        assert f"{told[0]:.1f} dB SL if it comes in at the sensor, {told[1]:.1f} if at the motor" in finding.remark
 
 
 def test_sensor_noise__no_mains__no_lines_and_the_noise() -> None:

@@ -19,6 +19,7 @@ from tactuator.rig.simulated import SimulatedRig
 from tests.rig.every_rig import BOARDS, RIGS, begin, tones
 from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display
+from tests.strength import reshaped
 
 
 def _marked(mark: pytest.MarkDecorator, *of_example: pytest.MarkDecorator) -> list[object]:
@@ -160,6 +161,18 @@ def test_load__controller_of_other_channels_or_another_rate__is_refused_and_the_
         rig.load(paper_display.controller(of))
     with pytest.raises(BadInput, match="controller is for 8000 Hz and a delay of 1; allowed: 4000 Hz and 1, as"):
         rig.load(Controller(replace(designed().display, rate_hz=8000.0), designed().channels))
+    assert len(rig.play(tones(20))) == 20
+
+
+def test_load__controller_that_reshapes_its_reference__is_played_so_or_refused(rig: Rig) -> None:
+    """A rig of another package, and one of ours, played it as it came, and said nothing."""
+    plain = rig.play(tones()).position_v
+    if rig.reshapes:
+        rig.load(reshaped(designed()))
+        assert np.max(np.abs(rig.play(tones()).position_v - plain)) > 0.05 * np.max(np.abs(plain))
+        return
+    with pytest.raises(BadInput, match=r"'index': its reference is reshaped .* without \[strength\] blended"):
+        rig.load(reshaped(designed()))
     assert len(rig.play(tones(20))) == 20
 
 

@@ -88,8 +88,8 @@ def main() -> int:
         drawn = [one_mass(rng, place) for place in range(3)]
         rig = GeneratorRig(1000 * given.seed + i)
 
-        def touch(rig: GeneratorRig = rig, drawn: Sequence[tuple[float, ...]] = drawn) -> None:
-            rig.fingers = [sprung(finger) for finger in drawn] if given.sprung else drawn
+        def touch(on: bool, rig: GeneratorRig = rig, drawn: Sequence[tuple[float, ...]] = drawn) -> None:
+            rig.fingers = [sprung(finger) if given.sprung else finger for finger in drawn if on]
 
         for found, truth in zip(
             measure_finger(cast(Rig, rig), controller, touch, rng, seconds=SECONDS), drawn, strict=True

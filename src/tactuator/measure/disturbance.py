@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
@@ -97,15 +98,10 @@ def disturbance(
     if excursion_mm <= 0.0:
         raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
     plant = zero_order_hold(described.plant, rig.rate_hz)
-    feedback = controller.channel(channel).feedback(controller.rate_hz)
-    delay_s = controller.delay_samples / controller.rate_hz
+    feedback = ChannelPrediction.of(controller, channel).loop.feedback
 
     def sensitivity(hertz: FloatArray) -> NDArray[np.complex128]:
-        """Return S of the controller and plant, sampled, with the computing delay; 1 where there is no loop."""
-        if feedback is None:
-            return np.ones(hertz.shape, dtype=np.complex128)
-        late = np.exp(-2j * np.pi * hertz * delay_s)
-        return np.asarray(1.0 / (1.0 + feedback.response(hertz) * late * plant.response(hertz)))
+        return np.ones(hertz.shape, dtype=np.complex128) if feedback is None else feedback.sensitivity(hertz)
 
     bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm, sensitivity)
     rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), mains_hz)

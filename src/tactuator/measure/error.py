@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import stepped_sine, swept_responses
 from tactuator.model.controller import Controller
-from tactuator.model.description import Channel, Display
+from tactuator.model.description import Channel, Display, Environment
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
+from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-from tactuator.synthesis.felt import step_gain
+from tactuator.synthesis.design import headroom
+from tactuator.synthesis.felt import friction_loss_db, gain_beside_hum
 from tactuator.synthesis.touch import adapted_response
 
 
@@ -36,6 +42,7 @@ class ChannelPrediction:
     moved: SampledSystem | None
 
     @classmethod
+    @lru_cache(maxsize=16)  # one is asked for in every trial
     def of(cls, controller: Controller, name: str, load: str | None = None) -> ChannelPrediction:
         """Return the prediction for a channel of `controller`. Raises BadInput for an unknown channel or load."""
         channel, designed = controller.display.channel(name), controller.channel(name)
@@ -127,10 +134,10 @@ def reading_doubt_db(
     noise_v = np.broadcast_to(np.hypot(environment.noise_v_rms, beside_v_rms), amplitude_v.shape)
     doubt, coarse = np.zeros(amplitude_v.shape), noise_v < _DITHERED * step_v
     if np.any(coarse):
-        feedback, lines = ChannelPrediction.of(controller, name).loop.feedback, np.array(environment.hum_hz)
-        hum = np.array(environment.hum_v_peak) * (1.0 if feedback is None else np.abs(feedback.sensitivity(lines)))
+        feedback = ChannelPrediction.of(controller, name).loop.feedback
+        heard = None if feedback is None else feedback.sensitivity
         for at in np.flatnonzero(coarse):
-            read = step_gain(step_v, amplitude_v[at : at + 1], float(noise_v[at]), hum)
+            read = gain_beside_hum(channel, amplitude_v[at : at + 1], float(noise_v[at]), heard)
             doubt[at] = np.max(np.abs(db(np.maximum(read, _BLIND))))
     return doubt
 
@@ -147,6 +154,77 @@ def as_read(response: Response, controller: Controller, confidence_db: float) ->
         return response
     confidence = response.confidence_db + doubt
     return replace(response, confidence_db=confidence, reached=confidence <= confidence_db)
+
+
+_PLACES, _NEAR = 3, 0.03
+"""Tones that are played between points for a channel, at most; relative distance within which one stands for others."""
+
+
+def with_tones(
+    rig: Rig,
+    controller: Controller,
+    responses: Sequence[Response],
+    options: MeasurementOptions,
+    rng: np.random.Generator,
+) -> tuple[Response, ...]:
+    """Return responses, as they were read, with the tones that it took to judge them: where a sweep of the band passes
+    what is allowed between the points; and, beside a multisine, where friction takes most of a tone alone.
+    """
+    display = controller.display
+    loops = {each.channel: ChannelPrediction.of(controller, each.channel).loop for each in responses}
+
+    def reach_db_sl(hertz: FloatArray) -> FloatArray:
+        most = display.objectives.comfort_db_sl
+        rooms = [headroom(display.channel(name), loop, hertz, most).level_db_sl for name, loop in loops.items()]
+        return np.asarray(np.min(rooms, axis=0))
+
+    places: set[float] = set()
+    for response, swept in zip(responses, swept_responses(rig, options, reach_db_sl, rng), strict=True):
+        places.update(_worst_hz(swept, display))
+        if response.method == "multisine":
+            places.add(_rubbed_hz(response, controller))
+    if not places:
+        return tuple(responses)
+    tones = [as_read(each, controller, options.confidence_db) for each in stepped_sine(rig, sorted(places), options)]
+    return tuple(_joined(*pair) for pair in zip(responses, tones, strict=True))
+
+
+def _worst_hz(swept: Response, display: Display) -> list[float]:
+    """Return the lines of a sweep, hertz, that stand for those which surely err and may pass what is allowed."""
+    error = np.abs(error_db(swept, display))
+    passes = (error > display.objectives.flatness_db) & (swept.confidence_db < error) & ~np.any(swept.saturated)
+    chosen: list[float] = []
+    for hertz in swept.frequency_hz[passes][np.argsort(-error[passes])].tolist():
+        if len(chosen) < _PLACES and not any(abs(hertz / other - 1.0) < _NEAR for other in chosen):
+            chosen.append(hertz)
+    return chosen
+
+
+def _rubbed_hz(response: Response, controller: Controller) -> float:
+    """Return the point at which friction, of 4 mV if none is stated, takes most of a tone alone by the model, hertz."""
+    prediction = ChannelPrediction.of(controller, response.channel)
+    channel, usual = prediction.channel, prediction.channel.environment
+    rubbed = replace(channel, environment=replace(usual, friction_v=usual.friction_v or Environment.friction_v))
+    loss = friction_loss_db(rubbed, prediction.loop, response.frequency_hz, response.level_db_sl)
+    return float(response.frequency_hz[np.argmax(np.abs(loss))])
+
+
+def _joined(response: Response, tones: Response) -> Response:
+    """Return a response with tones among its points or in their places. By how much a tone surely differs from a
+    multisine's line in its place is in the confidence of every line.
+    """
+    _, lines, alone = np.intersect1d(response.frequency_hz, tones.frequency_hz, return_indices=True)
+    doubt = response.confidence_db[lines] + tones.confidence_db[alone]
+    ratio = tones.magnitude_v[alone] / np.maximum(response.magnitude_v[lines], 1e-300)
+    apart = np.max(np.abs(db(ratio))[doubt < np.inf] - doubt[doubt < np.inf], initial=0.0)
+    kept = ~np.isin(response.frequency_hz, tones.frequency_hz)
+    order = np.argsort(np.append(response.frequency_hz[kept], tones.frequency_hz))
+    joined: dict[str, Any] = {
+        name: np.append(value[kept], getattr(tones, name))[order]
+        for name, value in vars(replace(response, confidence_db=response.confidence_db + apart)).items()
+        if isinstance(value, np.ndarray)
+    }
+    return replace(response, **joined)
 
 
 def _reshaped(response: Response, controller: Controller) -> FloatArray:
@@ -247,13 +325,12 @@ def _finding(response: Response, display: Display) -> Finding:
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
-    finding = compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at)
-    if not np.isfinite(value):
-        remark = "the sensor reads nothing: less than a step of the A/D; a higher level, or finer steps"
-        return replace(finding, outcome=Outcome.NOT_JUDGED, value=None, remark=remark)
+    finding = unread(compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at))
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)
+    if finding.value is None:
+        return finding
     beside = f"{in_jnd(value)}; confidence {doubt[worst]:.2g} dB"
     if bool(np.any(response.saturated)):
         limited = response.frequency_hz[response.saturated]
@@ -261,6 +338,17 @@ def _finding(response: Response, display: Display) -> Finding:
         remark = f"{beside}; the command was limited at {limited.min():.4g} Hz{more}: a lower level"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
-        remark = f"{beside} leaves it open: a smaller --confidence-db, or a higher level if converters are coarse"
+        tones = "--method stepped, as friction takes more of a tone alone; " if response.method == "multisine" else ""
+        remark = (
+            f"{beside} leaves it open: {tones}a smaller --confidence-db, or a higher level if converters are coarse"
+        )
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     return replace(finding, remark=f"{beside}; {_REMEDY}" if finding.outcome is Outcome.NOT_MET else beside)
+
+
+def unread(finding: Finding) -> Finding:
+    """Return a finding, not judged where the sensor read nothing at all."""
+    if finding.value is None or np.isfinite(finding.value):
+        return finding
+    remark = "the sensor reads nothing, less than a step of the A/D: finer steps, or a higher level of what is played"
+    return replace(finding, outcome=Outcome.NOT_JUDGED, value=None, remark=remark)

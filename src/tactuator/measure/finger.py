@@ -1,4 +1,4 @@
-"""Mass, damping and stiffness of what touches a display, from play free and touched, and whether they describe it.
+"""Mass, damping and stiffness of what touches a display, from play free, touched and free again: do they describe it?
 
 Each realisation gives an estimate of its own, so that the confidence needs no model of the noise: Student's t over
 the realisations. Lines count by their scatter between realisations. The one mass, damper and spring is held against a
@@ -15,6 +15,7 @@ import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.options import FINGER_LEVEL_DB_SL, FINGER_S
 from tactuator.measure.response import sensed_columns
 from tactuator.model.controller import Controller
@@ -25,7 +26,6 @@ from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.multisine import Periods, multisine, odd_lines
-from tactuator.synthesis.family import plant_family
 from tactuator.table import brief
 
 ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
@@ -33,8 +33,8 @@ FELT_ALIKE_DB = 0.25
 """A misfit that changes what is felt by no more than this does not speak against one mass, damper and spring."""
 _SURE = 0.99
 _MODEL_SHARE = 1e-3
-"""Share of a figure that the model leaves open however long is played: images of the held command, and what friction
-does differently under a finger."""
+"""Share of a figure that the model leaves open at least: images of the held command, and what friction does
+differently under a finger."""
 _STARTS_HZ = (60.0, 120.0, 240.0)
 
 
@@ -86,11 +86,17 @@ def chain_impedance(figures: FloatArray, frequency_hz: FloatArray) -> ComplexArr
 
 
 def estimate_finger(
-    channel: str, frequency_hz: FloatArray, impedance: ComplexArray, felt_per_impedance: ComplexArray, saturated: bool
+    channel: str,
+    frequency_hz: FloatArray,
+    impedance: ComplexArray,
+    felt_per_impedance: ComplexArray,
+    saturated: bool,
+    model_share: float = _MODEL_SHARE,
 ) -> FingerEstimate:
     """Return what describes an impedance (realisations, m) at `frequency_hz` (m,).
 
-    felt_per_impedance: change of the felt level, as a factor less one, for a small impedance more, (m,).
+    felt_per_impedance: change of the felt level, as a factor less one, for a small impedance more, (m,). model_share:
+    by which the display's model is off without a load, a thousandth at least: every figure may be off as much.
     """
     count = impedance.shape[0]
     mean = impedance.mean(axis=0)
@@ -99,7 +105,7 @@ def estimate_finger(
     each = np.array([_fit_one(frequency_hz, realisation, weight) for realisation in impedance])
     figures = each.mean(axis=0)
     half = scipy.stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
-    half = np.hypot(half, _MODEL_SHARE * figures)
+    half = np.hypot(half, max(_MODEL_SHARE, model_share) * figures)
     missed = mean - one_impedance(figures, frequency_hz)
     excess = _excess(missed * weight, count, 1.5)
     chain, chain_excess = np.zeros(0), None
@@ -188,10 +194,10 @@ class FingerPlan:
         """Return the excited frequencies, hertz, (m,)."""
         return np.asarray(self.periods.lines * self.rate_hz / self.periods.period)
 
-    @property
-    def tried(self) -> FingerPlan:
-        """Return the plan of the first realisation alone."""
-        return replace(self, periods=replace(self.periods, realisations=1), waves=self.waves[:1])
+    def part(self, kept: slice) -> FingerPlan:
+        """Return the plan of some of the realisations."""
+        waves = self.waves[kept]
+        return replace(self, periods=replace(self.periods, realisations=len(waves)), waves=waves)
 
     def evened(self, factor: ComplexArray) -> FingerPlan:
         """Return the plan with the lines of each channel times a factor (channels, m)."""
@@ -285,15 +291,17 @@ _BAND_HZ = (2.0, 250.0)
 def measure_finger(
     rig: Rig,
     controller: Controller,
-    touch: Callable[[], object],
+    touch: Callable[[bool], object],
     rng: np.random.Generator,
     *,
     channels: Sequence[str] | None = None,
     level_db_sl: float = FINGER_LEVEL_DB_SL,
     seconds: float = FINGER_S,
 ) -> tuple[FingerEstimate, ...]:
-    """Play multisines with nothing on the display, call `touch`, play them once more as strongly as it takes for the
-    same motion, all in `seconds`; return what touches each of `channels` (default: all).
+    """Play half of the multisines with nothing on the display, `touch(True)`, play all as strongly as it takes for the
+    same motion, `touch(False)`, play the other half, all in `seconds`; return what touches `channels` (default: all).
+
+    What drifts evenly, as a motor that warms, falls out of the mean and is in the scatter between realisations.
 
     The controller is loaded here. Raises BadInput for an unknown channel, one without a loop or without a sensor of the
     displacement, or too short a time.
@@ -305,24 +313,29 @@ def measure_finger(
     high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
     plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
     rig.load(controller)
-    free = play_plan(rig, plan, measured)
-    touch()
-    tried = play_plan(rig, plan.tried, measured)
-    touched = play_plan(rig, plan.evened(free.position[:, 0] / tried.position[:, 0]), measured)
+    half = len(plan.waves) // 2
+    before = play_plan(rig, plan.part(slice(half)), measured)
+    touch(True)
+    tried = play_plan(rig, plan.part(slice(1)), measured)
+    touched = play_plan(rig, plan.evened(before.position[:, 0] / tried.position[:, 0]), measured)
+    touch(False)
+    after = play_plan(rig, plan.part(slice(half, None)), measured)
+    free = np.append(before.response, after.response, axis=1)
     estimates = []
     for k, channel in enumerate(measured):
-        impedance = finger_impedance(channel, plan, free.response[k], touched.response[k])
+        impedance = finger_impedance(channel, plan, free[k], touched.response[k])
         felt = loops[k].load_sensitivity(plan.frequency_hz) / channel.plant.gain
-        cut = free.ended[k] or tried.ended[k] or touched.ended[k]
-        estimates.append(estimate_finger(channel.name, plan.frequency_hz, impedance, felt, cut))
+        cut = any(play.ended[k] for play in (before, tried, touched, after))
+        model = channel.plant.response(plan.frequency_hz) * np.sinc(plan.frequency_hz / plan.rate_hz)
+        off = float(np.max(np.abs(np.median(np.abs(free[k] / model), axis=1) - 1.0)))
+        estimates.append(estimate_finger(channel.name, plan.frequency_hz, impedance, felt, cut, off))
     return tuple(estimates)
 
 
 def _loop(controller: Controller, column: int) -> FeedbackLoop:
     """Return the unloaded loop of a channel. Raises BadInput where there is none."""
-    designed, display = controller.channels[column], controller.display
-    feedback = designed.feedback(controller.rate_hz)
+    name = controller.channels[column].name
+    feedback = ChannelPrediction.of(controller, name).loop.feedback
     if feedback is None:
-        raise BadInput(f"channel {designed.name!r} has no loop, so that its command does not tell", "one with a loop")
-    channel = display.channels[column]
-    return FeedbackLoop(feedback, plant_family(channel, display.rate_hz, display.delay_samples)[0].sampled)
+        raise BadInput(f"channel {name!r} has no loop, so that its command does not tell", "one with a loop")
+    return feedback

@@ -8,7 +8,7 @@ Identification: A Frequency Domain Approach, 2012, chapter 4).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, repeat, takewhile
 
 import numpy as np
@@ -23,7 +23,7 @@ from tactuator.rig.rig import Rig, Trace, recut_traces, require_sensors
 from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
 from tactuator.signals.record import Response
-from tactuator.signals.spectra import LockIn, mains_multiples
+from tactuator.signals.spectra import LockIn, mains_multiples, off_mains
 
 Progress = Callable[[int, int], None]
 SoFar = Callable[[tuple[Response, ...]], None]
@@ -237,10 +237,30 @@ def multisine_response(
     band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
     period, bins = multisine_lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz, exactly)
     excited = multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
-    player = _Player(rig, excited, columns, options)
-    player.play(settle_s)
-    rig.rest()
-    return tuple(player.response(k) for k in range(len(columns)))
+    return _Player(rig, excited, columns, options).responses(settle_s)
+
+
+_SWEPT_S, _SWEPT_DB_SL, _CREST_DB = 4.0, 40.0, 9.0
+
+
+def swept_responses(
+    rig: Rig, options: MeasurementOptions, reach_db_sl: Callable[[FloatArray], FloatArray], rng: np.random.Generator
+) -> tuple[Response, ...]:
+    """Measure at every half hertz of the band at once, off mains, in 9 s: what lies between points.
+
+    reach_db_sl: the greatest level that a tone may have, of frequencies (n,). All lines have 40 dB SL together, or what
+    fits into it. The level asked has no part in it: a resonance is as strong at any.
+    """
+    columns, period = sensed_columns(rig, options.channels), round(_SWEPT_S * rig.rate_hz)
+    low, high = options.band_hz or (0.0, 0.45 * rig.rate_hz)
+    bins = np.arange(1, period // 2, 2)
+    hertz = bins * rig.rate_hz / period
+    bins = bins[(low <= hertz) & (hertz <= high) & (off_mains(hertz, options.mains_hz) == hertz)]
+    fits_db = -10.0 * np.log10(np.mean(from_db(-reach_db_sl(bins * rig.rate_hz / period)) ** 2)) - _CREST_DB
+    together = min(_SWEPT_DB_SL, float(fits_db))
+    excited = multisine(rig.rate_hz, period, bins, from_db(together) / np.sqrt(bins.size), rng)
+    swept = replace(options, level_db_sl=together, longest_s=2.0 * _SWEPT_S)
+    return _Player(rig, excited, columns, swept).responses(SETTLE_S)
 
 
 class _Player:
@@ -262,6 +282,12 @@ class _Player:
     @property
     def periods(self) -> int:
         return len(self._kept)
+
+    def responses(self, settle_s: float) -> tuple[Response, ...]:
+        """Play, and return the response of each channel."""
+        self.play(settle_s)
+        self._rig.rest()
+        return tuple(self.response(k) for k in range(len(self._columns)))
 
     def play(self, settle_s: float) -> None:
         """Play the multisine: settle, then period after period, two at least, until every line is known so well."""

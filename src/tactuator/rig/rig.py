@@ -185,7 +185,10 @@ class Rig(ABC):
 
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
+    reshapes: whether it plays what [strength] makes of a reference; a rig that does not refuses such a controller.
     """
+
+    reshapes = False
 
     def __init__(self, display: Display) -> None:
         self._display = display
@@ -308,6 +311,14 @@ class Rig(ABC):
         if channel not in self.channels:
             raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
         return self.channels.index(channel)
+
+    def require_runs(self, controller: Controller) -> None:
+        """Raise BadInput for a controller that is for another display, or reshapes what this rig plays as it comes."""
+        controller.require_runs(self._display)
+        for part in controller.channels:
+            if part.strength is not None and not self.reshapes:
+                reason = f"channel {part.name!r}: its reference is reshaped by its strength, which this rig does not do"
+                raise BadInput(reason, "a rig that does, or a design without [strength] blended")
 
     def _require_controller(self) -> None:
         if not self._loaded:

@@ -59,7 +59,7 @@ class ComputedRig(Rig):
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
-        controller.require_runs(self._display)
+        self.require_runs(controller)
         self._device.load(controller)
         self._loaded = True
 
@@ -112,6 +112,8 @@ class SimulatedRig(ComputedRig):
     >>> tt.SimulatedRig(controller.display, seed=1)
     <SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, no controller yet>
     """
+
+    reshapes = True
 
     @checked
     def __init__(self, display: Display, seed: int = 0) -> None:

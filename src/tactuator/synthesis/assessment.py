@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,9 @@ def quadrature(rate_hz: float, panels: int = 14, nodes: int = 12) -> tuple[Float
     return frequency.ravel(), share.ravel()
 
 
+@lru_cache(maxsize=64)
 def command_noise_gain(loop: FeedbackLoop) -> float:
-    """Return the rms of the command per rms of white sensor noise, for a stable sampled loop."""
+    """Return the rms of the command per rms of white sensor noise, for a stable sampled loop; once for equal loops."""
     assert isinstance(loop.open_loop, SampledSystem)
     frequency, weight = quadrature(loop.open_loop.rate_hz, panels=60, nodes=16)
     return float(np.sqrt(np.sum(weight * np.abs(loop.command_sensitivity(frequency)) ** 2)))

@@ -22,6 +22,8 @@ the first harmonic of its saw of an error (Gelb & Vander Velde 1968, "Multiple-I
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -129,6 +131,16 @@ def step_gain(
     return np.asarray(1.0 + 2.0 * ((-1.0) ** k * np.cos(2.0 * np.pi * np.outer(rests, k))) @ share)
 
 
+def gain_beside_hum(
+    channel: Channel, amplitude_v: FloatArray, noise_v_rms: float, through: Callable[[FloatArray], ComplexArray] | None
+) -> FloatArray:
+    """Return the `step_gain` of a channel's converter beside its hum, as it comes `through` the loop (None: as it is),
+    (rests, n)."""
+    hum = np.array(channel.environment.hum_v_peak)
+    passed = hum if through is None else hum * np.abs(through(np.array(channel.environment.hum_hz)))
+    return step_gain(channel.converter.step_v, amplitude_v, noise_v_rms, passed)
+
+
 def steps_change_db(
     channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float | FloatArray
 ) -> FloatArray:
@@ -138,15 +150,15 @@ def steps_change_db(
     Without a loop a D/A rests at a code. No steps raise a loop's gain beyond its margin: there it oscillates by itself,
     which smooths them as noise does.
     """
-    step_v, environment, feedback = channel.converter.step_v, channel.environment, loop.feedback
+    noise_v_rms, feedback = channel.environment.noise_v_rms, loop.feedback
     moved = channel.threshold_voltage(frequency_hz) * from_db(level_db_sl)
     command = moved / np.abs(loop.plant.response(frequency_hz))
     if feedback is None:
-        return db(step_gain(step_v, command, 0.0, np.empty(0), np.zeros(1)))
-    lines, hum = np.array(environment.hum_hz), np.array(environment.hum_v_peak)
-    sensed = step_gain(step_v, moved, environment.noise_v_rms, hum * np.abs(feedback.sensitivity(lines)))
-    noise_v_rms = environment.noise_v_rms * command_noise_gain(feedback)
-    put_out = step_gain(step_v, command, noise_v_rms, hum * np.abs(feedback.command_sensitivity(lines)))
+        return db(step_gain(channel.converter.step_v, command, 0.0, np.empty(0), np.zeros(1)))
+    sensed = gain_beside_hum(channel, moved, noise_v_rms, feedback.sensitivity)
+    put_out = gain_beside_hum(
+        channel, command, noise_v_rms * command_noise_gain(feedback), feedback.command_sensitivity
+    )
     both = np.minimum(sensed[:, None] * put_out, from_db(margins(feedback).gain_margin_db))
     through = feedback.open_response(frequency_hz)
     return db(np.abs(put_out * (1.0 + through) / (1.0 + through * both))).reshape(-1, frequency_hz.size)

@@ -36,7 +36,7 @@ from tactuator.verbs.parameters import (
     put_on,
     require_stable,
 )
-from tactuator.verbs.result import Result, columns_of, working
+from tactuator.verbs.result import Result, columns_of, say, working
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from tactuator.signals.record import Response
 
 _LEVEL = ("--level-db-sl", "--level")
+_LIFTED_S = 3.0
+"""Time for a person to lift a finger."""
 
 
 def _listed(values: Sequence[float]) -> str:
@@ -372,7 +374,7 @@ def measure_response(
     import numpy as np
 
     from tactuator.measure.adaptive import settle_weights
-    from tactuator.measure.error import as_read, response_verdict
+    from tactuator.measure.error import as_read, response_verdict, with_tones
     from tactuator.measure.response import multisine_response, stepped_sine
     from tactuator.signals.multisine import over_the_band
 
@@ -396,7 +398,10 @@ def measure_response(
             with working("multisine"):
                 exactly, rng = frequency_hz is not None, np.random.default_rng(seed)
                 responses = multisine_response(ready, wanted, options, rng, exactly=exactly)
-    responses = tuple(as_read(each, loop, confidence_db) for each in responses)
+        responses = tuple(as_read(each, loop, confidence_db) for each in responses)
+        if options.load == "none":
+            with working("between the points"):
+                responses = with_tones(ready, loop, responses, options, np.random.default_rng(seed))
     measured = MeasuredResponses(responses, loop, tuple(learnt), response_verdict(responses, loop.display))
     if out is not None:
         measured.write(out)
@@ -596,8 +601,8 @@ def finger(
     channel: Channels = None,
     seed: Seed = 0,
 ) -> FingerResult:
-    """Find mass, damping and stiffness of what touches. Played free and touched; exit status 1 where they do not
-    describe it.
+    """Find mass, damping and stiffness of what touches. Played free, touched, free again; exit status 1 where they do
+    not describe it.
 
     Raises BadInput for a load that the display does not have.
 
@@ -612,11 +617,22 @@ def finger(
     loop = chosen_controller(display, controller)
     touching = load or usual_load(loop.display.channels)
     require_stable(loop, touching)
-    with opened(rig, loop.display, seed) as ready, working("playing free, then touched"):
+    with opened(rig, loop.display, seed) as ready, working("playing free, touched, free again"):
+
+        def touch(on: bool) -> None:
+            if on:
+                put_on(ready, loop, touching)
+            elif ready.has_finger_ports:
+                for name in ready.channels:
+                    ready.finger(name).touch(None)
+            else:
+                say(f"take the load {touching!r} off by hand now")
+                ready.play(np.zeros((round(_LIFTED_S * ready.rate_hz), len(ready.channels))))
+
         estimates = measure_finger(
             ready,
             loop,
-            lambda: put_on(ready, loop, touching),
+            touch,
             np.random.default_rng(seed),
             channels=channel,
             level_db_sl=level_db_sl,

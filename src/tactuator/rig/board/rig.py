@@ -64,6 +64,8 @@ class BoardRig(Rig):
     goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
     """
 
+    reshapes = True
+
     def __init__(
         self,
         client: LinkClient,
@@ -92,7 +94,7 @@ class BoardRig(Rig):
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
-        controller.require_runs(self._display)
+        self.require_runs(controller)
         self.load_image(build_image(controller, self._format))
 
     def load_image(self, image: bytes) -> None:

@@ -138,7 +138,7 @@ class SoundRig(Rig):
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput for another rig's, or a loop."""
-        controller.require_runs(self._display)
+        self.require_runs(controller)
         controller.require_limits_of(self._display)
         self.rest()
         self._loop, self._loaded = OpenLoop(controller), True
