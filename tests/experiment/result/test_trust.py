@@ -179,6 +179,18 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
     assert np.isnan(delivered_level(np.array([np.nan]), np.array([0.0]), frequency_hz, 0.0).offset_db)
 
 
+@pytest.mark.parametrize("frequency_hz", [298.0, 32.0, 10.0])
+def test_delivered__display_whose_friction_takes_more_of_weak_tones__is_that_near_threshold(frequency_hz) -> None:
+    rng = np.random.default_rng(5)
+    level = np.concatenate([rng.uniform(20.0, 35.0, 12), rng.normal(14.0, 2.0, 50)])
+    asked = 10 ** (level / 20)
+    moved = np.maximum(asked - 3.0, 0.05) * 10 ** (rng.normal(0.0, 0.3, level.size) / 20)
+    commanded = np.concatenate([np.full(level.size, np.nan), level])
+    seen = 20 * np.log10(np.hypot(np.concatenate([np.full(level.size, 0.05), moved]), 0.05))
+    at = delivered_level(commanded, seen, frequency_hz, 14.0)
+    assert at.offset_db == pytest.approx(20 * np.log10((10 ** (14.0 / 20) - 3.0) / 10 ** (14.0 / 20)), abs=1.0)
+
+
 @pytest.mark.parametrize("mains_hz", [60.0, 50.0, 0.0])
 def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencies_that_were_played(mains_hz) -> None:
     head, tail = TEXT.split("[procedure]")[0], TEXT[TEXT.index("[conditions]") :]

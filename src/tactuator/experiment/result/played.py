@@ -1,8 +1,9 @@
 """What was played in a stored run, and what of it a reader must know: hum, catch trials, the level delivered.
 
-The delivered level is that at the sensor relative to the commanded one. Above FRICTION_HZ a display's gain does not
-depend on the level, so all stimuli of a run contribute, the loudest most. Below it friction makes the gain depend on
-the level, and only stimuli near threshold contribute.
+The delivered level is that at the sensor relative to the commanded one. Friction makes a display's gain depend on the
+level: stimuli near threshold tell it, and louder ones, which a sensor sees far better, as long as they agree with those
+that are nearer (the rule of Lepski 1990, "On a problem of adaptive estimation in Gaussian white noise", Theory of
+Probability and its Applications 35). Below FRICTION_HZ, where friction is strongest, loud ones never do.
 """
 
 from dataclasses import dataclass
@@ -59,7 +60,8 @@ def attention(run: StoredRun) -> tuple[str, ...]:
 
 FRICTION_HZ = 25.0
 _NEAR_THRESHOLD_DB = 4.0
-_LARGEST_SD_DB = 3.0
+_WIDTHS_DB = (2.0, 4.0, 8.0, 12.0, np.inf)
+_APART_SD, _LARGEST_SD_DB = 3.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -88,18 +90,27 @@ def delivered_level(
     least-squares estimate. Where the powers scatter more than that, the standard deviation grows with them.
     """
     known = np.isfinite(measured_db_sl)
-    blank = known & np.isnan(commanded_db_sl)
-    played = known & np.isfinite(commanded_db_sl)
-    if frequency_hz < FRICTION_HZ:
-        with np.errstate(invalid="ignore"):
-            played &= np.abs(commanded_db_sl - level_db_sl) <= near_db
-    nothing = DeliveredLevel(float("nan"), float("nan"))
-    if not played.any():
-        return nothing
+    blank, played = known & np.isnan(commanded_db_sl), known & np.isfinite(commanded_db_sl)
     hum = from_db(measured_db_sl[blank]) ** 2
+    signal, seen = from_db(commanded_db_sl[played]) ** 2, from_db(measured_db_sl[played]) ** 2
+    away_db = np.abs(commanded_db_sl[played] - level_db_sl)
+    nearer: list[DeliveredLevel] = []
+    for width_db in _WIDTHS_DB:
+        within = away_db <= (min(width_db, near_db) if frequency_hz < FRICTION_HZ else width_db)
+        level = _level(signal[within], seen[within], hum)
+        if any(abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db for each in nearer):
+            break
+        nearer += [level] if np.isfinite(level.sd_db) else []
+    return nearer[-1] if nearer else DeliveredLevel(float("nan"), float("nan"))
+
+
+def _level(signal: FloatArray, seen: FloatArray, hum: FloatArray) -> DeliveredLevel:
+    """Return the level delivered by powers commanded and seen (n,), beside those of blank intervals."""
+    nothing = DeliveredLevel(float("nan"), float("nan"))
+    if not signal.size:
+        return nothing
     base, base_sd = (float(hum.mean()), float(hum.std() / np.sqrt(hum.size))) if hum.size else (0.0, 0.0)
-    signal = from_db(commanded_db_sl[played]) ** 2
-    seen = from_db(measured_db_sl[played]) ** 2 - base
+    seen = seen - base
     gain = max(float(seen.sum() / signal.sum()), 1e-3)
     for _ in range(3):
         weight = 1.0 / (base**2 + 2.0 * gain * signal * base + 1e-6 * (gain * signal) ** 2)
@@ -107,9 +118,7 @@ def delivered_level(
     scatter = 1.0 / np.sum(weight * signal**2) + (base_sd * np.sum(weight * signal) / np.sum(weight * signal**2)) ** 2
     excess = float(np.sum(weight * (seen - gain * signal) ** 2)) / max(signal.size - 1, 1)
     sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
-    if not sd_db <= _LARGEST_SD_DB:
-        return nothing
-    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db)
+    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db) if sd_db <= _LARGEST_SD_DB else nothing
 
 
 _MAINS_HZ = (50.0, 60.0)
