@@ -35,6 +35,8 @@ def test_read_display__measured__its_figures_and_friction_alone_is_assumed(tmp_p
     assert (read.hum_hz, read.hum_v_peak, read.noise_v_rms) == ((50.0, 100.0), (1.5e-3, 0.25e-3), 0.31e-3)
     assert read.assumed == ("friction",)
     assert environment(tmp_path, "friction_v = 0.0").assumed == ()
+    assert environment(tmp_path, "friction_v = 4e-3").assumed == ("presliding",)
+    assert environment(tmp_path, "friction_v = 4e-3\npresliding_v = 5e-3").assumed == ()
     with pytest.raises(BadInput, match=r"both measured and noise_v_rms are given; allowed: one of them"):
         environment(tmp_path, "noise_v_rms = 1e-3")
 

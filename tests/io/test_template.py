@@ -38,7 +38,11 @@ def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
     assert channel.plant.polynomials()[1] == pytest.approx([1.0, 97.0, 305.0])
     assert channel.environment.friction_v == 8e-3
     assert channel.loads == ()
-    assert channel.environment.assumed == ("hum", "noise")  # nobody measured them: what rests on them is not judged
+    assert channel.environment.assumed == (
+        "hum",
+        "noise",
+        "presliding",
+    )  # nobody measured them: what rests on them is not judged
     assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm")
     text = (tmp_path / "display.toml").read_text()
     assert "# hum_hz = [60.0, 120.0, 180.0]  # lines" in text  # what holds, not what the template had

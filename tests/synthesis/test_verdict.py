@@ -96,6 +96,11 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
     if not_met == ["i"]:
         rubbed = only(verdict, "i", "index", "none", AT_LOWEST)
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
+        known = replace(loud, environment=replace(environment, assumed=("presliding",)))
+        guessed = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
+        rubbed = only(guessed, "i", "index", "none", AT_LOWEST)
+        assert (rubbed.outcome.value, "presliding is assumed" in rubbed.remark) == ("not judged", True)
+        assert any("presliding: 10 mV of the sensor" in sentence for sentence in guessed.assumptions)
     if not_met == ["ii"]:
         assert "mains_max_db" in only(verdict, "ii", "index", "none", "felt hum", 60.0).remark
 

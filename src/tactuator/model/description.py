@@ -212,7 +212,7 @@ class Strength:
         return self.contours.level_db_sl_at(level_db_sl, frequency_hz) + self.balance_db
 
 
-Disturbance = Literal["hum", "noise", "friction"]
+Disturbance = Literal["hum", "noise", "friction", "presliding"]
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
 

@@ -106,6 +106,7 @@ def assumptions(display: Display) -> tuple[str, ...]:
             "hum": ", ".join(f"{1e3 * v:g} mV at {f:g} Hz" for f, v in lines) or "none",
             "noise": f"{1e3 * environment.noise_v_rms:g} mV rms",
             "friction": f"{1e3 * environment.friction_v:g} mV of command",
+            "presliding": f"{1e3 * environment.presliding_v:g} mV of the sensor",
         }
         sentences += [
             f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed
@@ -205,7 +206,8 @@ class _Judge:
             nowhere = f"; it holds at no level up to {greatest:g} dB SL"
             remedy += f", or [objectives] from_db_sl = {holds[-1]:g}" if holds else nowhere
         figure = float(error[place]), allowed, "dB"
-        finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy)
+        assumed = {"presliding"} & set(channel.environment.assumed) if "friction" in causes else ()
+        finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy, *assumed)
         finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
         yield _unsure(finding, channel) if channel.model_error_db > 0.0 else finding
 

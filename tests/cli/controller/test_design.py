@@ -11,6 +11,7 @@ STATED = """
 hum_v_peak = [1e-3, 0.3e-3, 0.2e-3]
 noise_v_rms = 0.2e-3
 friction_v = 2e-3
+presliding_v = 10e-3
 """
 LOADED = 'loads = [{ name = "finger", mass = 0.12, damping = 31.0, stiffness = 360.0 }]\n'
 
