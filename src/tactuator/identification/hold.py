@@ -91,15 +91,15 @@ class Grid:
         return {}
 
     def decays(self, poles: ComplexArray) -> ComplexArray:
-        """Return the lines of a decay, 1/(1 - exp(p T)/z), of each pole (n,), shape (m, n), to full precision.
+        """Return the lines of a decay, 1/(1 - exp(p T)/z), of each pole (n,), shape (n, m), to full precision.
 
         Those of the last poles are kept: response, transient and slopes at one point ask for the same.
         """
         key = poles.tobytes()
         if key not in self._lags:
-            fall = -np.expm1(_bounded(poles * self.period))
+            fall = -np.expm1(_bounded(poles * self.period))[:, None]
             self._lags.clear()
-            self._lags[key] = 1.0 / (self.step[:, None] * (1.0 - fall) + fall)
+            self._lags[key] = 1.0 / (self.step * (1.0 - fall) + fall)
         return self._lags[key]
 
 
@@ -127,12 +127,15 @@ def _slopes_at(poles: ComplexArray) -> ComplexArray:
 def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
     """Return the answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
-    period, back = grid.period, grid.back[:, None]
+    period = grid.period
     if grid.hold == "first-order":
         return _ramped(grid, poles, whole, part)
-    now = _integral(poles, (1.0 - part) * period)
+    now = _integral(poles, (1.0 - part) * period)[:, None]
     before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
-    return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) * grid.decays(poles))
+    # one pole after the other: in rows as long as a pole has lines NumPy is quicker than in rows as long as there are poles
+    return np.ascontiguousarray(
+        (grid.back_by(whole + 1.0) * (now + before[:, None] * grid.back) * grid.decays(poles)).T
+    )
 
 
 def held_slopes(
@@ -159,19 +162,20 @@ def held_slopes(
         turned[:, j] = (weights(changed) - here) / steps[j]
         shifted[:, j] = here * (changed - poles) / steps[j]
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
-    period, back = grid.period, grid.back[:, None]
+    period, back = grid.period, grid.back
     rest, first = (1.0 - part) * period, part * period
     fade = np.exp(_bounded(poles * rest))
     now, before = _integral(poles, rest), fade * _integral(poles, first)
     now_slope = _integral_slope(poles, rest)
     before_slope = rest * before + fade * _integral_slope(poles, first)
-    decays = grid.decays(poles)
-    answer = (now + before * back) * decays
-    slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) * decays
-    slopes = answer @ turned + slope @ shifted
+    decays, decay = grid.decays(poles), np.exp(_bounded(poles * period))
+    answer = (now[:, None] + before[:, None] * back) * decays
+    ahead = answer * ((period * decay)[:, None] * back)
+    slope = (now_slope[:, None] + before_slope[:, None] * back + ahead) * decays
+    slopes = np.ascontiguousarray(answer.T) @ turned + np.ascontiguousarray(slope.T) @ shifted
     if form.dead_time:
-        later = np.exp(_bounded(poles * period)) - poles * before
-        slopes = np.hstack([slopes, ((later * back - np.exp(_bounded(poles * rest))) * decays) @ here[:, None]])
+        later = ((decay - poles * before)[:, None] * back - fade[:, None]) * decays
+        slopes = np.hstack([slopes, np.ascontiguousarray(later.T) @ here[:, None]])
     slopes = slopes * grid.back_by(whole + 1.0)[:, None]
     if form.dead_time and form.zeros == form.poles:
         slopes[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
@@ -184,7 +188,7 @@ def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> Compl
     first = _integral(poles, period)
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
     early, late = second / period, first - second / period
-    exact = (early + late * back) * grid.decays(poles)
+    exact = (early + late * back) * grid.decays(poles).T
     return np.asarray(grid.back_by(whole)[:, None] * (1.0 - part + part * back) * exact)
 
 
@@ -230,8 +234,8 @@ def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray
     columns: list[ComplexArray] = []
     for k in np.flatnonzero(poles.imag >= -1e-14):
         if poles[k].imag > 1e-14:
-            other = lines[:, np.argmin(np.abs(poles - np.conj(poles[k])))]
-            columns += [lines[:, k] + other, 1j * (lines[:, k] - other)]
+            other = lines[np.argmin(np.abs(poles - np.conj(poles[k])))]
+            columns += [lines[k] + other, 1j * (lines[k] - other)]
         else:
-            columns.append(lines[:, k])
+            columns.append(lines[k])
     return np.stack(columns, axis=1)

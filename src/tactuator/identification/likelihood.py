@@ -114,10 +114,12 @@ class SpectralProblem:
     def _along(self, rows: FloatArray) -> FloatArray:
         """Return the parts of weighted real rows (k, 2 e) along what the records' ends may add, (k, j)."""
         parts = [rows[:, piece] @ basis.T for piece, basis in self._edges]
-        return np.hstack([np.zeros((rows.shape[0], 0)), *parts]) if len(parts) != 1 else parts[0]
+        return parts[0] if len(parts) == 1 else np.hstack(parts) if parts else np.zeros((rows.shape[0], 0))
 
     def _less_ends(self, products: FloatArray, along: FloatArray) -> FloatArray:
         """Take the parts `along` the ends off products (k, k); columns of which nothing is left become zero."""
+        if not along.size:
+            return products
         size = products.diagonal().copy()
         products -= along @ along.T
         lost = products.diagonal() < _LOST * size
@@ -154,6 +156,10 @@ class SpectralProblem:
     def _ends(self) -> dict[tuple[Form, bytes, float], _Point]:
         """Return the ends of the descents until now: from many of them others go on."""
         return {}
+
+    def keep(self, at: _Point) -> None:
+        """Keep a point from which a descent will begin: it is not evaluated again."""
+        self._ends[at.form, at.theta.tobytes(), at.delay] = at
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
@@ -203,7 +209,7 @@ class SpectralProblem:
                     break
         if now is None:
             return None
-        self._ends[form, now.theta.tobytes(), now.delay] = now
+        self.keep(now)
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
 
     def _ran_away(self, at: _Point) -> bool:

@@ -337,10 +337,25 @@ def _triangles(
     them, and what they leave of it.
     """
     triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
-    edges, done = np.array(bands, dtype=np.int64).reshape(-1, 2), 0
+    for piece, inside, shape, lines in _alike(tuple(bands), taken.command.size - 1, shape_of):
+        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
+        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
+        columns[:, :, NODES:-1] = shape
+        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
+        triangles[piece] = np.linalg.qr(columns, mode="r")
+    return triangles
+
+
+@lru_cache(maxsize=2)
+def _alike(
+    bands: tuple[tuple[int, int], ...], last: int, shape_of: Callable[[FloatArray], FloatArray]
+) -> list[tuple[slice, NDArray[np.bool_], FloatArray, NDArray[np.int64]]]:
+    """Return bands of nearly one width together: which, where the wide ones have lines, the polynomials and the lines;
+    narrower ones are filled up with zeros, which change no triangle. A record's next estimate asks for the same.
+    """
+    pieces, edges, done = [], np.array(bands, dtype=np.int64).reshape(-1, 2), 0
     widths = np.diff(edges, axis=1)[:, 0]
     while done < len(bands):
-        # bands of nearly one width at once, the narrower ones filled up with zeros, which change no triangle
         some = widths[done : done + max(_AT_ONCE // int(widths[done]), 1)]
         alike = np.flatnonzero((some > _ALIKE * some[0]) | (some < some[0]))
         piece = slice(done, done + (int(alike[0]) if alike.size else some.size))
@@ -348,14 +363,9 @@ def _triangles(
         place = np.arange(int(width.max()))
         inside = place < width
         shape = np.where(inside[:, :, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
-        lines = np.minimum(edges[piece, :1] + place, taken.command.size - 1)
-        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
-        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
-        columns[:, :, NODES:-1] = shape
-        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
-        triangles[piece] = np.linalg.qr(columns, mode="r")
+        pieces.append((piece, inside, shape, np.minimum(edges[piece, :1] + place, last)))
         done = piece.stop
-    return triangles
+    return pieces
 
 
 @dataclass(frozen=True, eq=False)
