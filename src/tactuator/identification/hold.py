@@ -118,10 +118,10 @@ def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, ru
 
 
 def _slopes_at(poles: ComplexArray) -> ComplexArray:
-    """Return the derivative of the monic polynomial of those poles at each of them, (n,)."""
-    apart = poles[:, None] - poles[None, :]
-    np.fill_diagonal(apart, 1.0)
-    return np.asarray(np.prod(apart, axis=1))
+    """Return the derivative of the monic polynomial of those poles at each of them, (..., n)."""
+    apart = poles[..., :, None] - poles[..., None, :]
+    apart[..., range(poles.shape[-1]), range(poles.shape[-1])] = 1.0
+    return np.asarray(np.prod(apart, axis=-1))
 
 
 def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
@@ -132,10 +132,12 @@ def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
         return _ramped(grid, poles, whole, part)
     now = _integral(poles, (1.0 - part) * period)[:, None]
     before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
-    # one pole after the other: in rows as long as a pole has lines NumPy is quicker than in rows as long as there are poles
-    return np.ascontiguousarray(
-        (grid.back_by(whole + 1.0) * (now + before[:, None] * grid.back) * grid.decays(poles)).T
-    )
+    return _rows(grid.back_by(whole + 1.0) * (now + before[:, None] * grid.back) * grid.decays(poles))
+
+
+def _rows(columns: ComplexArray) -> ComplexArray:
+    """Return what was worked out pole by pole (n, m), since NumPy is quicker along long rows, line by line (m, n)."""
+    return np.ascontiguousarray(columns.T)
 
 
 def held_slopes(
@@ -152,15 +154,11 @@ def held_slopes(
     if np.any(apart < _CLOSE * np.abs(poles)[:, None]):
         return None
 
-    def weights(at: ComplexArray) -> ComplexArray:
-        return np.asarray(numerator_values(rungs, at, form) @ numerator / _slopes_at(at))
-
-    here = weights(poles)
-    turned, shifted = np.zeros((2, poles.size, theta.size), dtype=np.complex128)
-    for j, step in enumerate(np.diag(steps)):
-        changed = all_poles(theta + step, form)
-        turned[:, j] = (weights(changed) - here) / steps[j]
-        shifted[:, j] = here * (changed - poles) / steps[j]
+    places = np.stack([poles, *(all_poles(theta + step, form) for step in np.diag(steps))])
+    tops = (numerator_values(rungs, places.ravel(), form) @ numerator).reshape(places.shape)
+    weights, by_step = tops / _slopes_at(places), steps[:, None]
+    here = weights[0]
+    turned, shifted = (weights[1:] - here) / by_step, here * (places[1:] - poles) / by_step
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
     period, back = grid.period, grid.back
     rest, first = (1.0 - part) * period, part * period
@@ -172,10 +170,10 @@ def held_slopes(
     answer = (now[:, None] + before[:, None] * back) * decays
     ahead = answer * ((period * decay)[:, None] * back)
     slope = (now_slope[:, None] + before_slope[:, None] * back + ahead) * decays
-    slopes = np.ascontiguousarray(answer.T) @ turned + np.ascontiguousarray(slope.T) @ shifted
+    slopes = _rows(answer) @ _rows(turned) + _rows(slope) @ _rows(shifted)
     if form.dead_time:
         later = ((decay - poles * before)[:, None] * back - fade[:, None]) * decays
-        slopes = np.hstack([slopes, np.ascontiguousarray(later.T) @ here[:, None]])
+        slopes = np.hstack([slopes, _rows(later) @ here[:, None]])
     slopes = slopes * grid.back_by(whole + 1.0)[:, None]
     if form.dead_time and form.zeros == form.poles:
         slopes[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period

@@ -91,7 +91,8 @@ class SpectralProblem:
         parts, goal = [self.given.response_of(response)], self.given.goal
         if form.pins:
             foot, basis = weights_left(theta, form, rungs)
-            goal, parts = goal - parts[0] @ foot, [parts[0] @ basis]
+            columns = np.ascontiguousarray(parts[0])
+            goal, parts = goal - columns @ foot, [columns @ basis]
         if self.with_transient:
             parts.append(self.given.transient_of(transient_columns(self.grid, theta, form)))
         rows = self._weighted_rows([*parts, goal[:, None]])
@@ -137,9 +138,14 @@ class SpectralProblem:
         rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
         begin = 0
         for part in parts:
-            np.multiply(part.T, self.weight, out=rows[begin : begin + part.shape[1]])
+            np.multiply(part.T, self._complex_weight, out=rows[begin : begin + part.shape[1]])
             begin += part.shape[1]
         return rows.view(np.float64)
+
+    @cached_property
+    def _complex_weight(self) -> ComplexArray:
+        """Return the weights as NumPy would make them complex in every product, (e,)."""
+        return self.weight.astype(np.complex128)
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:
@@ -288,7 +294,7 @@ class SpectralProblem:
             return np.asarray(rest)
         columns = self.given.transient_of(transient_columns(self.grid, fit.theta, fit.form), ends=True)
         solution = fitted_beside(columns, rest, self.weight)
-        return np.asarray(rest - columns @ solution)
+        return np.asarray(rest - np.ascontiguousarray(columns) @ solution)
 
     def with_weight(self, weight: FloatArray) -> SpectralProblem:
         """Return the same equations, weighted otherwise."""
