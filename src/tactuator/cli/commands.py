@@ -138,7 +138,7 @@ def command_of(verb: Verb) -> Callable[..., None]:
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
         before = {place: _changed_ns(place) for place in places}
         if ends:
-            _ = bytes(_KEPT_BYTES)
+            bytes(_KEPT_BYTES)
         try:
             with watched(Bars()):
                 result = verb(**given)
