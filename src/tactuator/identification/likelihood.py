@@ -136,16 +136,11 @@ class SpectralProblem:
     def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
         """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
         rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
-        begin = 0
+        begin, weight = 0, self.weight.astype(np.complex128)  # once, and not in every product
         for part in parts:
-            np.multiply(part.T, self._complex_weight, out=rows[begin : begin + part.shape[1]])
+            np.multiply(part.T, weight, out=rows[begin : begin + part.shape[1]])
             begin += part.shape[1]
         return rows.view(np.float64)
-
-    @cached_property
-    def _complex_weight(self) -> ComplexArray:
-        """Return the weights as NumPy would make them complex in every product, (e,)."""
-        return self.weight.astype(np.complex128)
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:

@@ -13,7 +13,7 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -322,6 +322,8 @@ def _surest(rows: ComplexArray, far: FloatArray) -> tuple[FloatArray, ComplexArr
 
 _AT_ONCE = 1 << 14
 """Lines of bands that are worked on together."""
+_KEPT = 1 << 17
+"""Most lines of a record whose polynomials are kept: they take 33 bytes a line."""
 _ALIKE = 1.1
 """Widest of them over the narrowest, which comes first."""
 
@@ -339,7 +341,8 @@ def _triangles(
     them, and what they leave of it.
     """
     triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
-    for piece, inside, shape, lines in _alike(tuple(bands), taken.command.size - 1, shape_of):
+    alike = _kept_alike if taken.command.size <= _KEPT else _alike
+    for piece, inside, shape, lines in alike(tuple(bands), taken.command.size - 1, shape_of):
         columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
         np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
         columns[:, :, NODES:-1] = shape
@@ -348,14 +351,16 @@ def _triangles(
     return triangles
 
 
-@lru_cache(maxsize=2)
+_Alike = tuple[slice, NDArray[np.bool_], FloatArray, NDArray[np.int64]]
+
+
 def _alike(
     bands: tuple[tuple[int, int], ...], last: int, shape_of: Callable[[FloatArray], FloatArray]
-) -> list[tuple[slice, NDArray[np.bool_], FloatArray, NDArray[np.int64]]]:
-    """Return bands of nearly one width together: which, where the wide ones have lines, the polynomials and the lines;
-    narrower ones are filled up with zeros, which change no triangle. A record's next estimate asks for the same.
+) -> Iterator[_Alike]:
+    """Yield bands of nearly one width together: which, where each has lines, the polynomials and the lines; narrower
+    ones are filled up with zeros, which change no triangle.
     """
-    pieces, edges, done = [], np.array(bands, dtype=np.int64).reshape(-1, 2), 0
+    edges, done = np.array(bands, dtype=np.int64).reshape(-1, 2), 0
     widths = np.diff(edges, axis=1)[:, 0]
     while done < len(bands):
         some = widths[done : done + max(_AT_ONCE // int(widths[done]), 1)]
@@ -365,9 +370,14 @@ def _alike(
         place = np.arange(int(width.max()))
         inside = place < width
         shape = np.where(inside[:, :, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
-        pieces.append((piece, inside, shape, np.minimum(edges[piece, :1] + place, last)))
+        yield piece, inside, shape, np.minimum(edges[piece, :1] + place, last)
         done = piece.stop
-    return pieces
+
+
+@lru_cache(maxsize=2)
+def _kept_alike(*of: Any) -> tuple[_Alike, ...]:
+    """Return the same: a record's next estimate asks for it."""
+    return tuple(_alike(*of))
 
 
 @dataclass(frozen=True, eq=False)
