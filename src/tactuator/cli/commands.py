@@ -137,8 +137,7 @@ def command_of(verb: Verb) -> Callable[..., None]:
             os.environ.setdefault(variable, "1")
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
         before = {place: _changed_ns(place) for place in places}
-        if ends:
-            bytes(_KEPT_BYTES)
+        bytes(_LEARNT_BYTES if ends else 0)
         try:
             with watched(Bars()):
                 result = verb(**given)
@@ -164,10 +163,8 @@ def command_of(verb: Verb) -> Callable[..., None]:
     return command
 
 
-_KEPT_BYTES = (32 << 20) - (1 << 16)
-"""A block, untouched and freed at once, by which glibc learns to keep twice as much of freed memory: a command that
-ends soon would else give its arrays back to the system and fetch them again.
-"""
+_LEARNT_BYTES = (32 << 20) - (1 << 16)
+"""A block, freed untouched, by which glibc learns to keep twice as much of what is freed, to be used again."""
 _AS_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
 
 
