@@ -308,7 +308,8 @@ class _FrictionLines:
             self.lines += 2 * here.size
             last = _moving(weighted, taken.command[1:])
             self._weighted.append(-weighted[:last])
-            slopes = log_slopes(fit, taken.frequency_hz[1 : last + 1]) @ self._free
+            slopes = log_slopes(fit, taken.frequency_hz[1 : last + 1])
+            slopes = slopes @ self._free if fit.form.pins else slopes
             columns_of.append(slopes * (weighted * taken.command[1:])[:last, None])
             rest.append(here[:last])
         self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)

@@ -91,7 +91,8 @@ class SpectralProblem:
         parts, goal = [self.given.response_of(response)], self.given.goal
         if form.pins:
             foot, basis = weights_left(theta, form, rungs)
-            goal, parts = goal - parts[0] @ foot, [parts[0] @ basis]
+            columns = np.ascontiguousarray(parts[0])
+            goal, parts = goal - columns @ foot, [columns @ basis]
         if self.with_transient:
             parts.append(self.given.transient_of(transient_columns(self.grid, theta, form)))
         rows = self._weighted_rows([*parts, goal[:, None]])
@@ -114,10 +115,12 @@ class SpectralProblem:
     def _along(self, rows: FloatArray) -> FloatArray:
         """Return the parts of weighted real rows (k, 2 e) along what the records' ends may add, (k, j)."""
         parts = [rows[:, piece] @ basis.T for piece, basis in self._edges]
-        return np.hstack([np.zeros((rows.shape[0], 0)), *parts]) if len(parts) != 1 else parts[0]
+        return parts[0] if len(parts) == 1 else np.hstack(parts) if parts else np.zeros((rows.shape[0], 0))
 
     def _less_ends(self, products: FloatArray, along: FloatArray) -> FloatArray:
         """Take the parts `along` the ends off products (k, k); columns of which nothing is left become zero."""
+        if not along.size:
+            return products
         size = products.diagonal().copy()
         products -= along @ along.T
         lost = products.diagonal() < _LOST * size
@@ -133,9 +136,9 @@ class SpectralProblem:
     def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
         """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
         rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
-        begin = 0
+        begin, weight = 0, self.weight.astype(np.complex128)  # once, and not in every product
         for part in parts:
-            np.multiply(part.T, self.weight, out=rows[begin : begin + part.shape[1]])
+            np.multiply(part.T, weight, out=rows[begin : begin + part.shape[1]])
             begin += part.shape[1]
         return rows.view(np.float64)
 
@@ -154,6 +157,10 @@ class SpectralProblem:
     def _ends(self) -> dict[tuple[Form, bytes, float], _Point]:
         """Return the ends of the descents until now: from many of them others go on."""
         return {}
+
+    def keep(self, at: _Point) -> None:
+        """Keep a point from which a descent will begin: it is not evaluated again."""
+        self._ends[at.form, at.theta.tobytes(), at.delay] = at
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
@@ -203,7 +210,7 @@ class SpectralProblem:
                     break
         if now is None:
             return None
-        self._ends[form, now.theta.tobytes(), now.delay] = now
+        self.keep(now)
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
 
     def _ran_away(self, at: _Point) -> bool:
@@ -282,7 +289,7 @@ class SpectralProblem:
             return np.asarray(rest)
         columns = self.given.transient_of(transient_columns(self.grid, fit.theta, fit.form), ends=True)
         solution = fitted_beside(columns, rest, self.weight)
-        return np.asarray(rest - columns @ solution)
+        return np.asarray(rest - np.ascontiguousarray(columns) @ solution)
 
     def with_weight(self, weight: FloatArray) -> SpectralProblem:
         """Return the same equations, weighted otherwise."""

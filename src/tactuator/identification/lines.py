@@ -13,7 +13,7 @@ loop feeds back of the noise is causal, so that its sum over the whole circle va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -166,11 +166,11 @@ class Equations:
 
     def response_of(self, values: ComplexArray) -> ComplexArray:
         """Return the equations' right sides for responses (m, c) at the nodes: (e, c)."""
-        return self._gathered(values[: self.raw] * self.command[:, None], self.by_response, values)
+        return self._gathered(values[: self.raw].T * self.command, self.by_response, values)
 
     def transient_of(self, values: ComplexArray, *, ends: bool = False) -> ComplexArray:
         """Return the same for transients (m, c); ends: and for what the record's ends may add, (e, c + k)."""
-        columns = self._gathered(values[: self.raw], self.by_transient, values)
+        columns = self._gathered(values[: self.raw].T, self.by_transient, values)
         return np.hstack([columns, self.ends]) if ends else columns
 
     @cached_property
@@ -179,23 +179,25 @@ class Equations:
         return self.transient_of(edge_columns(Grid(self.frequency_hz, self.rate_hz, 1.0, "band-limited")))
 
     def _gathered(self, top: ComplexArray, operator: ComplexArray, values: ComplexArray) -> ComplexArray:
+        """Return right sides (e, c), column by column in memory: they are wanted so, and long rows take less time."""
         if not self.lines.size:
-            return top
-        width, low = values.shape[1], values[self.raw :].reshape(-1, NODES, 1, values.shape[1])
+            return top.T
+        width = values.shape[1]
+        low = np.ascontiguousarray(values[self.raw :].reshape(-1, NODES, width).T)[:, :, None]
         # three sums of whole arrays take a third of the time of many small products of matrices
-        sums = operator[:, :, :1] * low[:, 0]
+        sums = operator[0] * low[:, 0]
         for k in range(1, NODES):
-            sums += operator[:, :, k : k + 1] * low[:, k]
-        return np.concatenate([top, sums.reshape(-1, width)])
+            sums += operator[k] * low[:, k]
+        return np.concatenate([top, sums.transpose(0, 2, 1).reshape(width, -1)], axis=1).T
 
 
 def points(frequency_hz: FloatArray, response: ComplexArray, rate_hz: float) -> Equations:
     """Return equations of a response by itself, (m,): command 1, no bands."""
-    none = np.zeros((0, 2 * NODES, NODES), dtype=np.complex128)
+    none = np.zeros((NODES, 2 * NODES, 0), dtype=np.complex128)
     ones = np.ones(frequency_hz.size, dtype=np.complex128)
     empty = np.zeros(0)
     return Equations(
-        frequency_hz, frequency_hz.size, ones, response, none, none, none[:, :, 0], empty, empty, empty, rate_hz, 0
+        frequency_hz, frequency_hz.size, ones, response, none, none, none[0].T, empty, empty, empty, rate_hz, 0
     )
 
 
@@ -222,7 +224,7 @@ def equations(taken: Spectrum) -> Equations:
     kept = np.concatenate([np.arange(*single) for single in singles] or [np.zeros(0, dtype=np.int64)])
     triangle, ends = _triangles(taken, bands, _lagrange), np.array(bands, dtype=np.float64).reshape(-1, 2)
     top = triangle[:, : 2 * NODES]
-    by_response, by_transient, by_goal = top[:, :, :NODES], top[:, :, NODES:-1], top[:, :, -1]
+    by_response, by_transient, by_goal = top[:, :, :NODES].T, top[:, :, NODES:-1].T, top[:, :, -1]
     rest, lines = np.abs(triangle[:, -1, -1]) ** 2, ends[:, 1] - ends[:, 0]
     middle, half = 0.5 * (ends[:, 0] + ends[:, 1] - 1.0), 0.5 * (lines - 1.0)
     nodes = (middle[:, None] + half[:, None] * _PLACES) * taken.spacing_hz
@@ -320,6 +322,8 @@ def _surest(rows: ComplexArray, far: FloatArray) -> tuple[FloatArray, ComplexArr
 
 _AT_ONCE = 1 << 14
 """Lines of bands that are worked on together."""
+_KEPT = 1 << 17
+"""Most lines of a record whose polynomials are kept: they take 33 bytes a line."""
 _ALIKE = 1.1
 """Widest of them over the narrowest, which comes first."""
 
@@ -337,10 +341,28 @@ def _triangles(
     them, and what they leave of it.
     """
     triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
+    alike = _kept_alike if taken.command.size <= _KEPT else _alike
+    for piece, inside, shape, lines in alike(tuple(bands), taken.command.size - 1, shape_of):
+        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
+        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
+        columns[:, :, NODES:-1] = shape
+        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
+        triangles[piece] = np.linalg.qr(columns, mode="r")
+    return triangles
+
+
+_Alike = tuple[slice, NDArray[np.bool_], FloatArray, NDArray[np.int64]]
+
+
+def _alike(
+    bands: tuple[tuple[int, int], ...], last: int, shape_of: Callable[[FloatArray], FloatArray]
+) -> Iterator[_Alike]:
+    """Yield bands of nearly one width together: which, where each has lines, the polynomials and the lines; narrower
+    ones are filled up with zeros, which change no triangle.
+    """
     edges, done = np.array(bands, dtype=np.int64).reshape(-1, 2), 0
     widths = np.diff(edges, axis=1)[:, 0]
     while done < len(bands):
-        # bands of nearly one width at once, the narrower ones filled up with zeros, which change no triangle
         some = widths[done : done + max(_AT_ONCE // int(widths[done]), 1)]
         alike = np.flatnonzero((some > _ALIKE * some[0]) | (some < some[0]))
         piece = slice(done, done + (int(alike[0]) if alike.size else some.size))
@@ -348,14 +370,14 @@ def _triangles(
         place = np.arange(int(width.max()))
         inside = place < width
         shape = np.where(inside[:, :, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
-        lines = np.minimum(edges[piece, :1] + place, taken.command.size - 1)
-        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
-        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
-        columns[:, :, NODES:-1] = shape
-        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
-        triangles[piece] = np.linalg.qr(columns, mode="r")
+        yield piece, inside, shape, np.minimum(edges[piece, :1] + place, last)
         done = piece.stop
-    return triangles
+
+
+@lru_cache(maxsize=2)
+def _kept_alike(*of: Any) -> tuple[_Alike, ...]:
+    """Return the same: a record's next estimate asks for it."""
+    return tuple(_alike(*of))
 
 
 @dataclass(frozen=True, eq=False)

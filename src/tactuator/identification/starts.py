@@ -76,14 +76,15 @@ class Starter:
             with np.errstate(all="ignore"):
                 point = self.problem.evaluate(form, theta, lag)
             if point is not None and np.isfinite(point.cost):
-                candidates.append((point.cost, theta, lag))
-        candidates.sort(key=lambda candidate: candidate[0])
+                candidates.append(point)
+        candidates.sort(key=lambda candidate: candidate.cost)
         fits, begun_from = [], list[float]()
-        for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]:
+        for point in candidates[: 2 if form.poles < 4 else 1]:
             # the search for dead times comes upon one and the same again
-            if all(abs(lag - other) > _SAME * self.problem.grid.period for other in begun_from):
-                begun_from.append(lag)
-                fits.append(self._descent(form, theta, lag, hopeless))
+            if all(abs(point.delay - other) > _SAME * self.problem.grid.period for other in begun_from):
+                begun_from.append(point.delay)
+                self.problem.keep(point)
+                fits.append(self._descent(form, point.theta, point.delay, hopeless))
         finished = [candidate for candidate in fits if candidate is not None]
         if not finished:
             return None

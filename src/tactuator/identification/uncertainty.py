@@ -13,6 +13,7 @@ from tactuator.identification.form import (
     Form,
     denominator_polynomial,
     ladder,
+    monic_values,
     numerator_polynomial,
     numerator_values,
     section_list,
@@ -38,13 +39,12 @@ def log_slopes(fit: SpectralFit, frequency_hz: FloatArray) -> ComplexArray:
     """Return the derivatives of the response's logarithm by (numerator, theta, dead time), (m, k)."""
     s: ComplexArray = np.asarray(2j * np.pi * frequency_hz / fit.grid.scale_rad_s)
     rungs = numerator_values(fit.rungs, s, fit.form)
-    columns: list[ComplexArray] = [rungs / (rungs @ fit.numerator)[:, None]]
+    top = rungs @ fit.numerator
+    columns: list[ComplexArray] = [rung / top for rung in rungs.T]
     for section in section_list(fit.theta, fit.form):
-        under = np.polyval(section, s)[:, None]
-        columns.append(-np.hstack([s[:, None], np.ones((s.size, 1))])[:, 3 - section.size :] / under)
-    if fit.form.dead_time:
-        columns.append(-s[:, None])
-    return np.hstack(columns)
+        under = monic_values(section, s)
+        columns += [-s / under] * (section.size == 3) + [-1.0 / under]
+    return np.stack([*columns, *[-s] * fit.form.dead_time], axis=1)
 
 
 def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
