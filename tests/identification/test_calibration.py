@@ -82,3 +82,10 @@ def test_fit_line__one_pair_off__is_refused_by_its_name(which: int, off: float) 
 def test_fit_line__no_line__is_refused(x, y, match: str) -> None:
     with pytest.raises(BadInput, match=match):
         fit_line(x, y)
+
+
+@pytest.mark.parametrize("gauge_error_mm", [-1.0, 0.5])
+def test_fit_line__gauge_error_that_the_pairs_deny__is_refused(gauge_error_mm: float) -> None:
+    voltage = GAIN * DISPLACEMENT_MM + 1e-3 * np.random.default_rng(2).standard_normal(13)
+    with pytest.raises(BadInput, match=r"gauge_error_mm is .* by which the pairs scatter"):
+        fit_line(DISPLACEMENT_MM, voltage, gauge_error_mm=gauge_error_mm)

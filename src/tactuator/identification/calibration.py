@@ -130,14 +130,21 @@ def _line(
     rounding_v: float,
 ) -> Calibration:
     offset, gain, scatter = _fit(x[kept], y[kept], rounding_v)
+    count = int(kept.sum()) - 2
     centre, spread = x[kept].mean(), np.sum((x[kept] - x[kept].mean()) ** 2)
     true_spread = spread - kept.sum() * gauge_error_mm**2
+    too_small = scatter**2 < gauge_error_mm**2 * gain**2 * scipy.stats.chi2.ppf(_OUTLIER_PROBABILITY, count) / count
+    if gauge_error_mm < 0.0 or too_small:
+        pairs_mm = scatter / abs(gain)
+        raise BadInput(
+            f"gauge_error_mm is {gauge_error_mm:g}", f"0 to about {pairs_mm:.2g}, by which the pairs scatter"
+        )
     if true_spread <= 0.5 * spread:
         raise BadInput(f"gauge_error_mm is {gauge_error_mm:g}", "small against the displacements' own spread")
     gain *= spread / true_spread
     offset = float(y[kept].mean() - gain * centre)
     residual = y - offset - gain * x
-    quantile = float(scipy.stats.t.isf(0.025, kept.sum() - 2))
+    quantile = float(scipy.stats.t.isf(0.025, count))
     gain_error = scatter / np.sqrt(spread)
     offset_error = scatter * np.sqrt(1.0 / kept.sum() + centre**2 / spread)
     refused = tuple(RefusedPair(labels[k], float(x[k]), float(y[k]), float(residual[k])) for k in np.flatnonzero(~kept))

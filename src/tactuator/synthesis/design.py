@@ -360,7 +360,7 @@ def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
     if looped and plant.is_stable and at_low < 0.0:
         raise BadInput(
             f"{where} has a negative gain at rest ({at_low:.4g})",
-            "a positive one: negate one of the record's two columns, and identify again",
+            "a positive one: by [converter] polarity = -1, and record again or negate one of the record's columns",
         )
 
 

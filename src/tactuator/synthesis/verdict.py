@@ -197,15 +197,18 @@ class _Judge:
         error, causes = self._beside(frequency, linear, asked.from_db_sl)
         if causes.keys() <= {_RESHAPING}:
             return  # objective i holds it at every level
-        place, remark = int(np.argmax(error)), f"at {asked.from_db_sl:g} dB SL, with {' and '.join(causes)}"
+        place, certain = int(np.argmax(np.abs(error))), allowed - channel.model_error_db
+        side = "weaker" if error[place] < 0.0 else "stronger"
+        remark = f"at {asked.from_db_sl:g} dB SL, with {' and '.join(causes)}: {side} than asked"
         remedy = max(causes.values(), key=lambda cause: cause.share_db[place]).remedy
-        if error.max() > allowed:
+        if abs(error[place]) > certain:
             higher = [level for level in reversed(JUDGED_DB_SL) if level > asked.from_db_sl]
-            holds = list(takewhile(lambda level: self._beside(frequency, linear, level)[0].max() <= allowed, higher))
+            others = ((level, self._beside(frequency, linear, level)[0]) for level in higher)
+            holds = [level for level, _ in takewhile(lambda other: np.abs(other[1]).max() <= certain, others)]
             greatest = max(JUDGED_DB_SL[-1], asked.from_db_sl)
             nowhere = f"; it holds at no level up to {greatest:g} dB SL"
             remedy += f", or [objectives] from_db_sl = {holds[-1]:g}" if holds else nowhere
-        figure = float(error[place]), allowed, "dB"
+        figure = float(abs(error[place])) + channel.model_error_db, allowed, "dB"
         assumed = {"presliding"} & set(channel.environment.assumed) if "friction" in causes else ()
         finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy, *assumed)
         finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
@@ -214,13 +217,13 @@ class _Judge:
     def _beside(
         self, frequency: FloatArray, linear: FloatArray, strength_db_sl: float
     ) -> tuple[FloatArray, dict[str, _Cause]]:
-        """Return the greatest error at a level and its causes beside the loop's own error `linear`, which counts."""
+        """Return the furthest error at a level and its causes beside the loop's own error `linear`, which counts."""
         channel, environment = self.channel, self.channel.environment
         rubs = environment.friction_v > 0.0 and "friction" not in environment.assumed
         level, shaping = self._shaped(frequency, strength_db_sl)
         friction = friction_loss_db(channel, self.loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear
         steps = steps_change_db(channel, self.loop, frequency, level)
-        error = np.max(np.abs(linear + shaping - friction + steps), axis=0) + channel.model_error_db
+        error = furthest(list(linear + shaping - friction + steps))
         less = f"less friction than {1e3 * environment.friction_v:.3g} mV of command"
         causes = {
             "friction": _Cause(np.abs(friction), less),

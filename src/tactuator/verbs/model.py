@@ -41,7 +41,7 @@ def calibrate(
         "Place | tuple[ArrayLike, ArrayLike]",
         Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
     ],
-    gauge_error_mm: Annotated[float, Option("Standard error of the gauge.")] = 0.0,
+    gauge_error_mm: Annotated[float, Option("Standard error of the gauge.", ge=0)] = 0.0,
     strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
 ) -> "CalibrationResult":
     """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
