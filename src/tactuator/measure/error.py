@@ -161,11 +161,7 @@ _PLACES, _NEAR = 3, 0.03
 
 
 def with_tones(
-    rig: Rig,
-    controller: Controller,
-    responses: Sequence[Response],
-    options: MeasurementOptions,
-    rng: np.random.Generator,
+    rig: Rig, controller: Controller, responses: Sequence[Response], asked: MeasurementOptions, rng: np.random.Generator
 ) -> tuple[Response, ...]:
     """Return responses, as they were read, with the tones that it took to judge them: where a sweep of the band passes
     what is allowed between the points; and, beside a multisine, where friction takes most of a tone alone.
@@ -179,13 +175,13 @@ def with_tones(
         return np.asarray(np.min(rooms, axis=0))
 
     places: set[float] = set()
-    for response, swept in zip(responses, swept_responses(rig, options, reach_db_sl, rng), strict=True):
+    for response, swept in zip(responses, swept_responses(rig, asked, reach_db_sl, rng), strict=True):
         places.update(_worst_hz(swept, display))
         if response.method == "multisine":
             places.add(_rubbed_hz(response, controller))
     if not places:
         return tuple(responses)
-    tones = [as_read(each, controller, options.confidence_db) for each in stepped_sine(rig, sorted(places), options)]
+    tones = [as_read(each, controller, asked.confidence_db) for each in stepped_sine(rig, sorted(places), asked)]
     return tuple(_joined(*pair) for pair in zip(responses, tones, strict=True))
 
 
