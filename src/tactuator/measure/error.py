@@ -161,11 +161,7 @@ _PLACES, _NEAR = 3, 0.03
 
 
 def with_tones(
-    rig: Rig,
-    controller: Controller,
-    responses: Sequence[Response],
-    options: MeasurementOptions,
-    rng: np.random.Generator,
+    rig: Rig, controller: Controller, responses: Sequence[Response], asked: MeasurementOptions, rng: np.random.Generator
 ) -> tuple[Response, ...]:
     """Return responses, as they were read, with the tones that it took to judge them: where a sweep of the band passes
     what is allowed between the points; and, beside a multisine, where friction takes most of a tone alone.
@@ -179,14 +175,14 @@ def with_tones(
         return np.asarray(np.min(rooms, axis=0))
 
     places: set[float] = set()
-    for response, swept in zip(responses, swept_responses(rig, options, reach_db_sl, rng), strict=True):
+    for response, swept in zip(responses, swept_responses(rig, asked, reach_db_sl, rng), strict=True):
         places.update(_worst_hz(swept, display))
         if response.method == "multisine":
-            places.add(_rubbed_hz(response, controller))
+            places.add(float(response.frequency_hz[np.argmax(_rubbed(response, controller))]))
     if not places:
         return tuple(responses)
-    tones = [as_read(each, controller, options.confidence_db) for each in stepped_sine(rig, sorted(places), options)]
-    return tuple(_joined(*pair) for pair in zip(responses, tones, strict=True))
+    tones = [as_read(each, controller, asked.confidence_db) for each in stepped_sine(rig, sorted(places), asked)]
+    return tuple(_joined(*pair, controller) for pair in zip(responses, tones, strict=True))
 
 
 def _worst_hz(swept: Response, display: Display) -> list[float]:
@@ -200,28 +196,29 @@ def _worst_hz(swept: Response, display: Display) -> list[float]:
     return chosen
 
 
-def _rubbed_hz(response: Response, controller: Controller) -> float:
-    """Return the point at which friction, of 4 mV if none is stated, takes most of a tone alone by the model, hertz."""
+def _rubbed(response: Response, controller: Controller) -> FloatArray:
+    """Return the root of friction's loss of a tone alone over the greatest, by the model; of 4 mV if none is stated."""
     prediction = ChannelPrediction.of(controller, response.channel)
     channel, usual = prediction.channel, prediction.channel.environment
     rubbed = replace(channel, environment=replace(usual, friction_v=usual.friction_v or Environment.friction_v))
     loss = friction_loss_db(rubbed, prediction.loop, response.frequency_hz, response.level_db_sl)
-    return float(response.frequency_hz[np.argmax(np.abs(loss))])
+    return np.sqrt(np.abs(loss) / max(float(np.max(np.abs(loss))), 1e-12))
 
 
-def _joined(response: Response, tones: Response) -> Response:
+def _joined(response: Response, tones: Response, controller: Controller) -> Response:
     """Return a response with tones among its points or in their places. By how much a tone surely differs from a
-    multisine's line in its place is in the confidence of every line.
+    multisine's line in its place is in the confidence of every line, as friction has its share there.
     """
     _, lines, alone = np.intersect1d(response.frequency_hz, tones.frequency_hz, return_indices=True)
     doubt = response.confidence_db[lines] + tones.confidence_db[alone]
     ratio = tones.magnitude_v[alone] / np.maximum(response.magnitude_v[lines], 1e-300)
     apart = np.max(np.abs(db(ratio))[doubt < np.inf] - doubt[doubt < np.inf], initial=0.0)
+    doubtful_db = apart * _rubbed(response, controller) if apart > 0.0 else 0.0
     kept = ~np.isin(response.frequency_hz, tones.frequency_hz)
     order = np.argsort(np.append(response.frequency_hz[kept], tones.frequency_hz))
     joined: dict[str, Any] = {
         name: np.append(value[kept], getattr(tones, name))[order]
-        for name, value in vars(replace(response, confidence_db=response.confidence_db + apart)).items()
+        for name, value in vars(replace(response, confidence_db=response.confidence_db + doubtful_db)).items()
         if isinstance(value, np.ndarray)
     }
     return replace(response, **joined)

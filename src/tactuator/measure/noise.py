@@ -235,7 +235,7 @@ def felt_of_command(
 
 
 _AS_STATED_DB, _DEVIATIONS = 2.0, 2.0
-"""How near a line's hum is to what is stated; standard errors by which a band's power passes that of the noise."""
+"""How near a line's hum is to the display's; standard errors by which a band's power passes that of the noise."""
 
 
 def _as_motion(
@@ -243,12 +243,12 @@ def _as_motion(
 ) -> FeltNoise:
     """Return the noise with the levels that there are if what the sensor does not explain is motion, as it shows it.
 
-    Hum as loud as the display file states explains a line, noise as white as above the band a band. What else stands in
+    Hum as loud as the display has it explains a line, noise as white as above the band a band. What else stands in
     the reading beside the command's motion came in before the plant or behind it, and no loop tells which.
     """
     (position_v, command_v), known, sensor = trace, channel.environment, felt.sensor
     assert sensor is not None
-    stated = {} if "hum" in known.assumed else dict(zip(known.hum_hz, known.hum_v_peak, strict=True))
+    stated = dict(zip(known.hum_hz, known.hum_v_peak, strict=True))
     lines, bands = felt.line_moved_db_sl.copy(), felt.band_moved_db_sl.copy()
     for hertz, hum_v in zip(sensor.hum_hz, sensor.hum_v_peak, strict=True):
         if abs(float(db(hum_v / max(stated.get(hertz, 0.0), 1e-12)))) > _AS_STATED_DB:
@@ -352,7 +352,7 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
 
 
 _TELLS = "an outside vibrometer tells, or for hum a hum_v_peak from the sensor with the amplifier off"
-_OF_THE_SENSOR = "white noise, and hum as loud as is stated, are of the sensor and stay with the amplifier off"
+_OF_THE_SENSOR = "white noise, and hum as loud as hum_v_peak, are of the sensor and stay with the amplifier off"
 
 
 def _compared(
@@ -361,8 +361,8 @@ def _compared(
     """Return the finding on a level, dB SL, if what is heard is of the sensor, and if it moves the finger."""
     sensed, moved = levels
     low, high = sorted(levels)
-    value = high if low <= most else low
-    finding = unread(compared(number, channel, load, quantity, value, most, "dB SL", at_hz, remedy=remedy))
+    figure = high if low <= most else low, most, "dB SL"
+    finding = unread(compared(number, channel, load, quantity, *figure, at_hz, remedy=remedy))
     if not low <= most < high:
         return finding
     remark = f"{sensed:.1f} dB SL if it comes in at the sensor, {moved:.1f} if at the motor: {_TELLS}"

@@ -271,13 +271,8 @@ class _Player:
         self._wave = excited.one_period()
         self._kept: list[ComplexArray] = []
         self._saturated = np.zeros(len(columns), dtype=bool)
-        spacing = excited.rate_hz / excited.period
-        lines = np.arange(excited.period // 2 + 1)
-        off = np.full(lines.size, np.inf)
-        if options.mains_hz:
-            nearest = options.mains_hz * np.maximum(np.round(lines * spacing / options.mains_hz), 1.0)
-            off = np.abs(lines * spacing - nearest)
-        self._clear = off > 1.0
+        hertz = np.arange(excited.period // 2 + 1) * excited.rate_hz / excited.period
+        self._clear = off_mains(hertz, options.mains_hz) == hertz
 
     @property
     def periods(self) -> int:

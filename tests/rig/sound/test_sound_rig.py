@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.model.controller import Limits
+from tactuator.model.controller import Limits, StrengthShaping
 from tactuator.rig.rig import Rig, join_traces
 from tactuator.rig.sound.rig import TRIES
 from tactuator.rig.sound.stream import CardGone, CardRows, SoundGap
@@ -215,7 +215,7 @@ def test_play__beyond_the_travel_by_the_model__nothing_of_it_is_put_out():
     assert not np.any(np.concatenate([*card.put_out, np.zeros((1, 2))]))
 
 
-def test_load_and_play__closed_loop_or_nothing_loaded__is_refused():
+def test_load_and_play__closed_loop_or_reshaped_or_nothing_loaded__is_refused():
     display = sound_display(input=0)
     rig, _ = turned_rig(display)
     assert rig.without_sensor == ("left", "right")
@@ -223,6 +223,8 @@ def test_load_and_play__closed_loop_or_nothing_loaded__is_refused():
         rig.play(np.zeros((10, 2)))
     with pytest.raises(BadInput, match="closes a loop"):
         rig.load(flat_controller(display, feedback_sos=np.array([[1.0, 0, 0, 1.0, 0, 0]])))
+    with pytest.raises(BadInput, match="'left': its reference is reshaped by its strength"):
+        rig.load(flat_controller(display, strength=StrengthShaping(np.array([90.0]), 1.0, np.ones((2, 3)), 0.1)))
 
 
 def test_stream__fed_far_ahead__a_program_that_computes_for_a_second_is_not_late():
