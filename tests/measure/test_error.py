@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.io.display import parse_display
 from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import stepped_sine
@@ -18,6 +17,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
+from tests.rig.sound.turned_card import sound_display
 from tests.synthesis.displays import channel, moved_db, of, paper_alone, paper_controller
 
 DISPLAY = of(channel().plant, 4)
@@ -98,25 +98,10 @@ def exciter(request: pytest.FixtureRequest) -> Controller:
     times = DERIVATIVES[request.param]
     w, pass_from = 2.0 * np.pi * 90.0, 2.0 * np.pi * 8.0
     poles = [*np.roots([1.0, w / 4.0, w * w]), -pass_from]
-    plant = {
-        "zeros": [[0.0, 0.0]] * (times + 1),
-        "poles": [[pole.real, pole.imag] for pole in map(complex, poles)],
-        "gain": 30.0,
-    }
-    return design_controller(
-        parse_display(
-            {
-                "display": {"name": "exciter", "rate_hz": RATE_HZ, "delay_samples": 0},
-                "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-                "feedback": {"structure": "none"},
-                "converter": {"range_v": 10.0},
-                "channel": [
-                    {"name": "exciter", "quantity": request.param, "sensor_gain_v_per_mm": 1e-3, "travel_mm": 2.0,
-                     "plant": plant}
-                ],
-            }
-        )
-    )  # fmt: skip
+    roots = [[pole.real, pole.imag] for pole in map(complex, poles)]
+    plant = {"zeros": [[0.0, 0.0]] * (times + 1), "poles": roots, "gain": 30.0}
+    channel = {"quantity": request.param, "sensor_gain_v_per_mm": 1e-3, "travel_mm": 2.0, "plant": plant}
+    return design_controller(sound_display(["exciter"], RATE_HZ, 10.0, channel, output_full_scale_v=10.0))
 
 
 def test_felt__sensor_that_differentiates__is_the_displacement_down_to_rest(exciter: Controller) -> None:

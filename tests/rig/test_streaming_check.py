@@ -34,8 +34,8 @@ def link(ticks, lateness=None):
     return Link
 
 
-SLOW, DEAD, LATE, PROMPT = link(400), link(900), link(1, 128), link(0)
-"""Too fast for its rows, silent for too long, late by half a period, as it should be."""
+SLOW, DEAD, LATE = link(400), link(900), link(1, 128)
+"""Too fast for its rows, silent for too long, late by half a period."""
 
 
 def checked(monkeypatch, uart, waited_share, instruction_ns=8):

@@ -46,9 +46,8 @@ class Echo:
 
     def __init__(self, late: int, count: int = COUNT) -> None:
         self.asked = np.zeros((late, count))
-        self.compared = self.differing = self.untold = 0
+        self.rows = self.differing = self.untold = 0
         self.gap_row = -(10**9)
-        self.rows = 0
         self.waiting: list[tuple[int, int]] = []
 
     def take(self, asked: np.ndarray, heard: np.ndarray, told: bool) -> None:
@@ -57,7 +56,6 @@ class Echo:
         due, self.asked = self.asked[: len(heard)], self.asked[len(heard) :]
         differ = int(np.sum(np.any(due != heard, axis=1)))
         self.rows += len(heard)
-        self.compared += len(heard)
         self.differing += differ
         if told:
             self.gap_row = self.rows
@@ -120,9 +118,8 @@ def streaming(seconds: float, provoked: int, count: int = COUNT, period: int = 4
         wall = time.monotonic() - began
         share = (time.process_time() - used) / wall
         yield {
-            "wall_s": wall, "rows": echo.rows, "compared": echo.compared, "differing": echo.differing,
-            "untold": echo.untold, "late": late, "provoked": done, "told": told, "gaps": gaps,
-            "core_share": share, "mb": resident_mb(),
+            "wall_s": wall, "rows": echo.rows, "differing": echo.differing, "untold": echo.untold, "late": late,
+            "provoked": done, "told": told, "gaps": gaps, "core_share": share, "mb": resident_mb(),
         }  # fmt: skip
 
 
