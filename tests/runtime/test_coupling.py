@@ -41,15 +41,10 @@ def test_coupling__none__leaves_every_bit_and_a_frame_changes_them() -> None:
     played = []
     for of in (three(), three(Coupling()), three(Coupling(level_db=-40.0))):
         simulation = Simulation(of)
-        simulation.load(controller_of(of))
+        simulation.load(controller(of, command_v=90.0))
         played.append(simulation.play(reference).displacement_mm)
     assert np.array_equal(played[0], played[1])
     assert not np.array_equal(played[0], played[2])
-
-
-def controller_of(of: Display):  # type: ignore[no-untyped-def]
-    one = controller(replace(of, channels=of.channels[:1], coupling=Coupling()), command_v=90.0)
-    return replace(one, display=of, channels=tuple(replace(one.channels[0], name=c.name) for c in of.channels))
 
 
 @pytest.mark.parametrize("level_db", [0.0, 3.0])

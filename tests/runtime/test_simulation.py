@@ -14,7 +14,7 @@ from tactuator.model.description import Converter, Environment
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import FeedbackLoop
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import SampledSystem, sections_response
 from tests.runtime.paper_display import (
     QUIET,
     RATE_HZ,
@@ -37,9 +37,7 @@ def loop_response(
     of = channel(finger)
     plant = zero_order_hold(of.plant, RATE_HZ).response(frequency_hz)
     c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, delay_samples).response(frequency_hz)
-    f = SampledSystem.from_sections(prefilter_sections(float(of.threshold_voltage(0.4))), RATE_HZ).response(
-        frequency_hz
-    )
+    f = sections_response(prefilter_sections(float(of.threshold_voltage(0.4))), frequency_hz, RATE_HZ)
     return np.asarray(f * c * plant / (1.0 + c * plant))
 
 
@@ -52,9 +50,8 @@ def test_closed_loop__nothing_disturbs__has_the_response_of_the_transfer_functio
     reference = sum(tone(f, 5.0, 30.0) for f in frequencies)
     felt = simulation.play(np.asarray(reference)[:, None]).displacement_mm[12000:, 0]
     measured = np.array([lock_in(felt, f) for f in frequencies]) * 0.19898
-    turned = (
-        measured * 1j * 10.0 ** (-30.0 / 20.0)
-    )  # 3 s are whole periods of each; the lock-in's phase is the cosine's
+    # 3 s are whole periods of each; the lock-in's phase is the cosine's
+    turned = measured * 1j * 10.0 ** (-30.0 / 20.0)
     assert turned == pytest.approx(loop_response(frequencies, delay_samples), rel=1e-4)
 
 
