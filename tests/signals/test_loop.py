@@ -30,8 +30,7 @@ UNITY = ContinuousSystem(np.empty(0), np.empty(0), 1.0)
 
 
 def sampled_paper_loop(rate_hz: float, delay_samples: int = 1) -> FeedbackLoop:
-    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
-    return FeedbackLoop(bilinear(paper.FEEDBACK, rate_hz), zero_order_hold(paper.PLANT, rate_hz) * delay)
+    return FeedbackLoop(bilinear(paper.FEEDBACK, rate_hz), zero_order_hold(paper.PLANT, rate_hz, delay_samples))
 
 
 def test_margins__paper_continuous__facts_section_1() -> None:
@@ -174,9 +173,8 @@ def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> 
 
 
 def paper_loop(rate_hz: float) -> TwoDegreeLoop:
-    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
-    plant = zero_order_hold(paper.PLANT, rate_hz) * delay
-    return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), bilinear(paper.FEEDBACK, rate_hz), plant)
+    loop = sampled_paper_loop(rate_hz)
+    return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), loop.controller, loop.plant)
 
 
 def test_position_response__paper__facts_sections_1_and_2() -> None:
@@ -203,10 +201,7 @@ def test_responses__hold_together() -> None:
     assert np.allclose(alone.command_response(f), loop.prefilter.response(f))
 
 
-SAMPLED = FeedbackLoop(bilinear(paper.FEEDBACK, 4000.0), zero_order_hold(paper.PLANT, 4000.0))
-
-
-@pytest.mark.parametrize("loop", [FeedbackLoop(paper.FEEDBACK, paper.PLANT), SAMPLED])
+@pytest.mark.parametrize("loop", [FeedbackLoop(paper.FEEDBACK, paper.PLANT), sampled_paper_loop(4000.0, 0)])
 def test_loop__at_zero_frequency_under_an_integrator__follows_and_rejects_exactly(loop: FeedbackLoop) -> None:
     assert loop.complementary(0.0) == pytest.approx(1.0, abs=1e-12)
     assert abs(loop.sensitivity(0.0)) == pytest.approx(0.0, abs=1e-12)
@@ -225,8 +220,7 @@ def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.n
 
 @pytest.mark.parametrize("rate_hz", [4e3, 64e3])
 def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
-    open_loop = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz)
-    delayed = open_loop * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
+    delayed = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz, 1)
     found = np.sort_complex(closed_poles(delayed))
     shifted = [complex(z) - 1.0 for z in delayed.zeros], [*(complex(p) - 1.0 for p in delayed.poles), -1.0 + 0j]
     wanted = np.sort_complex(exact_roots(*shifted, delayed.gain))
@@ -236,9 +230,7 @@ def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
 
 def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:
     """A controller that cancels an unstable pole leaves it in the loop."""
-    c = ContinuousSystem([2.0], [0.0], 1.0)
-    p = ContinuousSystem([], [2.0, -3.0], 5.0)
-    assert not is_stable(c * p)
+    assert not is_stable(ContinuousSystem([2.0], [0.0], 1.0) * ContinuousSystem([], [2.0, -3.0], 5.0))
 
 
 def test_is_stable__dead_time__as_the_closed_form_says() -> None:

@@ -1,6 +1,7 @@
 """Bits needed: by hand for one pole, against facts' table for the paper's filters, any controller, any rate."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -56,11 +57,10 @@ def test_controller_bits__papers__sections_need_more_at_every_doubling_and_delta
 def test_controller_bits__several_channels__the_most_of_any() -> None:
     each = [controller_bits(controller(display(channel(name))), RATES_HZ[:1]) for name in ("index", "thumb")]
     both = controller_bits(controller(display(channel("index"), channel("thumb"))), RATES_HZ[:1])
-    for name, forms in both.items():
+    for (name, forms), figure in product(both.items(), ("accurate", "stable")):
         for form, by_rate in forms.items():
-            for figure in ("accurate", "stable"):
-                alone = [getattr(one[name][form][4000.0], figure) for one in each]
-                assert getattr(by_rate[4000.0], figure) == max(alone)
+            alone = [getattr(one[name][form][4000.0], figure) for one in each]
+            assert getattr(by_rate[4000.0], figure) == max(alone)
 
 
 def test_controller_bits__without_feedback__says_nothing_of_it() -> None:
