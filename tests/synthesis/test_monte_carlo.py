@@ -1,4 +1,4 @@
-"""Monte Carlo over plants against the sampled loops of the same plants, one by one."""
+"""Monte Carlo over plants against the sampled loops of the same plants, one by one; its points against SciPy's."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from tactuator.errors import BadInput
 from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.even_points import even_points
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import QUANTILES, monte_carlo
 from tests.synthesis.displays import channel, paper_alone, paper_controller
@@ -18,6 +20,14 @@ MODELS = tuple(
     ContinuousSystem.from_polynomials([2875.0 * gain], [1.0, 94.0 * damping, 290.0])
     for gain, damping in ((0.8, 1.2), (1.1, 0.9), (1.3, 0.8))
 )
+
+
+@pytest.mark.parametrize(("dimensions", "first", "count"), [(1, 0, 8), (11, 1, 4096), (11, 4097, 16384), (13, 1, 128)])
+def test_even_points__any_stretch__are_scipys_to_the_last_bit(dimensions: int, first: int, count: int) -> None:
+    sequence = qmc.Sobol(dimensions, scramble=False)
+    if first:
+        sequence.fast_forward(first)
+    assert np.array_equal(even_points(dimensions, first, count), sequence.random(count))
 
 
 def test_monte_carlo__family_and_load__greatest_peak_is_that_of_the_sampled_loops() -> None:
