@@ -9,7 +9,7 @@ from tactuator.model.description import Display, Environment
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import zero_order_hold
 from tests.runtime import paper_display
-from tests.runtime.paper_display import RATE_HZ, controller
+from tests.runtime.paper_display import RATE_HZ
 
 PLANT = paper_display.channel().plant
 QUIET = replace(paper_display.QUIET, noise_v_rms=0.2e-3)
@@ -27,16 +27,6 @@ def loop_response(made: Controller, frequency_hz):
     loop = feedback.response(frequency_hz) * late * zero_order_hold(PLANT, RATE_HZ).response(frequency_hz)
     sensitivity = 1.0 / (1.0 + loop)
     return made.channels[0].prefilter(RATE_HZ).response(frequency_hz) * loop * sensitivity, sensitivity
-
-
-def quiet() -> tuple[Display, Controller]:
-    described = display(QUIET)
-    return described, controller(described)
-
-
-def full() -> tuple[Display, Controller]:
-    described = display()
-    return described, controller(described)
 
 
 def loaded(made: Controller, seed: int) -> SimulatedRig:

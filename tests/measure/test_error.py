@@ -12,11 +12,11 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Converter, Environment
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
+from tests.measure.loops import loaded
 from tests.rig.sound.turned_card import sound_display
 from tests.synthesis.displays import channel, moved_db, of, paper_alone, paper_controller
 
@@ -63,9 +63,8 @@ def test_as_read__steps_of_the_converter__the_motion_that_there_is_lies_within(b
     """As the sensor told it, a display of 14 bits that is 0.1 dB off was 1.1 dB off, within 0.35 dB."""
     quiet = channel(loads=(), environment=Environment(friction_v=0.0), converter=Converter(bits=bits))
     controller = replace(paper_controller(), display=replace(paper_alone(), channels=(quiet,)))
-    rig = SimulatedRig(controller.display, seed=3)
-    rig.load(controller)
-    (told,) = stepped_sine(rig, [100.0, 200.0, 250.0], MeasurementOptions(10.0, mains_hz=60.0, band_hz=(0.4, 300.0)))
+    options = MeasurementOptions(10.0, mains_hz=60.0, band_hz=(0.4, 300.0))
+    (told,) = stepped_sine(loaded(controller, 3), [100.0, 200.0, 250.0], options)
     read = as_read(told, controller, 0.25)
     true = [moved_db(controller, controller.display, hertz, 10.0) for hertz in told.frequency_hz]
     assert np.all(np.isfinite(read.confidence_db)) == known

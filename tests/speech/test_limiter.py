@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.measure.felt import felt_of
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
 from tactuator.speech.band_codings import band_limit_kernel
 from tactuator.speech.filters import filter_bank
@@ -20,6 +19,7 @@ from tactuator.speech.limiter import (
     reduction_envelope,
 )
 from tests.griffin import distance_db
+from tests.measure.loops import loaded
 from tests.strength import reshaped
 
 RATE = 4000
@@ -42,8 +42,7 @@ def quiet_above_300(signal):
 
 def on_the_display(controller, reference, load):
     """Felt samples (weighted with zero phase), displacement and command of the simulated display."""
-    rig = SimulatedRig(controller.display, 5)
-    rig.load(controller)
+    rig = loaded(controller, 5)
     for name in rig.channels:
         rig.finger(name).touch(load)
     traces, play = [], rig.play

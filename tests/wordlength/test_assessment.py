@@ -15,7 +15,8 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.wordlength.assessment import FormatReport, assess, recommended, require_safe, response_error_db
 from tactuator.wordlength.bits import at_rate
 from tactuator.wordlength.formats import FORMATS, FULL_SCALE_V
-from tests.runtime.paper_display import changed, channel, controller, display, louder
+from tests.rig.guard.guarded import spoilt
+from tests.runtime.paper_display import changed, channel, controller, display
 from tests.signals.precisely import difference_response, polynomial_response
 
 MADE = controller(display(channel()))
@@ -61,11 +62,11 @@ def test_assess__command_too_weak_for_the_tone__round_off_alone_is_judged(report
 
 
 def test_assess__loop_that_does_not_close__is_stable_in_no_format() -> None:
-    found = assess(louder(MADE, 60.0))
+    found = assess(spoilt(MADE, 60.0))
     assert not any(each.stable or each.safe for each in found)
     assert recommended(found) is None
     with pytest.raises(BadInput, match=r"float32 is not safe for this controller \(unstable\); allowed: what"):
-        require_safe(louder(MADE, 60.0), "float32")
+        require_safe(spoilt(MADE, 60.0), "float32")
 
 
 def test_assess__several_channels__the_worst() -> None:
