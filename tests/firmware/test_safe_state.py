@@ -61,7 +61,6 @@ class Debugger:
     # -- packets
 
     def send(self, text: str) -> None:
-        """One packet, which the other end acknowledges."""
         self._socket.sendall(f"${text}#{sum(text.encode()) % 256:02x}".encode())
 
     def packet(self, timeout_s: float = 60.0) -> str | None:
@@ -78,7 +77,6 @@ class Debugger:
         return text
 
     def ask(self, text: str) -> str:
-        """A packet and its answer."""
         self.send(text)
         answer = self.packet()
         assert answer is not None
@@ -87,11 +85,9 @@ class Debugger:
     # -- the processor
 
     def register(self, number: int) -> int:
-        """A core register."""
         return int.from_bytes(bytes.fromhex(self.ask(f"p{number:x}")[:8]), "little")
 
     def set_register(self, number: int, value: int) -> None:
-        """A core register, written."""
         assert self.ask(f"P{number:x}={value.to_bytes(4, 'little').hex()}") == "OK"
 
     def word(self, address: int) -> int:
@@ -103,11 +99,9 @@ class Debugger:
         assert self.ask(f"M{address:x},{len(content):x}:{content.hex()}") == "OK"
 
     def go(self) -> None:
-        """The board goes on."""
         self.send("c")
 
     def stop(self) -> None:
-        """The board stands still."""
         self._socket.sendall(b"\x03")
         assert self.packet() is not None
 
@@ -127,7 +121,6 @@ class Debugger:
         return came
 
     def monitor(self, command: str) -> None:
-        """A command of QEMU's monitor."""
         self.send("qRcmd," + command.encode().hex())
         while (answer := self.packet()) != "OK":
             assert answer is not None
@@ -152,7 +145,6 @@ class Debugger:
         self.execute(STR_R1_R0, address, value)
 
     def close(self) -> None:
-        """Let it go."""
         self._socket.close()
 
 
@@ -188,7 +180,6 @@ class Board:
         return self.name == "stm32f405"
 
     def reset(self) -> None:
-        """From its reset on, until it says that it is there."""
         self.debugger.monitor("system_reset")
         self.debugger.go()
         assert self.uart.receive(20.0)

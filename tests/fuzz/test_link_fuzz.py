@@ -58,7 +58,6 @@ def upload(kind: int, content: bytes) -> bytes:
 
 
 def stream(run: int, first: int, channels: int, forces: bool = False) -> bytes:
-    """Rows of a sinusoid."""
     width = channels * (2 if forces else 1)
     count = min(_ROWS, (_PIECE - 11) // (4 * width))
     rows = 30.0 * np.sin(0.1 * np.arange(first, first + count)[:, None] * np.ones(width))
@@ -66,7 +65,6 @@ def stream(run: int, first: int, channels: int, forces: bool = False) -> bytes:
 
 
 def stimulus(index: int) -> bytes:
-    """One tone of 40 ticks."""
     turn, ramp = np.exp(0.1j), np.exp(1j * np.pi / 10.0)
     tone = struct.pack("<III5f", 2, 40, 10, 20.0, turn.real, turn.imag, ramp.real, ramp.imag)
     return frame(Request.STIMULUS, bytes([index, 1]) + tone)

@@ -21,7 +21,6 @@ CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMA
 
 
 def write_tables(folder: Path) -> None:
-    """Designed tables as arrays of C."""
     controller = designed()
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),

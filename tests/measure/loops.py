@@ -9,7 +9,7 @@ from tactuator.model.description import Display, Environment
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import zero_order_hold
 from tests.runtime import paper_display
-from tests.runtime.paper_display import RATE_HZ
+from tests.runtime.paper_display import RATE_HZ, controller
 
 PLANT = paper_display.channel().plant
 QUIET = replace(paper_display.QUIET, noise_v_rms=0.2e-3)
@@ -18,6 +18,10 @@ STANDARD = Environment()
 
 def display(environment: Environment = STANDARD) -> Display:
     return replace(paper_display.display(paper_display.channel(environment=environment)), name="paper")
+
+
+FULL, QUIETER = controller(display()), controller(display(QUIET))
+"""With everything that disturbs, and with little noise alone."""
 
 
 def loop_response(made: Controller, frequency_hz):

@@ -12,7 +12,7 @@ from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.spectra import lock_in, power_spectrum
-from tests.measure.loops import PLANT, RATE_HZ, controller, display, loaded, loop_response
+from tests.measure.loops import FULL, PLANT, RATE_HZ, controller, display, loaded, loop_response
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +105,7 @@ def test_felt_of_command__known_sinusoid__has_the_level_of_the_hand_calculation(
 
 
 def test_disturbance__paper_loop__rejects_as_s_says() -> None:
-    made = controller(display())
-    rig = loaded(made, 5)
+    made, rig = FULL, loaded(FULL, 5)
     frequency = np.array([0.5, 2.0, 10.0, 30.0, 100.0])
     report = disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0))
     _, sensitivity = loop_response(made, frequency)

@@ -14,11 +14,8 @@ from tactuator.model.verdict import Outcome
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.transport import InProcess
-from tests.measure.loops import QUIET, RATE_HZ, controller, display, loaded, loop_response
+from tests.measure.loops import FULL, QUIETER, RATE_HZ, controller, loaded, loop_response
 from tests.rig.guard.guarded import designed
-
-FULL, QUIETER = controller(display()), controller(display(QUIET))
-"""With everything that disturbs, and with little noise alone."""
 
 
 def error_db(response, made):

@@ -30,7 +30,6 @@ _DEFINED = re.compile(r"^inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
 
 
 def _defined(text: str) -> set[str]:
-    """Inline functions and constants of a header."""
     return {name for pair in _DEFINED.findall(text) for name in pair if name}
 
 

@@ -87,6 +87,13 @@ def changed(made: Controller, **fields: object) -> Controller:
     return replace(made, channels=tuple(replace(each, **fields) for each in made.channels))  # type: ignore[arg-type]
 
 
+def louder(made: Controller, gain: float) -> Controller:
+    """The same with its first channel's feedback `gain` times as strong, on every channel: unstable, for most."""
+    sections = np.array(made.channels[0].feedback_sos)
+    sections[0, :3] *= gain
+    return changed(made, feedback_sos=sections)
+
+
 def tone(
     frequency_hz: float, duration_s: float, level_db: float = 0.0, rate_hz: float = RATE_HZ
 ) -> NDArray[np.float64]:

@@ -46,9 +46,7 @@ def adaptive(finger: str = "index") -> ChannelController:
 
 def feeding_whole() -> ChannelController:
     """One that feeds forward all of the mass that it has learnt, not the designed share."""
-    own = adaptive()
-    assert own.feed_forward is not None
-    return replace(own, feed_forward=replace(own.feed_forward, mass_fed=1.0))
+    return replace(adaptive(), feed_forward=replace(adaptive().feed_forward, mass_fed=1.0))
 
 
 def touching(own: ChannelController, load: str | None, touched: Load | None = None) -> Simulation:

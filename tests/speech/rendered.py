@@ -24,7 +24,6 @@ def render_array(
 
 
 def cut(samples: FloatArray, lengths: Sequence[int]) -> Iterator[FloatArray]:
-    """Blocks of these lengths, again and again."""
     at = turn = 0
     while at < len(samples):
         yield samples[at : at + lengths[turn % len(lengths)]]

@@ -169,7 +169,6 @@ def test_at_rate__papers_filters__are_those_designed_at_that_rate(rate_hz: float
         (moved.prefilter_sos, prefilter_sections(DC, rate_hz)),
         (moved.feedback_sos, feedback_sections(rate_hz)),
     ):
-        assert found is not None
         responses = [sections_response(sos, HZ, rate_hz) for sos in (found, expected)]
         np.testing.assert_allclose(*responses, rtol=1e-7)
 
@@ -177,7 +176,6 @@ def test_at_rate__papers_filters__are_those_designed_at_that_rate(rate_hz: float
 def test_at_rate__any_rate__the_integrator_is_exact_and_the_core_takes_the_image() -> None:
     for rate_hz in np.linspace(1200.0, 64_000.0, 12):
         moved = at_rate(MADE, float(rate_hz))
-        assert moved.channels[0].feedback_sos is not None
         assert delta_coefficients(moved.channels[0].feedback_sos)[-1, 4] == 0.0
         for name in FORMATS:
             image = build_image(moved, name)

@@ -56,14 +56,12 @@ def try_lie(lie: tuple[str, str, float], situation: str) -> str:
 
 
 def table() -> str:
-    """The table as it stands in the documentation."""
     lines = ["| what the sensor does | " + " | ".join(SITUATIONS) + " |", "|---|" + "---|" * len(SITUATIONS)]
     lines += [f"| {lie[0]} | " + " | ".join(try_lie(lie, situation) for situation in SITUATIONS) + " |" for lie in LIES]
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Write the table into decision 0706."""
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     after = rest.split(END)[1]
     DOCS.write_text(before + BEGIN + "\n" + table() + "\n" + END + after, encoding="utf-8")
