@@ -30,27 +30,16 @@ def test_settle__fixed_controller__nothing_is_played() -> None:
         assert rig.rows_played == 0
 
 
-class MuteRig(WrappedRig):
-    """A rig that does not tell its weights."""
-
-
-class HastyRig(SimulatedRig):
-    """A rig that says that its time goes on between blocks; its weights are told while it plays."""
-
-    @property
-    def waits(self) -> bool:
-        return False
-
-
 def test_settle__rig_that_does_not_tell_or_whose_time_goes_on__says_no_weights_or_no_time() -> None:
     made = adaptive()
     inner = SimulatedRig(made.display, 3)
-    with MuteRig(inner) as rig:
+    with WrappedRig(inner) as rig:  # it does not tell its weights
         rig.load(made)
         (mute,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert (mute.weight, mute.settled_s) == (None, None)
     assert inner.rows_played == 3 * RATE_HZ
-    with HastyRig(made.display, 3) as rig:
+    with SimulatedRig(made.display, 3) as rig:
+        rig._waits = False  # its time goes on between blocks, and its weights are told while it plays
         rig.load(made)
         (hasty,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert hasty.settled_s is None
