@@ -18,18 +18,9 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup, Limits
+from tactuator.runtime import coefficients
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import (
-    REFERENCE_FULL_SCALE,
-    SHIFT_MAX,
-    SHIFT_MIN,
-    VOLTS_FULL_SCALE,
-    Q31Section,
-    q31_cascade,
-    q31_conditioning,
-    q31_row,
-    q31_section,
-)
+from tactuator.runtime.coefficients import VOLTS_FULL_SCALE, Q31Section, q31_cascade, q31_row, q31_section
 from tactuator.runtime.image import build_image, conditioning, reference_max
 from tests.core.single_precision import finite
 from tests.runtime.paper_display import controller, display, feedback_sections, prefilter_sections
@@ -157,7 +148,10 @@ ADVERSARIAL = (
 )
 
 words = st.integers(LEAST, FULL)
-mantissa, shift = st.integers(-FULL, FULL), st.sampled_from([SHIFT_MIN, 3, 9, 10, 21, 31, 40, 52, 61, SHIFT_MAX])
+mantissa, shift = (
+    st.integers(-FULL, FULL),
+    st.sampled_from([coefficients.SHIFT_MIN, 3, 9, 10, 21, 31, 40, 52, 61, coefficients.SHIFT_MAX]),
+)
 any_section = st.builds(Q31Section, st.tuples(*[mantissa] * 5), st.tuples(*[shift] * 3))
 
 
@@ -239,12 +233,15 @@ def fixed_commands(made, reference, position):
     channel = made.channels[0]
     cascades = [
         [] if sos is None else [FixedSection(each) for each in q31_cascade(sos, made.rate_hz, full)]
-        for sos, full in ((channel.prefilter_sos, REFERENCE_FULL_SCALE), (channel.feedback_sos, VOLTS_FULL_SCALE))
+        for sos, full in (
+            (channel.prefilter_sos, coefficients.REFERENCE_FULL_SCALE),
+            (channel.feedback_sos, VOLTS_FULL_SCALE),
+        )
     ]
     rows = [q31_row((gain,), bits=30) for gain in channel.anti_windup.gains]
     gains = tuple((mantissas[0], shift) for mantissas, shift in rows)
-    (worth,), shift = q31_conditioning(conditioning(channel))
-    most = round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE)
+    (worth,), shift = coefficients.q31_conditioning(conditioning(channel))
+    most = round(2**31 * reference_max(channel) / coefficients.REFERENCE_FULL_SCALE)
     limits = (channel.limits.command_v, (worth, shift), most)
     return run(FixedController(*cascades, gains, *limits), reference, position)
 

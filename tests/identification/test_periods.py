@@ -28,7 +28,6 @@ class Multisines:
     lines: np.ndarray
 
     def commands(self, records, rms, rng):
-        made = np.zeros((self.realisations, self.period, records))
         spectrum = np.zeros((self.realisations, self.period // 2 + 1, records), dtype=complex)
         turn = rng.uniform(0.0, 2.0 * np.pi, (self.realisations, self.lines.size, records))
         spectrum[:, self.lines] = np.exp(1j * turn)

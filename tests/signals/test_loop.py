@@ -8,20 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
+from tactuator.signals import loop as module
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
-from tactuator.signals.loop import (
-    FeedbackLoop,
-    Margins,
-    TwoDegreeLoop,
-    UnstableLoop,
-    analysis_grid_hz,
-    closed_poles,
-    closed_roots,
-    is_stable,
-    least_gain,
-    margins,
-)
+from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tests.signals.precisely import expanded
@@ -154,7 +144,7 @@ def test_margins__random_second_order_loop__python_control_agrees(damping: float
 
 def _identities(loop: FeedbackLoop, found: Margins) -> None:
     """S + T = 1; classical margins are at least what max|S| and the disk promise (Seiler et al. 2020)."""
-    grid = analysis_grid_hz(loop)
+    grid = module.analysis_grid_hz(loop)
     assert np.abs(loop.sensitivity(grid) + loop.complementary(grid) - 1.0).max() < 1e-9
     assert np.abs(loop.sensitivity(grid)).max() <= found.sensitivity_peak * (1.0 + 1e-9)
     promised = np.degrees(2.0 * np.arcsin(0.5 / found.sensitivity_peak))
@@ -220,7 +210,7 @@ def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.n
 @pytest.mark.parametrize("rate_hz", [4e3, 64e3])
 def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
     delayed = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz, 1)
-    found = np.sort_complex(closed_poles(delayed))
+    found = np.sort_complex(module.closed_poles(delayed))
     shifted = [complex(z) - 1.0 for z in delayed.zeros], [*(complex(p) - 1.0 for p in delayed.poles), -1.0 + 0j]
     wanted = np.sort_complex(exact_roots(*shifted, delayed.gain))
     for root in wanted:
@@ -244,9 +234,12 @@ def test_is_stable__dead_time__as_the_closed_form_says() -> None:
 @pytest.mark.parametrize(
     ("of", "words"),
     [
-        (lambda: closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1)), "dead time"),
-        (lambda: closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0), "no more zeros than poles"),
-        (lambda: closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0), "direct gain"),
+        (lambda: module.closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1)), "dead time"),
+        (
+            lambda: module.closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0),
+            "no more zeros than poles",
+        ),
+        (lambda: module.closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0), "direct gain"),
         (lambda: is_stable(ContinuousSystem([-1.0], [-2.0], 0.5, 0.1)), "strictly proper"),
         (lambda: FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0)), "cannot be combined"),
     ],

@@ -20,15 +20,8 @@ from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller, headroom
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
-from tests.synthesis.displays import (
-    channel,
-    of,
-    paper_alone,
-    paper_controller,
-    three_finger_controller,
-    three_fingers,
-    with_structure,
-)
+from tests.synthesis import displays
+from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
 
@@ -148,7 +141,7 @@ def test_design__poles_and_error_both__refused() -> None:
 
 
 def test_design__no_loop__prefilter_to_volts_of_command() -> None:
-    display = with_structure(paper_alone(), "none")
+    display = displays.with_structure(paper_alone(), "none")
     own = design_controller(display, 8).channels[0]
     assert own.feedback_sos is None
     frequency = np.geomspace(0.4, 300.0, 50)

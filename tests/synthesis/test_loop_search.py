@@ -40,18 +40,6 @@ def integrator_with_mode(frequency_hz: float, quality: float, drag: float = 50.0
     return ContinuousSystem([], poles, 2000.0 * own**2)
 
 
-def mode_and_antiresonance(mode_hz: float, anti_hz: float, quality: float) -> ContinuousSystem:
-    """The paper's motor with a mode and an antiresonance next to it."""
-    mode, anti = 2.0 * np.pi * mode_hz, 2.0 * np.pi * anti_hz
-    zeros = np.roots([1.0, anti / quality, anti**2])
-    poles = np.append(np.roots([1.0, 94.0, 290.0]), np.roots([1.0, mode / quality, mode**2]))
-    return ContinuousSystem(zeros, poles, 2875.0 * (mode / anti) ** 2)
-
-
-def motor_with_dead_time(delay_s: float) -> ContinuousSystem:
-    return ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], delay_s)
-
-
 def drawn(rng: np.random.Generator, kind: str) -> ContinuousSystem:
     if kind == "resonator":
         return resonator(float(rng.uniform(60.0, 600.0)), float(rng.uniform(4.0, 40.0)))
@@ -60,9 +48,12 @@ def drawn(rng: np.random.Generator, kind: str) -> ContinuousSystem:
             float(rng.uniform(60.0, 300.0)), float(rng.uniform(5.0, 30.0)), float(rng.uniform(10.0, 200.0))
         )
     if kind == "mode and antiresonance":
-        mode = float(rng.uniform(60.0, 300.0))
-        return mode_and_antiresonance(mode, mode * float(rng.uniform(0.7, 1.3)), float(rng.uniform(5.0, 40.0)))
-    return motor_with_dead_time(round(float(rng.uniform(0.5e-3, 4e-3)) * 8000.0) / 8000.0)
+        mode = 2.0 * np.pi * float(rng.uniform(60.0, 300.0))
+        anti, quality = mode * float(rng.uniform(0.7, 1.3)), float(rng.uniform(5.0, 40.0))
+        poles = np.append(np.roots([1.0, 94.0, 290.0]), np.roots([1.0, mode / quality, mode**2]))
+        return ContinuousSystem(np.roots([1.0, anti / quality, anti**2]), poles, 2875.0 * (mode / anti) ** 2)
+    late_s = round(float(rng.uniform(0.5e-3, 4e-3)) * 8000.0) / 8000.0
+    return ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], late_s)
 
 
 def drawn_limits(rng: np.random.Generator) -> FeedbackRequirements:
