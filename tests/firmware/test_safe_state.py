@@ -58,8 +58,6 @@ class Debugger:
             pass
         self.ask("qXfer:features:read:target.xml:0,ffb")  # otherwise it has no single registers
 
-    # -- packets
-
     def send(self, text: str) -> None:
         self._socket.sendall(f"${text}#{sum(text.encode()) % 256:02x}".encode())
 
@@ -81,8 +79,6 @@ class Debugger:
         answer = self.packet()
         assert answer is not None
         return answer
-
-    # -- the processor
 
     def register(self, number: int) -> int:
         return int.from_bytes(bytes.fromhex(self.ask(f"p{number:x}")[:8]), "little")
@@ -124,8 +120,6 @@ class Debugger:
         self.send("qRcmd," + command.encode().hex())
         while (answer := self.packet()) != "OK":
             assert answer is not None
-
-    # -- spoiling it
 
     def execute(self, instruction: int, r0: int = 0, r1: int = 0) -> None:
         """One 16-bit instruction between two of the program's, from the bottom of the stack's memory."""

@@ -1,7 +1,5 @@
 """The interrupt's path under libFuzzer and sanitisers, with invariants of what is put out."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

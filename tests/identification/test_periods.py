@@ -1,7 +1,5 @@
 """Periodic records: noise, even and odd distortion told apart, and the best linear approximation inside its band."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assembled controllers: sections, anti-windup, headroom, and what a finger feels of them on the simulated display."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Loops that exist are found, relaxing a limit never turns yes into no, and threads change nothing."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

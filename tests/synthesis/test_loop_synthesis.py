@@ -1,7 +1,5 @@
 """Synthesised loops: every limit kept on every plant, better than the paper's C, and a plain word where nothing is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Monte Carlo over plants against the sampled loops of the same plants, one by one; its points against SciPy's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

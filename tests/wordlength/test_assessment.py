@@ -80,8 +80,6 @@ def test_assess__no_feedback__is_judged_by_the_prefilter_alone() -> None:
     assert report(changed(MADE, feedback_sos=None), "float32").safe
 
 
-# --- what one format cannot hold is no reason to be silent about the others ---
-
 REFUSED = [
     (changed(MADE, limits=Limits(20.0, 2.0)), r"command_v is 20; allowed: at most 15 V in Q31"),
     (
@@ -99,9 +97,6 @@ def test_assess__what_q31_cannot_hold__is_told_for_q31_alone(made: Controller, w
     assert report(made, "float32").refused is None
     with pytest.raises(BadInput, match=words):
         require_safe(made, "q31")
-
-
-# --- worst error of |H|, from the words with fifty digits ---
 
 
 def loop_error_db(made: Controller, left: tuple[NDArray[np.complex128], ...]) -> float:
@@ -144,9 +139,6 @@ def image_rows(image: bytes, name: str, prefilters: int, feedbacks: int) -> tupl
         shifts = (words[5], words[6], words[7], words[6], words[7])
         rows.append([word / 2.0 ** (21 + shift) for word, shift in zip(words[:5], shifts, strict=True)])
     return rows[:prefilters], rows[prefilters:]
-
-
-# --- what `build` asks ---
 
 
 def test_require_safe__format_that_no_board_runs__is_refused() -> None:
