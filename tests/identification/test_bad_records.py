@@ -47,9 +47,7 @@ def off_db(record: Record) -> float:
     ],
     ids=["two runs pasted", "a long gap", "half of it missing"],
 )
-def test_read_record__that_is_amiss__is_refused_in_one_line(
-    tmp_path: Path, make: Callable[[Path], Path], reason: str
-) -> None:
+def test_read_record__that_is_amiss__is_refused_in_one_line(tmp_path, make, reason) -> None:
     with pytest.raises(BadInput, match=reason) as caught:
         read_record(make(tmp_path))
     assert "\n" not in str(caught.value)

@@ -41,9 +41,7 @@ def test_identify__recorded_through_filters__is_named_and_right_within_its_band(
     assert pair.q == pytest.approx(abs(RESONATOR.poles[0]) / (2.0 * 42.65), rel=0.02)
 
 
-def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(
-    filtered: Record,
-) -> None:
+def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(filtered) -> None:
     said = replace(filtered, about={"hold": "band-limited"})
     assert identify(said, order=2, zeros=0).between.source == "file"
     kept = identify(filtered, hold="band-limited", order=3, zeros=1, delay_s=1e-4)

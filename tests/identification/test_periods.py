@@ -126,9 +126,7 @@ def test_identify__linear_mechanism_under_multisines__shows_noise_alone(found: l
     np.testing.assert_allclose(one.model.den, [1.0, DAMPING, SIZE**2], rtol=0.01)
 
 
-def test_identify__hardening_spring__levels_are_right_and_the_band_holds(
-    found: list[Identification], truth: tuple[np.ndarray, ...]
-) -> None:
+def test_identify__hardening_spring__levels_are_right_and_the_band_holds(found, truth) -> None:
     value, distortion, odd, _ = truth
     inside = []
     for one in found[1:4]:

@@ -50,9 +50,7 @@ def finding(errors_db: list[float], confidence_db: list[float], load: str = "non
     ],
     ids=["within", "beyond", "left open", "left open by a lesser point", "beyond, and a greater one left open"],
 )
-def test_response_verdict__errors_with_confidence__the_point_that_decides(
-    errors: list[float], confidence: list[float], outcome: str, at_hz: float
-) -> None:
+def test_response_verdict__errors_with_confidence__the_point_that_decides(errors, confidence, outcome, at_hz) -> None:
     one = finding(errors, confidence)
     assert (one.outcome.value, one.frequency_hz) == (outcome, at_hz)
     assert f"differences of 1.65 dB; {'confidence 0.0023 dB' if outcome == 'met' else 'confidence 0.'}" in one.remark

@@ -99,9 +99,7 @@ def forty_digits(system: ContinuousSystem, command: NDArray[np.float64]) -> list
     st.lists(st.tuples(st.floats(-300.0, -10.0), st.floats(20.0, 3000.0)), min_size=0, max_size=2),
     st.integers(0, 2),
 )
-def test_plant__any_stable_one__agrees_with_forty_digits(
-    real: list[float], pairs: list[tuple[float, float]], zero_count: int
-) -> None:
+def test_plant__any_stable_one__agrees_with_forty_digits(real, pairs, zero_count) -> None:
     poles = np.array([*real, *(complex(re, sign * im) for re, im in pairs for sign in (1, -1))], dtype=complex)
     zeros = -np.array([150.0, 800.0])[: min(zero_count, poles.size - 1)]
     system = ContinuousSystem(zeros, poles, float(np.abs(np.prod(poles)) / np.abs(np.prod(zeros))))

@@ -59,9 +59,7 @@ FIVE = [0.93, 0.8 + 0.1j, 0.8 - 0.1j, 0.7, 0.6]
         ([0.99 + 0.01j, 0.99 - 0.01j, 0.97, 0.9, -0.2, 0.5], FIVE),
     ],
 )
-def test_feedback_sections__any_shape__same_response_and_integrator_last(
-    zeros: list[complex], others: list[complex]
-) -> None:
+def test_feedback_sections__any_shape__same_response_and_integrator_last(zeros, others) -> None:
     system = SampledSystem(zeros, [1.0, *others], 2.0, RATE_HZ)
     sections = feedback_sections(system)
     assert sections[-1, 3:].sum() == 0.0
@@ -183,9 +181,7 @@ def test_dahl_harmonic__great_or_small_motion__that_of_a_square_wave_or_a_spring
     assert small == pytest.approx(4e-3 / 10e-3 * 1e-5, rel=1e-2)
 
 
-def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits(monkeypatch) -> None:
     monkeypatch.setattr(module, "synthesise", lambda *_: iter(()))  # what is told of the limits has tests of its own
     monkeypatch.setattr(module, "diagnosis", lambda _: "nothing satisfies the requirements")
     ends = "band_hz is [0.4, 300], but the plant is known from 0.2 to {} Hz only (valid_hz)"

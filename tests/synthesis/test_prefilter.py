@@ -115,9 +115,7 @@ MOTOR = [1.0, 94.0, 290.0]
         (ContinuousSystem.from_polynomials([2.0, 0.0, 0.0], [1.0, 2 * 0.1 * 377.0, 377.0**2]), "library", 0.5),
     ],
 )
-def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(
-    plant: ContinuousSystem, felt: str, most_db: float
-) -> None:
+def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(plant, felt, most_db) -> None:
     threshold = Threshold(CURVES[felt])
     quantity = "acceleration" if plant.zeros.size else "displacement"
     fit = fit_prefilter(channel(plant=plant, quantity=quantity, threshold=threshold, loads=()), None, 4000.0, 1, 8)

@@ -112,9 +112,7 @@ def test_judge__steps_of_the_converters__are_felt_as_the_simulated_display_moves
     st.floats(0.05, 6.0), st.floats(0.15, 1.0), st.lists(st.floats(0.1, 3.0), max_size=2), st.sampled_from([0, 2, 5, 8])
 )
 @settings(max_examples=12)
-def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(
-    amplitude: float, noise: float, lines: list[float], rest: int
-) -> None:
+def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(amplitude, noise, lines, rest) -> None:
     rng = np.random.default_rng(3)
     phase, *others = rng.uniform(0.0, 2.0 * np.pi, (1 + len(lines), 400_000))
     beside = sum((peak * np.cos(turn) for peak, turn in zip(lines, others, strict=True)), rest / 16.0 + 0.0 * phase)
@@ -277,9 +275,7 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
         *(((10.0, 2.0), value, "threshold_voltage_dc") for value in (0.0, -1.0, float("inf"))),
     ],
 )
-def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(
-    limits: tuple[float, ...], threshold_voltage_dc: float, words: str
-) -> None:
+def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(limits, threshold_voltage_dc, words):
     made = paper_controller()
     with pytest.raises(BadInput, match=words):
         wrong = replace(made.channels[0], limits=Limits(*limits), threshold_voltage_dc=threshold_voltage_dc)

@@ -85,7 +85,7 @@ def test_is_stable__direct_float32__is_facts() -> None:
 
 
 @pytest.mark.parametrize(("rate_hz", "stable"), [(4000.0, True), (64_000.0, False)])
-def test_is_stable__slow_section_in_float32__as_its_pole_rounds(rate_hz: float, stable: bool) -> None:
+def test_is_stable__slow_section_in_float32__as_its_pole_rounds(rate_hz, stable) -> None:
     # poles at 0.4 Hz: in float32, 1 + a1 + a2 is a multiple of 2^-24, and at 64 kHz it should be 1.5e-9
     pole = np.exp(-2.0 * np.pi * 0.4 / rate_hz)
     sos = np.array([[1.0, 0.0, 0.0, 1.0, -2.0 * pole, pole**2]])

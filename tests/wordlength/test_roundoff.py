@@ -78,9 +78,7 @@ def test_roundoff__constant_reference__is_facts(name: str, rate_hz: float, rms_v
 @pytest.mark.parametrize(
     ("delay_samples", "delay_s", "fed_back"), [(1, 0.0, True), (2, 0.00065, True), (0, 0.0, True), (1, 0.0, False)]
 )
-def test_exact_loop__within_the_limit__is_the_stepped_loop(
-    delay_samples: int, delay_s: float, fed_back: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_exact_loop__within_the_limit__is_the_stepped_loop(delay_samples, delay_s, fed_back, monkeypatch) -> None:
     late = replace(channel(), plant=replace(channel().plant, delay_s=delay_s))
     of = display(late, delay_samples=delay_samples)
     own = controller(display(late)).channels[0]

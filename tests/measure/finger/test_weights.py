@@ -2,10 +2,8 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
@@ -46,9 +44,7 @@ def test_settle__rig_that_does_not_tell_or_whose_time_goes_on__says_no_weights_o
     np.testing.assert_allclose(hasty.weight, [0.0, 0.0], atol=0.15)
 
 
-def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(tmp_path, capsys) -> None:
     write_controller(tmp_path / "c.json", adaptive())
     text = (EXAMPLES / "displays" / "tactuator.toml").read_text(encoding="utf-8")
     designed, other = "mass = 0.12, damping = 31.0, stiffness = 360.0", "mass = 0.07, damping = 43.0, stiffness = 500.0"
