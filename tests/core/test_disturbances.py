@@ -84,9 +84,7 @@ def friction(position: NDArray[np.float64], level_v: float = 4e-3, presliding: f
 
 @settings(max_examples=50)
 @given(hnp.arrays(np.float64, st.integers(1, 60), elements=st.floats(-0.05, 0.05)))
-def test_friction__any_closed_path__keeps_its_level_and_gives_no_energy(
-    path: NDArray[np.float64],
-) -> None:
+def test_friction__any_closed_path__keeps_its_level_and_gives_no_energy(path) -> None:
     fine = np.interp(np.linspace(0, path.size + 1, 4000), np.arange(path.size + 2), np.concatenate([[0], path, [0]]))
     force = friction(fine)
     assert max(np.max(np.abs(force)), np.max(np.abs(friction(2e7 * path)))) <= 4e-3 * (1.0 + 1e-12)

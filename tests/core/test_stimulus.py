@@ -144,9 +144,7 @@ turns, stretches = st.floats(-np.pi, np.pi), st.floats(1.0 - 4.9e-5, 1.0 + 4.9e-
 
 @settings(max_examples=60, deadline=None)
 @given(turns, stretches, turns, stretches, st.floats(-1e5, 1e5, width=32), st.integers(0, 300))
-def test_tone__any_rotation_that_is_valid__stays_within_its_amplitude(
-    turn: float, stretch: float, rise: float, steep: float, amplitude: float, length: int
-) -> None:
+def test_tone__any_rotation_that_is_valid__stays_within_its_amplitude(turn, stretch, rise, steep, amplitude, length):
     rotations = (stretch * np.cos(turn), stretch * np.sin(turn), steep * np.cos(rise), steep * np.sin(rise))
     stimulus = ffi.new("tact_stimulus *")
     stimulus.count, stimulus.tone[0] = 1, (0, length, length // 2, amplitude, *rotations)

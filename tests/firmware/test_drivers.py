@@ -6,24 +6,80 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.runtime._core import ffi
-from tests.firmware.chip_model import (
-    CRYSTAL_HZ,
-    EXTI,
-    FLASH,
-    IWDG,
-    MODE,
-    NVIC,
-    PWR,
-    RCC,
-    STEP_V,
-    SYSTICK,
-    USART3,
-    WRAPPED,
-    Chip,
-    Drivers,
-    build,
-)
+from tactuator.errors import BadInput, DeviceFault
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.period_cost import count_cycles
+from tactuator.rig.transport import InProcess
+from tactuator.runtime._core import ffi, lib
+from tests.firmware import chip_model as model
+from tests.firmware.chip_model import Chip, Drivers, build
+from tests.rig.guard.guarded import designed
+
+AT_REST, RUNS, EVERY_TENTH = 90, 700, 25
+
+
+class Counted(InProcess):
+    """A board whose time goes on with every request, in whose every period the chip's counter goes on as well: the step
+    takes 90 cycles at rest, 700 in a run, and 25 more in every tenth."""
+
+    def __init__(self, library: ctypes.CDLL, goes: bool = True) -> None:
+        super().__init__(name="stm32f405")
+        self.on, self.goes = Drivers(library, Chip()), goes
+        self.on.call("tact_cycles_start")
+        address = ctypes.cast(library.tact_cycles_count, ctypes.c_void_p).value
+        self.link.bench = ffi.cast("void (*)(uint32_t, uint32_t *)", address)
+
+    def _let_run(self) -> None:
+        for _ in range(32 * self.goes):
+            runs = self.board.mode == lib.TACT_RUNNING
+            self.on.chip.cycles = 0xFFFFFFFF - 40  # the counter's end is within every step
+            self.on.call("tact_cycles_from")
+            self.on.chip.passes((RUNS if runs else AT_REST) + EVERY_TENTH * (self.board.ticks % 10 == 0))
+            self.on.call("tact_cycles_to")
+            if self.simulated.channels:
+                lib.tact_simulated_board_period(self.simulated, self.board, 0)
+            else:
+                self.board.ticks += 1
+
+
+def rig_of(transport: InProcess) -> BoardRig:
+    made = BoardRig(LinkClient(transport), designed().display, waits=False, sleep=lambda seconds: None)
+    made.simulate(1)
+    transport.board.allows_hold = 0  # as a board with converters says
+    return made
+
+
+def test_count_cycles__known_to_the_cycle__are_told_of_each_case(library, monkeypatch):
+    monkeypatch.setattr("tactuator.rig.period_cost.count_instructions", refuse)
+    found = count_cycles(rig_of(Counted(library)), designed(), 0.1, sleep=lambda seconds: None)
+    assert (found.board, found.channels, list(found.cases)) == ("stm32f405", 3, ["at rest", "silent", "usual"])
+    for name, step in (("at rest", AT_REST), ("silent", RUNS), ("usual", RUNS)):
+        case = found.cases[name]
+        assert (case.periods, case.least, case.most) == (400, step, step + EVERY_TENTH)
+        assert case.mean == step + EVERY_TENTH / 10.0
+        assert case.share_of_period == pytest.approx((step + EVERY_TENTH) * 4000.0 / 168e6)
+        assert case.instructions is None
+
+
+def refuse(*arguments):
+    raise BadInput("no emulator")
+
+
+def test_count_cycles__board_without_a_counter_or_with_a_simulated_display__is_refused():
+    made = rig_of(transport := InProcess())
+    for allows_hold, words in ((0, "no counter of cycles; allowed: one that has"), (1, "simulated display; allowed")):
+        transport.board.allows_hold = allows_hold
+        with pytest.raises(BadInput, match=words):
+            count_cycles(made, designed(), 0.1)
+
+
+def test_count_cycles__timer_that_stands__is_told(library):
+    now_s = iter(range(1000))
+    made = rig_of(Counted(library, goes=False))
+    with pytest.raises(DeviceFault, match="has not made 400 periods"):
+        count_cycles(made, designed(), 0.1, clock=lambda: float(next(now_s)), sleep=lambda seconds: None)
+
 
 CODES = st.lists(st.integers(-32768, 32767), min_size=3, max_size=3)
 STOPS_WHERE_HOT, LIMITS_CURRENT = 1 << 3, 1 << 2
@@ -63,7 +119,7 @@ def test_ad5754__codes__are_volts_at_the_outputs_all_at_one_instant(library, cod
     on.call("tact_bus_outputs_on")
     before = len(on.chip.moved)
     assert on.call("tact_ad5754_write", three(codes), 3) == 1
-    assert on.chip.output.volts[:3] == [code * STEP_V for code in codes]
+    assert on.chip.output.volts[:3] == [code * model.STEP_V for code in codes]
     assert on.chip.output.volts[3] == 0.0
     assert [move for move in on.chip.moved[before:] if move == ("pin", "C2", 0)] == [("pin", "C2", 0)]
 
@@ -95,7 +151,7 @@ def test_ad7606__volts__are_codes_of_the_instant_it_was_asked(library, volts):
     on.call("tact_ad7606_begin")
     codes = three([0, 0, 0])
     assert on.call("tact_ad7606_read", codes, 3) == 1
-    assert list(codes) == [max(-32768, min(32767, round(v / STEP_V))) for v in volts[:3]]
+    assert list(codes) == [max(-32768, min(32767, round(v / model.STEP_V))) for v in volts[:3]]
 
 
 def test_converters__that_do_not_convert_or_a_bus_that_stands__are_told_and_no_code_comes(library):
@@ -163,15 +219,15 @@ def test_clock__crystal__is_168_mhz_with_the_flash_slowed_before_and_without_one
     kept = on.chip.set
     on.chip.set = lambda address, value: (order.append(address), kept(address, value))[1]
     assert on.call("tact_chip_clock") == 1
-    pll, bus = on.chip.registers[RCC + 4], on.chip.registers[RCC + 8]
+    pll, bus = on.chip.registers[model.RCC + 4], on.chip.registers[model.RCC + 8]
     assert pll >> 22 & 1
-    fast_hz = CRYSTAL_HZ / (pll & 63) * (pll >> 6 & 511)
-    assert 1e6 <= CRYSTAL_HZ / (pll & 63) <= 2e6
+    fast_hz = model.CRYSTAL_HZ / (pll & 63) * (pll >> 6 & 511)
+    assert 1e6 <= model.CRYSTAL_HZ / (pll & 63) <= 2e6
     assert 100e6 <= fast_hz <= 432e6
     assert fast_hz / (2 * (pll >> 16 & 3) + 2) == 168e6
     assert (bus & 3, bus >> 10 & 7, bus >> 13 & 7) == (2, 5, 4)
-    assert on.chip.registers[FLASH] & 15 == 5
-    assert order.index(FLASH) < len(order) - 1 - order[::-1].index(RCC + 8)
+    assert on.chip.registers[model.FLASH] & 15 == 5
+    assert order.index(model.FLASH) < len(order) - 1 - order[::-1].index(model.RCC + 8)
     chip = Chip()
     chip.crystal_works = False
     assert drivers(library, chip).call("tact_chip_clock") == 0
@@ -181,10 +237,10 @@ def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
     on = drivers(library)
     keys = []
     kept = on.chip.set
-    on.chip.set = lambda address, value: (keys.append((address - IWDG, value)), kept(address, value))[1]
+    on.chip.set = lambda address, value: (keys.append((address - model.IWDG, value)), kept(address, value))[1]
     on.call("tact_watchdog_start")
-    assert keys == [(0, 0xCCCC), (0, 0x5555), (4, 0), (8, on.chip.registers[IWDG + 8]), (0, 0xAAAA)]
-    longest, shortest = (1e3 * 4 * (on.chip.registers[IWDG + 8] + 1) / hz for hz in LSI_HZ)
+    assert keys == [(0, 0xCCCC), (0, 0x5555), (4, 0), (8, on.chip.registers[model.IWDG + 8]), (0, 0xAAAA)]
+    longest, shortest = (1e3 * 4 * (on.chip.registers[model.IWDG + 8] + 1) / hz for hz in LSI_HZ)
     assert shortest > 6.0
     assert longest < 18.0
 
@@ -192,8 +248,8 @@ def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
 def test_usart__2_megabaud_and_bytes_in_order_either_way_as_many_as_the_ring_holds(library):
     on = drivers(library)
     on.call("tact_usart_begin", ctypes.c_uint32(42_000_000))
-    assert 42_000_000 / on.chip.registers[USART3 + 8] == 2_000_000
-    assert on.chip.registers[0x40020400 + MODE] >> 20 & 15 == 0b1010
+    assert 42_000_000 / on.chip.registers[model.USART3 + 8] == 2_000_000
+    assert on.chip.registers[0x40020400 + model.MODE] >> 20 & 15 == 0b1010
     for length in (3, 8192, 9000):
         on.chip.from_host = [n % 251 for n in range(length)]
         while on.chip.from_host:
@@ -213,10 +269,10 @@ def test_supply__below_2_9_v__interrupts(library):
     before = dict(on.chip.registers)
     on.call("tact_supply_watch")
     after = on.chip.registers
-    assert after[RCC + 0x40] & ~before[RCC + 0x40] == 1 << 28
-    assert after[PWR] >> 4 & 0b1111 == 0b1111
-    assert (after[EXTI], after[EXTI + 0x08], after.get(EXTI + 0x0C, 0)) == (1 << 16, 1 << 16, 0)
-    assert after[NVIC] == 1 << 1
+    assert after[model.RCC + 0x40] & ~before[model.RCC + 0x40] == 1 << 28
+    assert after[model.PWR] >> 4 & 0b1111 == 0b1111
+    assert (after[model.EXTI], after[model.EXTI + 0x08], after.get(model.EXTI + 0x0C, 0)) == (1 << 16, 1 << 16, 0)
+    assert after[model.NVIC] == 1 << 1
 
 
 TICK = ctypes.CFUNCTYPE(None)
@@ -230,16 +286,16 @@ def test_systick__late_or_missed__is_told_in_256ths_of_a_period(library, late, m
     def step():
         told.append(on.compiled.tact_systick_lateness())
         if len(told) <= misses:
-            on.chip.registers[SYSTICK] |= WRAPPED
+            on.chip.registers[model.SYSTICK] |= model.WRAPPED
 
     tick = TICK(step)
     on.call("tact_systick_start", ctypes.c_uint32(42_000), tick)
-    assert on.chip.registers[SYSTICK + 4] == 41_999
-    assert on.chip.registers[SYSTICK] == 7
+    assert on.chip.registers[model.SYSTICK + 4] == 41_999
+    assert on.chip.registers[model.SYSTICK] == 7
     assert on.chip.registers[0xE000ED20] >> 24 == 0x80
     for _ in range(misses + 2):
-        on.chip.registers[SYSTICK] |= WRAPPED  # the wrap that brings it
-        on.chip.registers[SYSTICK + 8] = 41_999 - late
+        on.chip.registers[model.SYSTICK] |= model.WRAPPED  # the wrap that brings it
+        on.chip.registers[model.SYSTICK + 8] = 41_999 - late
         on.call("tact_systick")
     share = late * 256 // 42_000
     assert told == [share, *[share + 256] * misses, share]

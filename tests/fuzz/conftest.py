@@ -28,7 +28,6 @@ def sources() -> list[Path]:
 
 @pytest.fixture(scope="session")
 def objects(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """What is compiled of the core."""
     folder = tmp_path_factory.mktemp("core")
     compiled(folder, "-c", *sources())
     return sorted(folder.glob("*.o"))

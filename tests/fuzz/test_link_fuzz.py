@@ -9,19 +9,9 @@ import struct
 import numpy as np
 import pytest
 
+from tactuator.rig.board import link
 from tactuator.rig.board.commissioning import safety_table
-from tactuator.rig.board.link import (
-    IMAGE,
-    SAFETY,
-    SILENT,
-    SIMULATED_DISPLAY,
-    STIMULUS,
-    STREAM,
-    Request,
-    cobs_encode,
-    frame_bytes,
-)
-from tactuator.rig.board.link import Frame as LinkFrame
+from tactuator.rig.board.link import IMAGE, SAFETY, STREAM, Request
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
 from tactuator.runtime.tables import simulated_board_bytes
@@ -58,7 +48,6 @@ def upload(kind: int, content: bytes) -> bytes:
 
 
 def stream(run: int, first: int, channels: int, forces: bool = False) -> bytes:
-    """Rows of a sinusoid."""
     width = channels * (2 if forces else 1)
     count = min(_ROWS, (_PIECE - 11) // (4 * width))
     rows = 30.0 * np.sin(0.1 * np.arange(first, first + count)[:, None] * np.ones(width))
@@ -66,7 +55,6 @@ def stream(run: int, first: int, channels: int, forces: bool = False) -> bytes:
 
 
 def stimulus(index: int) -> bytes:
-    """One tone of 40 ticks."""
     turn, ramp = np.exp(0.1j), np.exp(1j * np.pi / 10.0)
     tone = struct.pack("<III5f", 2, 40, 10, 20.0, turn.real, turn.imag, ramp.real, ramp.imag)
     return frame(Request.STIMULUS, bytes([index, 1]) + tone)
@@ -83,7 +71,7 @@ def conversations() -> dict[str, bytes]:
         of = display(*(channel(name) for name in names))
         count = len(names)
         safety = upload(SAFETY, safety_bytes(safety_table(of)))
-        simulated = upload(SIMULATED_DISPLAY, simulated_board_bytes(of, 1))
+        simulated = upload(link.SIMULATED_DISPLAY, simulated_board_bytes(of, 1))
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1)) + frame(Request.WEIGHTS)
         for number_format in ("float32", "q31"):
             image = upload(IMAGE, build_image(controller(of), number_format))
@@ -95,11 +83,12 @@ def conversations() -> dict[str, bytes]:
             )
             if count == 1:
                 seeds[f"tones-{name}"] = (
-                    safety + image + simulated + stimulus(0) + arm + frame(Request.START, start.pack(1, STIMULUS, 0, 0))
+                    safety + image + simulated + stimulus(0) + arm
+                    + frame(Request.START, start.pack(1, link.STIMULUS, 0, 0))
                     + status * 20 + trace + stop + status * 40 + off
                 )  # fmt: skip
                 seeds[f"broken-{name}"] = (
-                    ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
+                    ready + frame(Request.START, start.pack(1, link.SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
                     + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
                     + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
                 )  # fmt: skip
@@ -110,5 +99,6 @@ def conversations() -> dict[str, bytes]:
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
         )  # fmt: skip
-    garbage = b"\xff\x00" + cobs_encode(b"\0" * 300) + frame_bytes(LinkFrame(Request.STATUS, 7, b"")) + b"\xff" * 300
-    return {**seeds, "raw": garbage + b"\0" + frame_bytes(LinkFrame(Request.ARM, 8, b""))}
+    hello, armed = (link.frame_bytes(link.Frame(*each, b"")) for each in ((Request.STATUS, 7), (Request.ARM, 8)))
+    garbage = b"\xff\x00" + link.cobs_encode(b"\0" * 300) + hello + b"\xff" * 300
+    return {**seeds, "raw": garbage + b"\0" + armed}

@@ -1,7 +1,5 @@
 """The interrupt's path under libFuzzer and sanitisers, with invariants of what is put out."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path
@@ -21,7 +19,6 @@ CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMA
 
 
 def write_tables(folder: Path) -> None:
-    """Designed tables as arrays of C."""
     controller = designed()
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),

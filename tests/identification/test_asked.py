@@ -1,7 +1,6 @@
 """Values that a user fixes: how they are written, and which are refused."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,9 +62,7 @@ def test_asked__values_that_contradict__are_refused(texts: list[str], asked: dic
         Asked(**asked, fixed=tuple(map(Fixed.parse, texts)))
 
 
-def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(tmp_path, capsys) -> None:
     command, position = np.random.default_rng(0).standard_normal((2, 400))
     with pytest.raises(BadInput, match="allowed: with 'refined' alone"):
         identify(Record(1000.0, command, position), method="rls", fixed=(Fixed("mass", 1.0),))
@@ -76,9 +73,7 @@ def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(
     refused([*arguments[:2], "--fix", "weight=1"], "'weight'", capsys, tmp_path)
 
 
-def test_identify_verb__fixed_values__are_in_answer_table_and_model(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identify_verb__fixed_values__are_in_answer_table_and_model(tmp_path, capsys) -> None:
     hertz = np.geomspace(5.0, 500.0, 40)
     s = 2j * np.pi * hertz
     value = 50.0 / (s**2 + 90.0 * s + 142000.0)

@@ -16,7 +16,7 @@ from tests.identification.others import Plant, band_limited
 
 PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.0)
 RATE_HZ = 610.35
-GOOD = Record(RATE_HZ, *band_limited(PLANT, np.random.default_rng(1), RATE_HZ, 8.0, 40.0))
+GOOD = Record(RATE_HZ, *band_limited(PLANT, np.random.default_rng(1), RATE_HZ, 6.0, 40.0))
 TIME = np.arange(GOOD.command.size) / RATE_HZ
 HALF, ODD = TIME.size // 2, np.arange(TIME.size) % 2
 POSITION, SPREAD = GOOD.position, float(np.std(GOOD.position))
@@ -47,9 +47,7 @@ def off_db(record: Record) -> float:
     ],
     ids=["two runs pasted", "a long gap", "half of it missing"],
 )
-def test_read_record__that_is_amiss__is_refused_in_one_line(
-    tmp_path: Path, make: Callable[[Path], Path], reason: str
-) -> None:
+def test_read_record__that_is_amiss__is_refused_in_one_line(tmp_path, make, reason) -> None:
     with pytest.raises(BadInput, match=reason) as caught:
         read_record(make(tmp_path))
     assert "\n" not in str(caught.value)
@@ -86,7 +84,7 @@ def test_identify__clipped_sensor__is_not_trusted() -> None:
 
 
 def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_seam() -> None:
-    other = band_limited(PLANT, np.random.default_rng(2), RATE_HZ, 8.0, 40.0)
+    other = band_limited(PLANT, np.random.default_rng(2), RATE_HZ, 6.0, 40.0)
     command = np.concatenate([GOOD.command[:HALF], other[0][:HALF]])
     position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
     pasted = replace(GOOD, command=command, position=position)

@@ -16,7 +16,7 @@ from tactuator.report.tables import identification_rows
 from tactuator.signals.record import FrequencyResponse, Record
 from tests.identification.others import Plant, band_limited, held
 
-MASS, RESONANCE_HZ, Q, FILTER_HZ, RATE_HZ, DELAY_S, SECONDS = 0.02, 60.0, 4.0, 150.0, 600.0, 5e-4, 3.0
+MASS, RESONANCE_HZ, Q, FILTER_HZ, RATE_HZ, DELAY_S, SECONDS = 0.02, 60.0, 4.0, 150.0, 600.0, 5e-4, 2.0
 OMEGA = 2.0 * np.pi * RESONANCE_HZ
 STIFFNESS, DAMPING = MASS * OMEGA**2, MASS * OMEGA / Q
 PAIR = np.roots([MASS, DAMPING, STIFFNESS])

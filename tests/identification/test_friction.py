@@ -12,7 +12,7 @@ RATE_HZ = 2500.0
 GAIN, DAMPING, STIFFNESS = 5200.0, 60.0, 900.0
 
 
-def rubbing_motor(coulomb: float, presliding: float, seed: int, seconds: float = 8.0) -> tuple[np.ndarray, np.ndarray]:
+def rubbing_motor(coulomb: float, presliding: float, seed: int, seconds: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
     """Return command and position of GAIN/(s² + DAMPING s + STIFFNESS) with Dahl's friction, four steps a sample."""
     random = np.random.default_rng(seed)
     time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
@@ -44,7 +44,7 @@ def true_response(frequency_hz: np.ndarray) -> np.ndarray:
 
 
 def found_in(
-    coulomb: float, presliding: float, seed: int, method: str = "refined", late: int = 0, seconds: float = 8.0
+    coulomb: float, presliding: float, seed: int, method: str = "refined", late: int = 0, seconds: float = 5.0
 ) -> Identification:
     command, position = rubbing_motor(coulomb, presliding, seed, seconds)
     return identify(Record(RATE_HZ, command[late:], position[: position.size - late]), method=method)
@@ -91,6 +91,6 @@ def test_identify__friction_of_a_third_of_the_command__is_not_trusted() -> None:
 
 
 def test_identify__recursion_under_friction__truth_inside_its_band_or_not_trusted() -> None:
-    found = found_in(0.1, 5e-3, 6, method="rls")
+    found = found_in(0.1, 5e-3, 6, method="rls", seconds=8.0)
     assert abs(found.model.den[1] - DAMPING) > 0.5
     assert found.distrust or share_inside(found) > 0.9

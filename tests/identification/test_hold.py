@@ -23,7 +23,7 @@ def logarithm_off(found, plant, frequency):
 
 @pytest.fixture(scope="module")
 def filtered() -> Record:
-    return Record(RATE_HZ, *band_limited(RESONATOR, np.random.default_rng(1), RATE_HZ, 15.0, 40.0))
+    return Record(RATE_HZ, *band_limited(RESONATOR, np.random.default_rng(1), RATE_HZ, 10.0, 40.0))
 
 
 def test_identify__recorded_through_filters__is_named_and_right_within_its_band(filtered: Record) -> None:
@@ -41,9 +41,7 @@ def test_identify__recorded_through_filters__is_named_and_right_within_its_band(
     assert pair.q == pytest.approx(abs(RESONATOR.poles[0]) / (2.0 * 42.65), rel=0.02)
 
 
-def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(
-    filtered: Record,
-) -> None:
+def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(filtered) -> None:
     said = replace(filtered, about={"hold": "band-limited"})
     assert identify(said, order=2, zeros=0).between.source == "file"
     kept = identify(filtered, hold="band-limited", order=3, zeros=1, delay_s=1e-4)
@@ -58,7 +56,7 @@ def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted
 
 
 def test_identify__held_record_with_dead_time__is_named_and_right() -> None:
-    record = Record(1000.0, *held(LATE, np.random.default_rng(2), 1000.0, 12.0, 40.0))
+    record = Record(1000.0, *held(LATE, np.random.default_rng(2), 1000.0, 8.0, 40.0))
     found = identify(record)
     assert (found.between.hold, found.between.certain) == ("zero-order", True)
     assert not found.distrust
@@ -90,7 +88,7 @@ def test_identify__half_order_part_under_a_held_command__hold_is_not_told_by_a_f
 
 def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_leave_and_the_band_holds_both() -> None:
     late = replace(RESONATOR, delay_s=0.4e-3)
-    record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 2.0, 30.0))
+    record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 1.5, 30.0))
     found = identify(record, order=2, zeros=0)
     assert not found.between.certain
     assert found.other is not None
@@ -110,7 +108,7 @@ def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_lea
 
 def test_identify__noisy_loop_with_its_reference__keeps_the_loops_noise_out() -> None:
     plant = Plant(np.array([-150.0]), np.array([-60.0 + 500.0j, -60.0 - 500.0j]), 1.5, 0.0)
-    signals = band_limited(plant, np.random.default_rng(5), RATE_HZ, 15.0, 8.0, True, True)
+    signals = band_limited(plant, np.random.default_rng(5), RATE_HZ, 10.0, 8.0, True, True)
     frequency = np.geomspace(2.0, 0.3 * RATE_HZ, 100)
     off = []
     for reference in (None, signals[2]):
@@ -135,7 +133,7 @@ def test_identify__exciter_heard_late__second_mode_and_dead_time_are_found() -> 
     modes = [size * np.array([-0.08 + 1j, -0.08 - 1j]) for size in (first, second)]
     zeros = np.concatenate([1.4 * first * np.array([-0.05 + 1j, -0.05 - 1j]), [-1e-3, -1e-3, -1e-3]])
     late = Plant(zeros, np.concatenate([*modes, [-60.0]]), 1e-12, 0.08)
-    record = Record(1500.0, *band_limited(late, np.random.default_rng(9), 1500.0, 10.0, 45.0))
+    record = Record(1500.0, *band_limited(late, np.random.default_rng(9), 1500.0, 7.0, 45.0))
     found = identify(record, hold="band-limited", quantity="acceleration")
     assert found.order in (5, 6)
     assert found.model.delay_s == pytest.approx(0.08, abs=2e-5)

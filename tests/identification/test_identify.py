@@ -31,7 +31,7 @@ def test_identify__coloured_noise_in_closed_loop__least_squares_is_biased_and_re
 
 def test_identify__output_error_with_scipy__agrees() -> None:
     rng = np.random.default_rng(12)
-    record = open_loop(PAPER, rng, 10.0)
+    record = open_loop(PAPER, rng, 6.0)
     found = identify(record)
 
     def residual(theta):
@@ -49,7 +49,7 @@ def test_identify__output_error_with_scipy__agrees() -> None:
 
 def test_identify__strong_noise__is_seen_as_feedback_where_it_is_fed_back_and_cannot_be_told_else() -> None:
     for loop, feedback in ((closed_loop, True), (open_loop, None)):
-        record = loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0)
+        record = loop(PAPER, np.random.default_rng(26), 5.0, noise=3.0)
         assert identify(record, order=2).tests.feedback is feedback
 
 
@@ -94,9 +94,9 @@ def test_identify__slow_process_with_dead_time__delay_is_found() -> None:
 def test_identify__other_excitations__recover_the_plant(kind: str) -> None:
     rng = np.random.default_rng(17)
     command = {
-        "step": np.concatenate([np.zeros(4000), np.ones(36000)]),
-        "chirp": log_chirp(10.0, RATE_HZ, 0.4, 300.0),
-        "prbs": prbs(10.0, RATE_HZ, 1000.0, rng),
+        "step": np.concatenate([np.zeros(4000), np.ones(16000)]),
+        "chirp": log_chirp(5.0, RATE_HZ, 0.4, 300.0),
+        "prbs": prbs(5.0, RATE_HZ, 1000.0, rng),
     }[kind]
     clean = signal.lfilter(*PAPER.sampled(), command)
     found = identify(Record(RATE_HZ, command, clean + 1e-3 * clean.std() * rng.standard_normal(command.size)))
@@ -133,10 +133,10 @@ def test_identify__a_command_that_tells_little_of_most_bands__filters_and_hold_a
 
 def test_identify__acceleration__zeros_at_the_origin() -> None:
     rng = np.random.default_rng(19)
-    command = rng.standard_normal(8000)
+    command = rng.standard_normal(5000)
     system = signal.cont2discrete(signal.tf2ss([5.0, 0.0, 0.0], [1.0, 40.0, 4e4]), 1.0 / RATE_HZ)
     clean = signal.dlsim((*system[:4], 1.0 / RATE_HZ), command)[1][:, 0]
-    record = Record(RATE_HZ, command, clean + 0.02 * clean.std() * rng.standard_normal(8000))
+    record = Record(RATE_HZ, command, clean + 0.02 * clean.std() * rng.standard_normal(5000))
     found = identify(record, quantity="acceleration")
     for written, taken in (("acceleration", "acceleration"), ("warmth", "displacement")):  # in a file, as `record` does
         assert Asked(order=2).of({"quantity": written}).quantity == taken

@@ -20,9 +20,9 @@ FACTORS = [(1e3, 1e-3, 30.0), pytest.param(0.01, 250.0, 1e3, marks=pytest.mark.s
 def known(request: pytest.FixtureRequest) -> tuple[Record, Identification]:
     """A record, of a motor with friction or of none, and what is identified of it as it is."""
     if request.param == "motor":
-        record = Record(1000.0, *motor(np.random.default_rng(8), 10.0)[1:])
+        record = Record(1000.0, *motor(np.random.default_rng(8), 7.0)[1:])
     else:
-        record = Record(610.35, *band_limited(PLANT, np.random.default_rng(7), 610.35, 6.0, 40.0))
+        record = Record(610.35, *band_limited(PLANT, np.random.default_rng(7), 610.35, 4.0, 40.0))
     return record, identify(record)
 
 

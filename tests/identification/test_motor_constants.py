@@ -18,7 +18,7 @@ def motors() -> tuple[Motors, list[Record], list[Identification]]:
     """Four motors with Stribeck's and asymmetric friction, and what is identified of each."""
     rng = np.random.default_rng(5)
     own = drawn(rng, 4)
-    forces, positions = recorded(own, rng, seconds=8.0, steps=10)
+    forces, positions = recorded(own, rng, seconds=6.0, steps=10)
     records = [Record(RATE_HZ, forces[:, k], positions[:, k]) for k in range(4)]
     return own, records, [identify(record) for record in records]
 

@@ -45,7 +45,7 @@ def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regre
 def test_identify__held_loop_whose_noise_a_prompt_model_would_take__is_told_or_left_open() -> None:
     """The command answers the noise within its sample: read as band-limited the position alone is likelier."""
     plant = Plant(np.zeros(0), np.array([-315.0 + 774.0j, -315.0 - 774.0j, -650.0]), 0.6, 0.0)
-    record = Record(600.0, *held(plant, np.random.default_rng(13), 600.0, 15.0, 22.0, closed=True))
+    record = Record(600.0, *held(plant, np.random.default_rng(13), 600.0, 10.0, 22.0, closed=True))
     found = identify(record, order=3)
     assert found.between.hold == "zero-order"
     frequency = np.geomspace(1.0, 180.0, 100)

@@ -41,9 +41,7 @@ def through_a_card(plant: Plant, top_hz: float) -> tuple[np.ndarray, np.ndarray]
     ("top_hz", "delay_s", "hertz", "q"),
     [(2000.0, 0.0, 60.0, 2.0), (5e3, 2.88e-3, 102.0, 19.0), (5e3, 2.88e-3, 60.0, 2.0)],
 )
-def test_identify__noise_free_through_a_card__simplest_form_and_trusted(
-    top_hz: float, delay_s: float, hertz: float, q: float
-) -> None:
+def test_identify__noise_free_through_a_card__simplest_form_and_trusted(top_hz, delay_s, hertz, q) -> None:
     """Each was refused for a pole at millions of hertz, or one in the right half plane with a zero on it."""
     pole = 2.0 * np.pi * hertz * (1.0j - 0.5 / q)
     plant = Plant(np.zeros(0), np.array([pole, np.conj(pole)]), 2.0, delay_s)

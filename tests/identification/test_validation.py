@@ -24,7 +24,7 @@ RATE_HZ = 610.35
 
 @cache
 def made(seed: int, plant: Plant = PLANT, closed: bool = False) -> Record:
-    return Record(RATE_HZ, *band_limited(plant, np.random.default_rng(seed), RATE_HZ, 8.0, 40.0, closed))
+    return Record(RATE_HZ, *band_limited(plant, np.random.default_rng(seed), RATE_HZ, 6.0, 40.0, closed))
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_validate__another_mechanism__fails_with_the_reason(found: Identificatio
 
 
 def test_validate__motor_with_friction__holds_on_its_other_half_and_fails_with_another_mass() -> None:
-    _, command, position = motor(np.random.default_rng(3), duration_s=20.0, steps=10)
+    _, command, position = motor(np.random.default_rng(3), duration_s=14.0, steps=10)
     half = command.size // 2
     found = identify(Record(1000.0, command[:half], position[:half]))
     assert found.model.method == "inverse dynamics"

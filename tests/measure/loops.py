@@ -20,6 +20,10 @@ def display(environment: Environment = STANDARD) -> Display:
     return replace(paper_display.display(paper_display.channel(environment=environment)), name="paper")
 
 
+FULL, QUIETER = controller(display()), controller(display(QUIET))
+"""With everything that disturbs, and with little noise alone."""
+
+
 def loop_response(made: Controller, frequency_hz):
     """(H, S), sampled, with one sample of delay."""
     feedback = made.channels[0].feedback(RATE_HZ)
@@ -27,16 +31,6 @@ def loop_response(made: Controller, frequency_hz):
     loop = feedback.response(frequency_hz) * late * zero_order_hold(PLANT, RATE_HZ).response(frequency_hz)
     sensitivity = 1.0 / (1.0 + loop)
     return made.channels[0].prefilter(RATE_HZ).response(frequency_hz) * loop * sensitivity, sensitivity
-
-
-def quiet() -> tuple[Display, Controller]:
-    described = display(QUIET)
-    return described, controller(described)
-
-
-def full() -> tuple[Display, Controller]:
-    described = display()
-    return described, controller(described)
 
 
 def loaded(made: Controller, seed: int) -> SimulatedRig:

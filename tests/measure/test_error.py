@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import tactuator as tt
-from tactuator.io.display import parse_display
 from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import stepped_sine
@@ -14,12 +13,13 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Converter, Display, Environment
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
+from tests.measure.loops import loaded
+from tests.rig.sound.turned_card import sound_display
 from tests.synthesis.displays import channel, moved_db, of, paper_alone, paper_controller
 
 DISPLAY = of(channel().plant, 4)
@@ -52,9 +52,7 @@ def finding(errors_db: list[float], confidence_db: list[float], load: str = "non
     ],
     ids=["within", "beyond", "left open", "left open by a lesser point", "beyond, and a greater one left open"],
 )
-def test_response_verdict__errors_with_confidence__the_point_that_decides(
-    errors: list[float], confidence: list[float], outcome: str, at_hz: float
-) -> None:
+def test_response_verdict__errors_with_confidence__the_point_that_decides(errors, confidence, outcome, at_hz) -> None:
     one = finding(errors, confidence)
     assert (one.outcome.value, one.frequency_hz) == (outcome, at_hz)
     assert f"differences of 1.65 dB; {'confidence 0.0023 dB' if outcome == 'met' else 'confidence 0.'}" in one.remark
@@ -65,9 +63,8 @@ def test_as_read__steps_of_the_converter__the_motion_that_there_is_lies_within(b
     """As the sensor told it, a display of 14 bits that is 0.1 dB off was 1.1 dB off, within 0.35 dB."""
     quiet = channel(loads=(), environment=Environment(friction_v=0.0), converter=Converter(bits=bits))
     controller = replace(paper_controller(), display=replace(paper_alone(), channels=(quiet,)))
-    rig = SimulatedRig(controller.display, seed=3)
-    rig.load(controller)
-    (told,) = stepped_sine(rig, [100.0, 200.0, 250.0], MeasurementOptions(10.0, mains_hz=60.0, band_hz=(0.4, 300.0)))
+    options = MeasurementOptions(10.0, mains_hz=60.0, band_hz=(0.4, 300.0))
+    (told,) = stepped_sine(loaded(controller, 3), [100.0, 200.0, 250.0], options)
     read = as_read(told, controller, 0.25)
     true = [moved_db(controller, controller.display, hertz, 10.0) for hertz in told.frequency_hz]
     assert np.all(np.isfinite(read.confidence_db)) == known
@@ -102,7 +99,7 @@ def test_measure__narrow_mode_between_the_points__is_played_and_judged(
 ) -> None:
     """An outsider's devices were met, 6.6 dB off where nothing was played."""
     made, described = shaken(mode)
-    measured = tt.measure_response(SimulatedRig(described, 5), made, method=method, level_db_sl=30.0)
+    measured = tt.measure_response(tt.SimulatedRig(described, 5), made, method=method, level_db_sl=30.0)
     (judged,) = measured.verdict.objectives[0].findings
     assert judged.outcome is (Outcome.MET if mode is None else Outcome.NOT_MET)
     if mode is not None:
@@ -115,7 +112,7 @@ def test_measure__narrow_mode_between_the_points__is_played_and_judged(
 def test_measure__multisine_under_friction__is_judged_by_what_a_tone_alone_is_felt() -> None:
     """The lines keep the motor moving: they told -0.4 dB at 6 Hz, where a tone alone was 1.6 dB too weak."""
     made, described = shaken(friction_v=0.01)
-    measured = tt.measure_response(SimulatedRig(described, 5), made, method="multisine", level_db_sl=10.0)
+    measured = tt.measure_response(tt.SimulatedRig(described, 5), made, method="multisine", level_db_sl=10.0)
     assert measured.verdict.outcome is not Outcome.MET
     (response,) = measured.responses
     for place in np.flatnonzero((response.frequency_hz > 4.0) & (response.frequency_hz < 25.0)):
@@ -147,25 +144,10 @@ def exciter(request: pytest.FixtureRequest) -> Controller:
     times = DERIVATIVES[request.param]
     w, pass_from = 2.0 * np.pi * 90.0, 2.0 * np.pi * 8.0
     poles = [*np.roots([1.0, w / 4.0, w * w]), -pass_from]
-    plant = {
-        "zeros": [[0.0, 0.0]] * (times + 1),
-        "poles": [[pole.real, pole.imag] for pole in map(complex, poles)],
-        "gain": 30.0,
-    }
-    return design_controller(
-        parse_display(
-            {
-                "display": {"name": "exciter", "rate_hz": RATE_HZ, "delay_samples": 0},
-                "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-                "feedback": {"structure": "none"},
-                "converter": {"range_v": 10.0},
-                "channel": [
-                    {"name": "exciter", "quantity": request.param, "sensor_gain_v_per_mm": 1e-3, "travel_mm": 2.0,
-                     "plant": plant}
-                ],
-            }
-        )
-    )  # fmt: skip
+    roots = [[pole.real, pole.imag] for pole in map(complex, poles)]
+    plant = {"zeros": [[0.0, 0.0]] * (times + 1), "poles": roots, "gain": 30.0}
+    channel = {"quantity": request.param, "sensor_gain_v_per_mm": 1e-3, "travel_mm": 2.0, "plant": plant}
+    return design_controller(sound_display(["exciter"], RATE_HZ, 10.0, channel, output_full_scale_v=10.0))
 
 
 def test_felt__sensor_that_differentiates__is_the_displacement_down_to_rest(exciter: Controller) -> None:

@@ -8,6 +8,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.felt import BandAnalysis, FeltComparison, compare_felt, frame_differences_db
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.reading import sample_path
+from tests.measure.loops import loaded
 from tests.speech.rendered import render_array
 
 RATE = 4000.0
@@ -75,8 +76,7 @@ def test_comparison__displacement_of_the_designed_response__no_difference_but_th
 
 def test_comparison__sink__gets_the_felt_signal_in_step_with_the_reference(controller):
     reference, _, _ = render_array(sample_path(), controller)
-    rig = SimulatedRig(controller.display, 2)
-    rig.load(controller)
+    rig = loaded(controller, 2)
     felt, pieces = [], []
     rig.finger("index").attach(pieces.append)
     rig.play(reference)

@@ -12,7 +12,7 @@ from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.spectra import lock_in, power_spectrum
-from tests.measure.loops import PLANT, RATE_HZ, controller, display, full, loaded, loop_response, quiet
+from tests.measure.loops import FULL, PLANT, QUIETER, RATE_HZ, controller, display, loaded, loop_response
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,7 @@ def probed():
     made = {}
     described = display()
     for gain in (8.0, 16.0, 32.0, 60.0):
-        rig = SimulatedRig(described, 3)
-        rig.load(proportional_controller(described, gain))
+        rig = loaded(proportional_controller(described, gain), 3)
         felt: list[np.ndarray] = []
         rig.finger("index").attach(felt.append)
         made[gain] = (felt_noise(rig, described)[0], np.concatenate(felt)[8000:])
@@ -52,8 +51,7 @@ def test_noise_verdict__sensor_that_reads_nothing__is_not_judged(bits: int) -> N
     described = display()
     quiet = replace(described.channels[0], converter=Converter(bits=bits))
     described = replace(described, channels=(quiet,))
-    rig = SimulatedRig(described, 3)
-    rig.load(controller(described))
+    rig = loaded(controller(described), 3)
     verdict = noise_verdict(felt_noise(rig, described, duration_s=4.0), described)
     hum = [finding for finding in verdict.objectives[1].findings if "reads nothing" in finding.remark]
     assert bool(hum) == (verdict.outcome is Outcome.NOT_JUDGED) == (bits == 12)
@@ -65,8 +63,7 @@ def test_noise_verdict__what_comes_in_at_the_motor__is_not_judged_as_the_sensors
     hertz: float, motor_v: float, opens: str
 ) -> None:
     """An outsider's amplifier hummed: told was -7.9 dB SL, met, and felt +3.2."""
-    described, made = quiet()
-    rig = loaded(made, 3)
+    described, rig = QUIETER.display, loaded(QUIETER, 3)
     rig.finger("index").press(motor_v * np.sin(2.0 * np.pi * hertz * np.arange(44_000) / RATE_HZ))
     felt: list[np.ndarray] = []
     rig.finger("index").attach(felt.append)
@@ -132,9 +129,7 @@ def test_felt_of_command__known_sinusoid__has_the_level_of_the_hand_calculation(
 
 
 def test_disturbance__paper_loop__rejects_as_s_says() -> None:
-    described, made = full()
-    rig = SimulatedRig(described, 5)
-    rig.load(made)
+    made, rig = FULL, loaded(FULL, 5)
     frequency = np.array([0.5, 2.0, 10.0, 30.0, 100.0])
     report = disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0))
     _, sensitivity = loop_response(made, frequency)

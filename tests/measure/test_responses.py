@@ -13,9 +13,8 @@ from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tests.measure.loops import RATE_HZ, controller, display, full, loaded, loop_response, quiet
+from tests.measure.loops import FULL, QUIETER, RATE_HZ, controller, loaded, loop_response
 from tests.rig.guard.guarded import designed
 
 
@@ -25,12 +24,10 @@ def error_db(response, made):
 
 
 def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> None:
-    made = full()[1]
-    rig = loaded(made, 1)
-    found = stepped_sine(rig, [1.0, 10.0, 50.0, 120.0, 250.0], MeasurementOptions(50.0))[0]
-    expected, _ = loop_response(made, found.frequency_hz)
+    found = stepped_sine(loaded(FULL, 1), [1.0, 10.0, 50.0, 120.0, 250.0], MeasurementOptions(50.0))[0]
+    expected, _ = loop_response(FULL, found.frequency_hz)
     assert found.frequency_hz.tolist() == [1.0, 10.0, 50.0, 122.0, 250.0]
-    assert np.max(np.abs(error_db(found, made))) < 0.1
+    assert np.max(np.abs(error_db(found, FULL))) < 0.1
     assert np.max(np.abs(np.angle(found.amplitude_v / expected))) < 0.02
     np.testing.assert_allclose(
         found.latency_s, -np.unwrap(np.angle(expected)) / (2.0 * np.pi * found.frequency_hz), atol=3e-4
@@ -42,33 +39,29 @@ def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> N
 def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_confidence() -> None:
     inside = 0
     for seed in range(4):
-        made = quiet()[1]
-        rig = loaded(made, seed)
-        found = stepped_sine(rig, [298.0], MeasurementOptions(0.0, confidence_db=1.5, longest_s=40.0))[0]
+        options = MeasurementOptions(0.0, confidence_db=1.5, longest_s=40.0)
+        found = stepped_sine(loaded(QUIETER, seed), [298.0], options)[0]
         assert found.magnitude_v[0] < 20.0 / 65536.0
         assert found.confidence_db[0] <= 1.5
-        inside += abs(error_db(found, made)[0]) <= found.confidence_db[0]
+        inside += abs(error_db(found, QUIETER)[0]) <= found.confidence_db[0]
     assert inside >= 3
 
 
 def test_stepped_sine__60_db_below_the_threshold__is_noise_and_not_judged() -> None:
     """The noise was told as a response 42 dB too great, plus or minus 11 dB: not met, of a controller that is flat."""
-    made = quiet()[1]
-    rig = loaded(made, 6)
-    found = stepped_sine(rig, [50.0, 250.0], MeasurementOptions(-60.0, longest_s=2.0))[0]
+    found = stepped_sine(loaded(QUIETER, 6), [50.0, 250.0], MeasurementOptions(-60.0, longest_s=2.0))[0]
     assert np.all(np.isinf(found.confidence_db))
-    assert response_verdict([found], made.display).outcome is Outcome.NOT_JUDGED
+    assert response_verdict([found], QUIETER.display).outcome is Outcome.NOT_JUDGED
 
 
 def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> None:
-    rubbing = stepped_sine(loaded(full()[1], 2), [5.0], MeasurementOptions(10.0))[0]
-    free = stepped_sine(loaded(quiet()[1], 2), [5.0], MeasurementOptions(10.0))[0]
+    rubbing, free = (stepped_sine(loaded(made, 2), [5.0], MeasurementOptions(10.0))[0] for made in (FULL, QUIETER))
     assert rubbing.distortion_v[0] > 4.0 * free.distortion_v[0]
     assert rubbing.noise_v[0] < 0.05 * rubbing.magnitude_v[0]
 
 
 def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
-    paper = quiet()[0]
+    paper = QUIETER.display
     described = replace(paper, channels=(replace(paper.channels[0], converter=Converter(range_v=2.5)),))
     rig = loaded(controller(described), 3)
     found = stepped_sine(rig, [5.0, 250.0], MeasurementOptions(50.0))[0]
@@ -76,8 +69,7 @@ def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
 
 
 def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_the_stepped_sine() -> None:
-    made = full()[1]
-    rig = loaded(made, 4)
+    rig = loaded(FULL, 4)
     asked = np.geomspace(0.4, 300.0, 30)
     found = multisine_response(
         rig, asked, MeasurementOptions(30.0, longest_s=20.0), np.random.default_rng(1), exactly=False
@@ -85,7 +77,7 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
     assert found.frequency_hz.size == 30
     assert found.averaged_s[0] + 1.25 <= 10.0
     assert np.max(found.confidence_db) <= 0.25
-    assert np.max(np.abs(error_db(found, made))) < 0.25
+    assert np.max(np.abs(error_db(found, FULL))) < 0.25
     stepped = stepped_sine(rig, found.frequency_hz[::6], MeasurementOptions(30.0))[0]
     assert np.max(np.abs(found.magnitude_db[::6] - stepped.magnitude_db)) < 0.25
     np.testing.assert_allclose(np.angle(found.amplitude_v[::6] / stepped.amplitude_v), 0.0, atol=0.03)
@@ -93,11 +85,9 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
 
 def test_multisine__friction__shows_on_silent_lines() -> None:
     levels = []
-    for _, made in (full(), quiet()):
-        rig = loaded(made, 5)
-        options = MeasurementOptions(10.0, longest_s=20.0)
-        asked = np.geomspace(0.4, 50.0, 12)
-        found = multisine_response(rig, asked, options, np.random.default_rng(2), exactly=False)[0]
+    for made in (FULL, QUIETER):
+        options, asked = MeasurementOptions(10.0, longest_s=20.0), np.geomspace(0.4, 50.0, 12)
+        found = multisine_response(loaded(made, 5), asked, options, np.random.default_rng(2), exactly=False)[0]
         levels.append(np.max(found.distortion_v / found.magnitude_v))
     assert levels[0] > 5.0 * levels[1]
 
@@ -119,8 +109,7 @@ def options_of(asked) -> MeasurementOptions:
     ],
 )
 def test_response__impossible__is_refused_before_anything_moves(asked, match: str) -> None:
-    described = display()
-    rig = loaded(controller(described), 0)
+    rig = loaded(FULL, 0)
     with pytest.raises(BadInput, match=match):
         stepped_sine(rig, asked["frequency_hz"], options_of(asked))
     with pytest.raises(BadInput, match=match):
@@ -144,9 +133,7 @@ def test_measure__free_board__agrees_with_the_simulated_display(measure):
     free = BoardRig(LinkClient(InProcess()), made.display, waits=False, sleep=lambda seconds: None)
     free.simulate(1)
     free.load(made)
-    simulated = SimulatedRig(made.display, 2)
-    simulated.load(made)
-    for found, wanted in zip(measure(free), measure(simulated), strict=True):
+    for found, wanted in zip(measure(free), measure(loaded(made, 2)), strict=True):
         bound = found.confidence_db + wanted.confidence_db + 0.03  # float32 on the board
         assert np.all(np.abs(found.magnitude_db - wanted.magnitude_db) < bound)
         assert np.all(np.abs(found.phase_rad - wanted.phase_rad) < 0.02)

@@ -20,8 +20,14 @@ from tests.packaging.wheels import lock_line, wheel
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = '[build-system]\nrequires = []\nbuild-backend = "wheels"\nbackend-path = ["."]\n'
 
-#: Stands in for Python's module: `.venv` is a copy of one that it made, which saves installing pip each time.
-VENV = "import shutil, sys\nshutil.copytree(%r, sys.argv[1], symlinks=True)\n"
+#: Stands in for Python's module, which makes one `.venv` as it was asked to; each is a copy, and pip installed once.
+VENV = """
+import os, shutil, subprocess, sys
+*asked, folder = sys.argv[1:]
+if not os.path.exists({0!r}):
+    subprocess.run([sys.executable, "-I", "-m", "venv", *asked, {0!r}], check=True)
+shutil.copytree({0!r}, folder, symlinks=True)
+"""
 
 pytestmark = pytest.mark.slow
 
@@ -29,7 +35,7 @@ pytestmark = pytest.mark.slow
 class Tree:
     """The set-up's own files, one runtime package `alpha`, one more, `beta`, in the test set."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, empty: Path) -> None:
         self.root, self.index, self.modules = folder / "tree", folder / "index", folder / "modules"
         self.modules.mkdir()
         self.index.mkdir()
@@ -42,15 +48,9 @@ class Tree:
         for name in ("setup.py", "core/a.c", "src/tactuator/room/_core_build.py", "src/tactuator/room/_core.py"):
             (self.root / name).touch()
         (self.root / "requirements/run.in").write_text("alpha\n")
+        (self.modules / "venv.py").write_text(VENV.format(str(empty)))
         self.beta = wheel(self.index, "beta", "1", {"beta.py": ""})
-        self.lock(wheel(self.index, "alpha", "1", {"alpha.py": ""}))
-
-    def copy_empty(self, empty: Path) -> None:
-        """From now on, `.venv` begins as a copy of this one."""
-        (self.modules / "venv.py").write_text(VENV % str(empty))
-
-    def lock(self, alpha: Path) -> None:
-        self.write_locks(lock_line(alpha))
+        self.write_locks(lock_line(wheel(self.index, "alpha", "1", {"alpha.py": ""})))
 
     def write_locks(self, line: str) -> None:
         (self.root / "requirements/run.txt").write_text(line)
@@ -79,17 +79,13 @@ class Tree:
 
 @pytest.fixture(scope="module")
 def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A `.venv` with pip alone."""
-    folder = tmp_path_factory.mktemp("empty") / ".venv"
-    subprocess.run([os.path.realpath(sys._base_executable), "-m", "venv", folder], check=True)
-    return folder
+    """Where a `.venv` with pip alone is kept."""
+    return tmp_path_factory.mktemp("empty") / ".venv"
 
 
 @pytest.fixture
 def tree(tmp_path: Path, empty: Path) -> Tree:
-    tree = Tree(tmp_path)
-    tree.copy_empty(empty)
-    return tree
+    return Tree(tmp_path, empty)
 
 
 def refusal(done: subprocess.CompletedProcess[str]) -> str:
@@ -105,8 +101,7 @@ def closed_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tmp_path, empty):
-    tree = Tree(tmp_path)  # with Python's own venv
+def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tree):
     how = {"env": tree.environment(), "stderr": subprocess.PIPE, "text": True}
     both = [subprocess.Popen(tree.command(), **how) for _ in range(2)]
     said = [process.communicate()[1] for process in both]
@@ -128,8 +123,7 @@ def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_a
         assert tree.install().stderr == "install: building the C core\n"
     assert tree.install().stderr == ""
 
-    tree.copy_empty(empty)
-    tree.lock(wheel(tree.index, "alpha", "2", {"alpha2.py": ""}))
+    tree.write_locks(lock_line(wheel(tree.index, "alpha", "2", {"alpha2.py": ""})))
     (tree.root / "requirements/run.in").write_text("alpha2\n")
     assert tree.install().returncode == 0  # all of it anew, the larger set
     assert tree.runs("import alpha2, beta, tactuator.room._core")
@@ -207,7 +201,7 @@ def test_install__disk_too_small__is_one_line_before_anything_is_done(tree):
 
 @pytest.mark.soak
 def test_install__disk_fills_up__is_one_line_and_the_room_is_given_back(tree):
-    tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": "", "zeros": 600_000_000 * "0"}))
+    tree.write_locks(lock_line(wheel(tree.index, "alpha", "1", {"alpha.py": "", "zeros": 600_000_000 * "0"})))
     done = on_a_disk_of("500m", tree)
     assert "could not be installed: no room left on the disk " in refusal(done)
     assert ".venv" not in done.stdout.split()

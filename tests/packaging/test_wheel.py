@@ -182,9 +182,7 @@ def test_wheel__chain_from_an_empty_folder__meets_its_objectives_and_has_loaded_
 
 @pytest.mark.slow
 @in_proc
-def test_wheel__server_a_trial_presented__has_loaded_nothing_of_the_system(
-    installation: Installation, chain: str
-) -> None:
+def test_wheel__server_a_trial_presented__has_loaded_nothing_of_the_system(installation, chain) -> None:
     with server(installation) as (process, page):
         present_a_trial(page)
         maps = Path(f"/proc/{process}/maps").read_text()
@@ -204,9 +202,7 @@ def test_hidden__library_of_the_system__is_named(tmp_path):
 
 
 @pytest.mark.slow
-def test_wheel__installed__has_the_pages_as_they_are_and_neither_compiler_nor_checkout(
-    installation: Installation,
-) -> None:
+def test_wheel__installed__has_the_pages_as_they_are_and_neither_compiler_nor_checkout(installation) -> None:
     script = "import hashlib, pathlib, shutil, tactuator; root = pathlib.Path(tactuator.__file__).parent\n"
     script += "print(root, shutil.which('gcc'), shutil.which('cc'))\n"
     script += "for p in root.glob('*/static/*'): print(hashlib.sha256(p.read_bytes()).hexdigest(), p.relative_to(root))"
@@ -220,9 +216,7 @@ def test_wheel__installed__has_the_pages_as_they_are_and_neither_compiler_nor_ch
 
 
 @pytest.mark.slow
-def test_wheel__with_the_cross_compiler__builds_the_firmware_from_its_own_sources(
-    installation: Installation, tmp_path: Path
-) -> None:
+def test_wheel__with_the_cross_compiler__builds_the_firmware_from_its_own_sources(installation, tmp_path) -> None:
     for name in ("gcc", "objcopy", "size"):
         (tmp_path / f"arm-none-eabi-{name}").symlink_to(shutil.which(f"arm-none-eabi-{name}") or "")
     words = ["firmware", "program", "--board", "stm32f405", "--out", "f.bin", "--json"]

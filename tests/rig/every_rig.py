@@ -65,12 +65,9 @@ def _lossy(display: Display) -> BoardRig:
 
 
 @contextmanager
-def _at_a_socket(display: Display) -> Iterator[BoardRig]:
-    with socket_board() as (url, _):
-        rig = open_rig(f"board:{url}", display, SEED)
-        assert isinstance(rig, BoardRig)
-        with rig:
-            yield rig
+def _at_a_socket(display: Display) -> Iterator[Rig]:
+    with socket_board() as (url, _), open_rig(f"board:{url}", display, SEED) as rig:
+        yield rig
 
 
 BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {

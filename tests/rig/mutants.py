@@ -30,7 +30,6 @@ _DEFINED = re.compile(r"^inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
 
 
 def _defined(text: str) -> set[str]:
-    """Inline functions and constants of a header."""
     return {name for pair in _DEFINED.findall(text) for name in pair if name}
 
 
@@ -106,10 +105,7 @@ class Bench:
         assert done.returncode == 0, done.stderr[-2000:]
 
 
-_PERIOD, _BOARD, _GUARD = "core/board/period.c", "core/board/board.c", "core/board/guard.h"
-_RUN = "core/board/run.c"
-_Q31 = "core/control/controller_q31.h"
-_SECTION = "core/arithmetic/section.h"
+_PERIOD, _BOARD, _GUARD, _RUN = (f"core/board/{name}" for name in ("period.c", "board.c", "guard.h", "run.c"))
 _LEARNING, _FED, _ADAPTIVE = "core/touch/learning.c", "core/touch/feed_forward.h", "core/touch/adaptive_controller.h"
 
 FEW = (
@@ -209,7 +205,8 @@ MANY = (
     Mutant("open on one side", "core/board/guard.c", "code < -safety->position_code_max", "0"),
     Mutant("frozen at once", "core/board/guard.c", "SAME_TICKS_OF_A_FROZEN_ONE = 8", "SAME_TICKS_OF_A_FROZEN_ONE = 1"),
     # arithmetic, conversions, controllers
-    Mutant("section of another sign", _SECTION, "const float s2 = state->s2 + (section->b2 * x - section->a2 * y);",
+    Mutant("section of another sign", "core/arithmetic/section.h",
+           "const float s2 = state->s2 + (section->b2 * x - section->a2 * y);",
            "const float s2 = state->s2 + (section->b2 * x + section->a2 * y);", "float32"),
     Mutant("half an anti-windup", "core/control/controller.c", "    last->s2 += table->anti_windup[1] * missing;\n", "",
            "float32"),

@@ -135,9 +135,9 @@ NO_BLOCKS = [
 def test_play_and_drive__what_is_none__is_told_and_the_output_rests(rig: Rig) -> None:
     told = "not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
     rig.play(tones(200))
-    for value in (np.nan, np.inf, 1000.01, 1e300):
+    for value, tick, channel in ((np.nan, 0, 0), (-np.inf, 49, 2), (1000.001, 49, 0), (-1000.001, 0, 2), (1e300, 3, 1)):
         rows = tones(50)
-        rows[3, 1] = value
+        rows[tick, channel] = value
         with pytest.raises(BadInput, match=told):
             rig.play(rows)
         assert at_rest(rig)

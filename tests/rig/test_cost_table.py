@@ -1,16 +1,49 @@
-"""What docs/porting.md says that a period costs, against a count."""
+"""What docs/porting.md says that a period costs, against a count, by which this program writes it anew."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactuator.model.controller import Controller
 from tactuator.rig.board.link import Request
 from tactuator.rig.open import emulated_rig
-from tactuator.rig.period_cost import COUNTING
-from tests.rig.cost_table import counted, documented, row, table
-from tests.rig.guard.guarded import designed
+from tactuator.rig.period_cost import COUNTING, count_instructions
+from tests.rig.guard.guarded import adaptive, designed
 from tests.strength import reshaped
+
+BOARD = "mps2-an386"
+FORMATS = {"float32": "float32", "Q31": "q31"}
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "porting.md"
+BEGIN, END = "<!-- cost: begin -->\n", "<!-- cost: end -->\n"
+
+
+def row(name: str, controller: Controller, number_format: str) -> str:
+    return f"| {name} | " + " | ".join(map(str, counted(controller, number_format).values())) + " |\n"
+
+
+def counted(controller: Controller, number_format: str) -> dict[str, int]:
+    return count_instructions(BOARD, controller, number_format).cases
+
+
+def table() -> str:
+    cases = list(counted(designed(), "float32"))
+    lines = ["| | " + " | ".join(cases) + " |\n", "|---|" + "---|" * len(cases) + "\n"]
+    lines += [row(name, designed(), code) for name, code in FORMATS.items()]
+    lines += [row(f"{name}, finger fed forward", adaptive(), code) for name, code in FORMATS.items()]
+    return "".join(lines)
+
+
+def documented() -> str:
+    return DOCS.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0].strip() + "\n"
+
+
+def main() -> None:
+    before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
+    after = rest.split(END)[1]
+    DOCS.write_text(before + BEGIN + "\n" + table() + "\n" + END + after, encoding="utf-8")
+
 
 COUNTS = [int(cell) for cell in documented().splitlines()[2].split("|")[2:-1]]
 
@@ -42,3 +75,7 @@ def test_cost_table__float32_as_designed__is_what_a_run_gives_and_reshaping_take
 @pytest.mark.soak
 def test_cost_table__whole__is_what_a_run_gives() -> None:
     assert table() == documented()
+
+
+if __name__ == "__main__":
+    main()

@@ -150,9 +150,7 @@ def test_check_period__program_that_breaks_down__is_told(how: str, bench: Callab
 @pytest.mark.soak
 @pytest.mark.parametrize("board", EMULATED)
 @pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
-def test_check_period__any_altered_line_on_any_board__is_noticed(
-    mutant: Mutant, board: str, bench: Callable[[str], Bench]
-) -> None:
+def test_check_period__any_altered_line_on_any_board__is_noticed(mutant, board, bench) -> None:
     program, of = bench(board).program(mutant), adaptive() if mutant.adaptive else designed()
     for number_format in [mutant.only] if mutant.only else FORMATS:
         reports = (differs(board, program, number_format, ticks, controller=of) for ticks in (TICKS, MORE_TICKS))

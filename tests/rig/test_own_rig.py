@@ -51,9 +51,7 @@ def opened(rest, display, seed):
         ("own:nothing", 2, "rig 'own:nothing' is a int; allowed: what has all that tactuator.rig.rig.Rig asks for"),
     ],
 )
-def test_measure__own_rig_that_fails__one_line_and_the_status(
-    rig: str, status: int, words: str, install, tmp_path, capsys
-) -> None:
+def test_measure__own_rig_that_fails__one_line_and_the_status(rig, status, words, install, tmp_path, capsys) -> None:
     install(RIGS, "own", FAILS, "opened")
     path = tmp_path / "controller.json"
     write_controller(path, designed())

@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import ANSWER, STREAM, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
@@ -151,19 +149,6 @@ def test_usual_load__none_in_common__is_refused():
 
 
 SIXTY_DB_SL = 10.0 ** (60.0 / 20.0)
-
-whole = st.lists(st.floats(-SIXTY_DB_SL, SIXTY_DB_SL), max_size=70)
-faults = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True).filter(lambda x: not abs(x) <= SIXTY_DB_SL + 1e-3),
-    st.sampled_from([np.nan, -np.nan, np.inf, -np.inf, 1000.001, -1000.001, 1e308]),
-)
-
-
-@given(whole, faults, st.data())
-def test_take_reference__one_fault_anywhere__is_refused(values: list[float], fault: float, data: st.DataObject) -> None:
-    values.insert(data.draw(st.integers(0, len(values))), fault)
-    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"):
-        take_reference(np.array(values))
 
 
 @pytest.mark.parametrize("value", [SIXTY_DB_SL, -SIXTY_DB_SL, np.nextafter(REFERENCE_MAX, 2.0 * REFERENCE_MAX), 5e-324])

@@ -1,7 +1,6 @@
 """Images: built here, judged by the core; whatever is amiss is refused by name."""
 
 import struct
-import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +24,8 @@ def verdict(image, rate_hz=4000.0, delay=1, channels=3):
 def test_image__as_built__is_taken_and_says_what_it_is(name):
     assert verdict(IMAGES[name]) is ImageRefusal.GOOD
     header = read_image_header(IMAGES[name])
-    assert (header.format, header.rate_hz, header.channels, header.controller_hash) == (
-        name,
-        4000.0,
-        3,
-        MADE.content_hash,
-    )
+    assert (header.format, header.rate_hz, header.channels) == (name, 4000.0, 3)
+    assert header.controller_hash == MADE.content_hash
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -87,4 +82,3 @@ def test_build__what_boards_do_not_have__is_refused():
 def test_header__not_an_image__is_told():
     with pytest.raises(BadInput, match="truncated"):
         read_image_header(b"short")
-    assert zlib.crc32(b"") == 0

@@ -14,18 +14,9 @@ from tactuator.model.description import Converter, Environment
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import FeedbackLoop
-from tactuator.signals.systems import SampledSystem
-from tests.runtime.paper_display import (
-    QUIET,
-    RATE_HZ,
-    channel,
-    controller,
-    display,
-    feedback_sections,
-    lock_in,
-    prefilter_sections,
-    tone,
-)
+from tactuator.signals.systems import SampledSystem, sections_response
+from tests.runtime import paper_display
+from tests.runtime.paper_display import QUIET, RATE_HZ, channel, controller, display, lock_in, tone
 
 FINE = Converter(bits=24, range_v=100.0)
 
@@ -36,10 +27,8 @@ def loop_response(
     """y/r of the paper's design, from the transfer functions."""
     of = channel(finger)
     plant = zero_order_hold(of.plant, RATE_HZ).response(frequency_hz)
-    c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, delay_samples).response(frequency_hz)
-    f = SampledSystem.from_sections(prefilter_sections(float(of.threshold_voltage(0.4))), RATE_HZ).response(
-        frequency_hz
-    )
+    c = SampledSystem.from_sections(paper_display.feedback_sections(), RATE_HZ, delay_samples).response(frequency_hz)
+    f = sections_response(paper_display.prefilter_sections(float(of.threshold_voltage(0.4))), frequency_hz, RATE_HZ)
     return np.asarray(f * c * plant / (1.0 + c * plant))
 
 
@@ -52,9 +41,8 @@ def test_closed_loop__nothing_disturbs__has_the_response_of_the_transfer_functio
     reference = sum(tone(f, 5.0, 30.0) for f in frequencies)
     felt = simulation.play(np.asarray(reference)[:, None]).displacement_mm[12000:, 0]
     measured = np.array([lock_in(felt, f) for f in frequencies]) * 0.19898
-    turned = (
-        measured * 1j * 10.0 ** (-30.0 / 20.0)
-    )  # 3 s are whole periods of each; the lock-in's phase is the cosine's
+    # 3 s are whole periods of each; the lock-in's phase is the cosine's
+    turned = measured * 1j * 10.0 ** (-30.0 / 20.0)
     assert turned == pytest.approx(loop_response(frequencies, delay_samples), rel=1e-4)
 
 
@@ -63,7 +51,8 @@ def test_closed_loop__sensor_noise_or_a_force_alone__reaches_command_and_finger_
     simulation = Simulation(of, seed=5)
     simulation.load(controller(of, command_v=90.0))
     loop = FeedbackLoop(
-        SampledSystem.from_sections(feedback_sections(), RATE_HZ, 1), zero_order_hold(of.channels[0].plant, RATE_HZ)
+        SampledSystem.from_sections(paper_display.feedback_sections(), RATE_HZ, 1),
+        zero_order_hold(of.channels[0].plant, RATE_HZ),
     )
     block = simulation.play(np.zeros((400_000, 1)))
     grid = (np.arange(20_000) + 0.5) * RATE_HZ / 40_000

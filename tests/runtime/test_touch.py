@@ -46,19 +46,22 @@ def adaptive(finger: str = "index") -> ChannelController:
 
 def feeding_whole() -> ChannelController:
     """One that feeds forward all of the mass that it has learnt, not the designed share."""
-    own = adaptive()
-    assert own.feed_forward is not None
-    return replace(own, feed_forward=replace(own.feed_forward, mass_fed=1.0))
+    return replace(adaptive(), feed_forward=replace(adaptive().feed_forward, mass_fed=1.0))
+
+
+def touching(own: ChannelController, load: str | None, touched: Load | None = None) -> Simulation:
+    """A simulated display with that controller, under a load of its own or another of that name."""
+    simulation = Simulation(display(channel() if touched is None else channel(loads=(touched,))), 7)
+    simulation.load(Controller(display(channel()), (own,)))
+    simulation.touch(0, load)
+    return simulation
 
 
 def played(
     own: ChannelController, load: str | None, seconds: int, touched: Load | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The last second of what was felt, mm, and the weights."""
-    of = channel() if touched is None else channel(loads=(touched,))
-    simulation = Simulation(display(of), 7)
-    simulation.load(Controller(display(channel()), (own,)))
-    simulation.touch(0, load)
+    simulation = touching(own, load, touched)
     felt = simulation.play(tones(seconds * SECOND)).displacement_mm[-SECOND:, 0]
     return felt, simulation.weights()[0]
 
@@ -86,9 +89,7 @@ def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: flo
 
 
 def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:
-    simulation = Simulation(display(channel()), 3)
-    simulation.load(Controller(display(channel()), (adaptive(),)))
-    simulation.touch(0, "finger")
+    simulation = touching(adaptive(), "finger")
     asked = tones(SECOND + SECOND // 10)
     simulation.play(2.0 * asked[:SECOND])
     assert np.all(simulation.weights()[0] > 0.8)
@@ -98,9 +99,7 @@ def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet
 
 
 def test_adaptation__silence__weights_stay_and_fade_slowly() -> None:
-    simulation = Simulation(display(channel()), 3)
-    simulation.load(Controller(display(channel()), (adaptive(),)))
-    simulation.touch(0, "finger")
+    simulation = touching(adaptive(), "finger")
     simulation.play(np.append(tones(2 * SECOND), np.zeros(SECOND)))
     learnt = simulation.weights()[0]
     simulation.play(np.zeros(10 * SECOND))

@@ -42,9 +42,7 @@ def test_zero_order_hold__paper_motor__agrees_with_fifty_digits(rate_hz: float) 
     st.lists(st.floats(-900.0, -1.0), min_size=2, max_size=5),
     st.lists(st.floats(-500.0, -20.0), min_size=0, max_size=2),
 )
-def test_zero_order_hold__random_plants__step_responses_meet_at_the_samples(
-    poles: list[float], zeros: list[float]
-) -> None:
+def test_zero_order_hold__random_plants__step_responses_meet_at_the_samples(poles, zeros) -> None:
     if len(zeros) >= len(poles):
         zeros = zeros[: len(poles) - 1]
     plant = ContinuousSystem(np.array(zeros), np.array(poles), 1000.0)

@@ -8,20 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
+from tactuator.signals import loop as module
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
-from tactuator.signals.loop import (
-    FeedbackLoop,
-    Margins,
-    TwoDegreeLoop,
-    UnstableLoop,
-    analysis_grid_hz,
-    closed_poles,
-    closed_roots,
-    is_stable,
-    least_gain,
-    margins,
-)
+from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tests.signals.precisely import expanded
@@ -30,8 +20,7 @@ UNITY = ContinuousSystem(np.empty(0), np.empty(0), 1.0)
 
 
 def sampled_paper_loop(rate_hz: float, delay_samples: int = 1) -> FeedbackLoop:
-    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
-    return FeedbackLoop(bilinear(paper.FEEDBACK, rate_hz), zero_order_hold(paper.PLANT, rate_hz) * delay)
+    return FeedbackLoop(bilinear(paper.FEEDBACK, rate_hz), zero_order_hold(paper.PLANT, rate_hz, delay_samples))
 
 
 def test_margins__paper_continuous__facts_section_1() -> None:
@@ -73,7 +62,6 @@ def test_delay_and_gain_margin__that_much_more__on_the_edge_of_stability() -> No
 
     factor = 10.0 ** (margins(loop).gain_margin_db / 20.0)
     c = loop.controller
-    assert isinstance(c, SampledSystem)
     for share, stable in ((0.999, True), (1.001, False)):
         stronger = SampledSystem(c.zeros, c.poles, c.gain * factor * share, c.rate_hz)
         assert FeedbackLoop(stronger, loop.plant).is_stable is stable
@@ -156,7 +144,7 @@ def test_margins__random_second_order_loop__python_control_agrees(damping: float
 
 def _identities(loop: FeedbackLoop, found: Margins) -> None:
     """S + T = 1; classical margins are at least what max|S| and the disk promise (Seiler et al. 2020)."""
-    grid = analysis_grid_hz(loop)
+    grid = module.analysis_grid_hz(loop)
     assert np.abs(loop.sensitivity(grid) + loop.complementary(grid) - 1.0).max() < 1e-9
     assert np.abs(loop.sensitivity(grid)).max() <= found.sensitivity_peak * (1.0 + 1e-9)
     promised = np.degrees(2.0 * np.arcsin(0.5 / found.sensitivity_peak))
@@ -174,9 +162,8 @@ def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> 
 
 
 def paper_loop(rate_hz: float) -> TwoDegreeLoop:
-    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
-    plant = zero_order_hold(paper.PLANT, rate_hz) * delay
-    return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), bilinear(paper.FEEDBACK, rate_hz), plant)
+    loop = sampled_paper_loop(rate_hz)
+    return TwoDegreeLoop(bilinear(paper.PREFILTER, rate_hz), loop.controller, loop.plant)
 
 
 def test_position_response__paper__facts_sections_1_and_2() -> None:
@@ -203,10 +190,7 @@ def test_responses__hold_together() -> None:
     assert np.allclose(alone.command_response(f), loop.prefilter.response(f))
 
 
-SAMPLED = FeedbackLoop(bilinear(paper.FEEDBACK, 4000.0), zero_order_hold(paper.PLANT, 4000.0))
-
-
-@pytest.mark.parametrize("loop", [FeedbackLoop(paper.FEEDBACK, paper.PLANT), SAMPLED])
+@pytest.mark.parametrize("loop", [FeedbackLoop(paper.FEEDBACK, paper.PLANT), sampled_paper_loop(4000.0, 0)])
 def test_loop__at_zero_frequency_under_an_integrator__follows_and_rejects_exactly(loop: FeedbackLoop) -> None:
     assert loop.complementary(0.0) == pytest.approx(1.0, abs=1e-12)
     assert abs(loop.sensitivity(0.0)) == pytest.approx(0.0, abs=1e-12)
@@ -225,9 +209,8 @@ def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.n
 
 @pytest.mark.parametrize("rate_hz", [4e3, 64e3])
 def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
-    open_loop = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz)
-    delayed = open_loop * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
-    found = np.sort_complex(closed_poles(delayed))
+    delayed = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz, 1)
+    found = np.sort_complex(module.closed_poles(delayed))
     shifted = [complex(z) - 1.0 for z in delayed.zeros], [*(complex(p) - 1.0 for p in delayed.poles), -1.0 + 0j]
     wanted = np.sort_complex(exact_roots(*shifted, delayed.gain))
     for root in wanted:
@@ -236,9 +219,7 @@ def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
 
 def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:
     """A controller that cancels an unstable pole leaves it in the loop."""
-    c = ContinuousSystem([2.0], [0.0], 1.0)
-    p = ContinuousSystem([], [2.0, -3.0], 5.0)
-    assert not is_stable(c * p)
+    assert not is_stable(ContinuousSystem([2.0], [0.0], 1.0) * ContinuousSystem([], [2.0, -3.0], 5.0))
 
 
 def test_is_stable__dead_time__as_the_closed_form_says() -> None:
@@ -253,9 +234,12 @@ def test_is_stable__dead_time__as_the_closed_form_says() -> None:
 @pytest.mark.parametrize(
     ("of", "words"),
     [
-        (lambda: closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1)), "dead time"),
-        (lambda: closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0), "no more zeros than poles"),
-        (lambda: closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0), "direct gain"),
+        (lambda: module.closed_poles(ContinuousSystem([], [-1.0], 1.0, 0.1)), "dead time"),
+        (
+            lambda: module.closed_roots(np.array([-1.0 + 0j, -2.0]), np.array([-3.0 + 0j]), 1.0),
+            "no more zeros than poles",
+        ),
+        (lambda: module.closed_roots(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), -1.0), "direct gain"),
         (lambda: is_stable(ContinuousSystem([-1.0], [-2.0], 0.5, 0.1)), "strictly proper"),
         (lambda: FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0)), "cannot be combined"),
     ],

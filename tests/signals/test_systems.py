@@ -54,9 +54,7 @@ REAL = st.one_of(st.floats(0.0101, 0.99), st.sampled_from([-1.0, 1.0]))
 
 
 @given(st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3), st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3))
-def test_sections__any_proper_system__are_scipys_to_the_last_bit(
-    zero_pairs: list[complex], real_zeros: list[float], pole_pairs: list[complex], real_poles: list[float]
-) -> None:
+def test_sections__any_proper_system__are_scipys_to_the_last_bit(zero_pairs, real_zeros, pole_pairs, real_poles):
     zeros = np.array([*zero_pairs, *np.conj(zero_pairs), *real_zeros], dtype=complex)
     poles = np.array([*pole_pairs, *np.conj(pole_pairs), *real_poles], dtype=complex)
     assume(zeros.size <= poles.size and len({abs(root) for root in poles}) >= len(pole_pairs) + len(real_poles))

@@ -1,7 +1,5 @@
 """Sound files for speech tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

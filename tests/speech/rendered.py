@@ -1,5 +1,6 @@
-"""A short file rendered at once."""
+"""A short file rendered at once; samples cut into blocks."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,3 +21,10 @@ def render_array(
     with rendering(path, controller, coding, level_db_sl) as rendered:
         blocks = list(rendered.blocks())
         return np.concatenate(blocks), rendered.speech, rendered.limiting
+
+
+def cut(samples: FloatArray, lengths: Sequence[int]) -> Iterator[FloatArray]:
+    at = turn = 0
+    while at < len(samples):
+        yield samples[at : at + lengths[turn % len(lengths)]]
+        at, turn = at + lengths[turn % len(lengths)], turn + 1

@@ -10,7 +10,7 @@ from tactuator.speech.band_codings import BandsCoding, DirectCoding
 from tactuator.speech.coding import GROUP, coding_names, coding_of, place, read_coding, write_coding
 from tactuator.speech.envelope_coding import BRATAKOS_2001, YUAN_2005, EnvelopeBand, EnvelopeCoding, Voicing
 from tactuator.speech.reading import sample_path
-from tests.speech.rendered import render_array
+from tests.speech.rendered import cut, render_array
 
 FINGERS = ("thumb", "index", "middle")
 RATE_IN, RATE = 16000, 4000
@@ -98,14 +98,7 @@ def test_presets__published_parameters():
 @pytest.mark.parametrize("name", ["direct", "bands", "envelope"])
 def test_coding__however_it_is_cut__same_bits(name, lengths):
     noise = np.random.default_rng(3).standard_normal(20011)
-
-    def cut():
-        at = turn = 0
-        while at < len(noise):
-            yield noise[at : at + lengths[turn % len(lengths)]]
-            at, turn = at + lengths[turn % len(lengths)], turn + 1
-
-    pieces = np.concatenate(list(coding_of(name).signals(cut(), RATE_IN, RATE)))
+    pieces = np.concatenate(list(coding_of(name).signals(cut(noise, lengths), RATE_IN, RATE)))
     np.testing.assert_array_equal(pieces, coded(coding_of(name), noise))
     assert len(pieces) == int(np.ceil(20011 / 4))
 

@@ -6,20 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.measure.felt import felt_of
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
+from tactuator.speech import limiter as module
 from tactuator.speech.band_codings import band_limit_kernel
 from tactuator.speech.filters import filter_bank
-from tactuator.speech.limiter import (
-    ATTACK_DB_PER_MS,
-    RELEASE_DB_PER_MS,
-    Limiter,
-    Reach,
-    channel_limits,
-    constraints_of,
-    reduction_envelope,
-)
+from tactuator.speech.limiter import Limiter, Reach, channel_limits, reduction_envelope
 from tests.griffin import distance_db
+from tests.measure.loops import loaded
 from tests.strength import reshaped
 
 RATE = 4000
@@ -42,8 +35,7 @@ def quiet_above_300(signal):
 
 def on_the_display(controller, reference, load):
     """Felt samples (weighted with zero phase), displacement and command of the simulated display."""
-    rig = SimulatedRig(controller.display, 5)
-    rig.load(controller)
+    rig = loaded(controller, 5)
     for name in rig.channels:
         rig.finger(name).touch(load)
     traces, play = [], rig.play
@@ -118,7 +110,7 @@ def test_reach__echo_beyond_a_piece__is_counted():
     size, at = 18 * RATE, np.array([6, 11]) * RATE
     hertz = np.fft.rfftfreq(size, 1 / RATE)
     echo = 0.5 + 0.5 * np.exp(-2j * np.pi * hertz * 5.0)  # of 5 s, where a piece is 3 s long
-    (limit,) = constraints_of([("comfort", echo, 1.0, 1.0)], hertz <= 320.0, size)
+    (limit,) = module.constraints_of([("comfort", echo, 1.0, 1.0)], hertz <= 320.0, size)
     signal = np.zeros(size)
     for begin in at:
         signal[begin : begin + 400] = np.sin(2.0 * np.pi * 50.0 * np.arange(400) / RATE)
@@ -176,8 +168,8 @@ def test_reduction_envelope__any_needs__smooth_enough_and_sufficient(needs, star
         need[at] = max(need[at], depth)
     got = reduction_envelope(need, start, RATE)
     steps = np.diff(got) if start is None else np.diff(np.r_[start, got])
-    assert steps.max(initial=0.0) <= ATTACK_DB_PER_MS * 1e3 / RATE + 1e-9
-    assert steps.min(initial=0.0) >= -RELEASE_DB_PER_MS * 1e3 / RATE - 1e-9
+    assert steps.max(initial=0.0) <= module.ATTACK_DB_PER_MS * 1e3 / RATE + 1e-9
+    assert steps.min(initial=0.0) >= -module.RELEASE_DB_PER_MS * 1e3 / RATE - 1e-9
     assert got.min() >= 0.0
     if start is None:
         assert np.all(got >= need - 1e-9)
@@ -188,6 +180,6 @@ def test_reduction_envelope__one_need__two_straight_flanks():
     need[1000] = 6.0
     got = reduction_envelope(need, None, 1000.0)
     assert got[1000] == pytest.approx(6.0)
-    assert got[996] == pytest.approx(6.0 - 4 * ATTACK_DB_PER_MS)
-    assert got[1020] == pytest.approx(6.0 - 20 * RELEASE_DB_PER_MS)
+    assert got[996] == pytest.approx(6.0 - 4 * module.ATTACK_DB_PER_MS)
+    assert got[1020] == pytest.approx(6.0 - 20 * module.RELEASE_DB_PER_MS)
     assert got[900] == got[1300] == 0.0

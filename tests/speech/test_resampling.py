@@ -8,13 +8,7 @@ from tactuator.errors import BadInput
 from tactuator.speech import filters
 from tactuator.speech.band_codings import DirectCoding, band_limit_kernel
 from tactuator.speech.filters import band_kernel, filter_bank, filter_columns, resample
-
-
-def cut(samples, lengths):
-    at = turn = 0
-    while at < len(samples):
-        yield samples[at : at + lengths[turn % len(lengths)]]
-        at, turn = at + lengths[turn % len(lengths)], turn + 1
+from tests.speech.rendered import cut
 
 
 @pytest.mark.parametrize("rate_in", [4000, 8000, 11025, 44100, 47999, 192000])

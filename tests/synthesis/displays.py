@@ -1,7 +1,5 @@
 """Displays that the design's tests share: the examples of the documentation, built in place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Assembled controllers: sections, anti-windup, headroom, and what a finger feels of them on the simulated display."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -20,15 +18,8 @@ from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller, headroom
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
-from tests.synthesis.displays import (
-    channel,
-    of,
-    paper_alone,
-    paper_controller,
-    three_finger_controller,
-    three_fingers,
-    with_structure,
-)
+from tests.synthesis import displays
+from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
 
@@ -68,9 +59,7 @@ FIVE = [0.93, 0.8 + 0.1j, 0.8 - 0.1j, 0.7, 0.6]
         ([0.99 + 0.01j, 0.99 - 0.01j, 0.97, 0.9, -0.2, 0.5], FIVE),
     ],
 )
-def test_feedback_sections__any_shape__same_response_and_integrator_last(
-    zeros: list[complex], others: list[complex]
-) -> None:
+def test_feedback_sections__any_shape__same_response_and_integrator_last(zeros, others) -> None:
     system = SampledSystem(zeros, [1.0, *others], 2.0, RATE_HZ)
     sections = feedback_sections(system)
     assert sections[-1, 3:].sum() == 0.0
@@ -148,7 +137,7 @@ def test_design__poles_and_error_both__refused() -> None:
 
 
 def test_design__no_loop__prefilter_to_volts_of_command() -> None:
-    display = with_structure(paper_alone(), "none")
+    display = displays.with_structure(paper_alone(), "none")
     own = design_controller(display, 8).channels[0]
     assert own.feedback_sos is None
     frequency = np.geomspace(0.4, 300.0, 50)
@@ -192,9 +181,7 @@ def test_dahl_harmonic__great_or_small_motion__that_of_a_square_wave_or_a_spring
     assert small == pytest.approx(4e-3 / 10e-3 * 1e-5, rel=1e-2)
 
 
-def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits(monkeypatch) -> None:
     monkeypatch.setattr(module, "synthesise", lambda *_: iter(()))  # what is told of the limits has tests of its own
     monkeypatch.setattr(module, "diagnosis", lambda _: "nothing satisfies the requirements")
     ends = "band_hz is [0.4, 300], but the plant is known from 0.2 to {} Hz only (valid_hz)"

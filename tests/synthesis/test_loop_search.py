@@ -1,9 +1,8 @@
 """Loops that exist are found, relaxing a limit never turns yes into no, and threads change nothing."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,14 +20,70 @@ from tactuator.synthesis.loop_synthesis import diagnosis, judged, synthesise
 from tactuator.synthesis.problem import LoopProblem, hops, is_sound, starts
 from tactuator.synthesis.screening import Task
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
-from tests.synthesis.plants import (
-    KINDS,
-    drawn,
-    drawn_limits,
-    integrator_with_mode,
-    loosened,
-    resonator,
-)
+from witnesses.loops.lower_gain import BROKEN_SOS, Drawn, grows_at, run
+
+KINDS = ("resonator", "integrator with a mode", "mode and antiresonance", "motor with dead time")
+
+
+def resonator(frequency_hz: float, quality: float) -> ContinuousSystem:
+    """w0^2 / (s^2 + w0/Q s + w0^2)."""
+    own = 2.0 * np.pi * frequency_hz
+    return ContinuousSystem.from_polynomials([own**2], [1.0, own / quality, own**2])
+
+
+def integrator_with_mode(frequency_hz: float, quality: float, drag: float = 50.0) -> ContinuousSystem:
+    """A motor without a spring, a pole exactly at 0, and a flexible mode."""
+    own = 2.0 * np.pi * frequency_hz
+    poles = [0.0, -drag, *np.roots([1.0, own / quality, own**2])]
+    return ContinuousSystem([], poles, 2000.0 * own**2)
+
+
+def drawn(rng: np.random.Generator, kind: str) -> ContinuousSystem:
+    if kind == "resonator":
+        return resonator(float(rng.uniform(60.0, 600.0)), float(rng.uniform(4.0, 40.0)))
+    if kind == "integrator with a mode":
+        return integrator_with_mode(
+            float(rng.uniform(60.0, 300.0)), float(rng.uniform(5.0, 30.0)), float(rng.uniform(10.0, 200.0))
+        )
+    if kind == "mode and antiresonance":
+        mode = 2.0 * np.pi * float(rng.uniform(60.0, 300.0))
+        anti, quality = mode * float(rng.uniform(0.7, 1.3)), float(rng.uniform(5.0, 40.0))
+        poles = np.append(np.roots([1.0, 94.0, 290.0]), np.roots([1.0, mode / quality, mode**2]))
+        return ContinuousSystem(np.roots([1.0, anti / quality, anti**2]), poles, 2875.0 * (mode / anti) ** 2)
+    late_s = round(float(rng.uniform(0.5e-3, 4e-3)) * 8000.0) / 8000.0
+    return ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], late_s)
+
+
+def drawn_limits(rng: np.random.Generator) -> FeedbackRequirements:
+    return FeedbackRequirements(
+        phase_margin_deg=float(rng.uniform(35.0, 65.0)),
+        sensitivity_peak=float(rng.uniform(1.2, 1.8)),
+        mains_hz=(60.0, 120.0, 180.0),
+        mains_max_db=tuple((np.array([-11.0, -22.0, -29.0]) + rng.uniform(-6.0, 4.0, 3)).tolist()),
+        rejection_hz=(1.0, 5.0, 10.0),
+        rejection_max_db=tuple((np.array([-22.0, -9.0, -4.0]) + rng.uniform(-5.0, 4.0, 3)).tolist()),
+        command_noise_gain_max=float(10.0 ** rng.uniform(0.5, 2.0)),
+    )
+
+
+def loosened(rng: np.random.Generator, asked: FeedbackRequirements) -> FeedbackRequirements:
+    """Return the limits with about half of them looser by a random amount."""
+
+    def more(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(v + float(rng.exponential(2.0)) * (rng.random() < 0.5) for v in values)
+
+    changes: dict[str, Any] = {
+        "mains_max_db": more(asked.mains_max_db),
+        "rejection_max_db": more(asked.rejection_max_db),
+    }
+    if rng.random() < 0.5:
+        changes["phase_margin_deg"] = asked.phase_margin_deg * float(rng.uniform(0.6, 1.0))
+    if rng.random() < 0.5:
+        changes["sensitivity_peak"] = asked.sensitivity_peak * float(np.exp(rng.exponential(0.3)))
+    if rng.random() < 0.5:
+        changes["command_noise_gain_max"] = asked.command_noise_gain_max * float(np.exp(rng.exponential(0.5)))
+    return replace(asked, **changes)
+
 
 RATE_HZ = 8000.0
 DEFAULTS = FeedbackRequirements()
@@ -51,8 +106,16 @@ PIEZO = resonator(400.0, 20.0)
 @pytest.mark.parametrize("plant", [PIEZO, integrator_with_mode(90.0, 20.0)], ids=["piezo", "integrator with a mode"])
 def test_design__plants_people_own__whole_controller(plant: ContinuousSystem) -> None:
     own = design_controller(of(plant, 8, RATE_HZ, feedback=DEFAULTS)).channels[0]
-    feedback = own.feedback(RATE_HZ)
-    assert keeps(plant, feedback)
+    assert keeps(plant, own.feedback(RATE_HZ))
+
+
+def test_design__drawn_plants__no_loop_grows_at_a_lower_gain_or_swings_on_and_one_that_does_is_caught() -> None:
+    """A sample of the witness."""
+    for plant, grows, left, _ in run(2, seed=1):
+        assert grows == 0.0, plant
+        assert left < 0.01, plant
+    broken = Drawn("integrator", (0.0, -50.0), 35530.0, 0.0, 8000.0, 1)
+    assert grows_at(broken, BROKEN_SOS) == pytest.approx(0.048, rel=0.1)
 
 
 def test_design__eight_equal_channels__the_bytes_of_one() -> None:
@@ -77,8 +140,7 @@ def test_design__eight_equal_channels__the_bytes_of_one() -> None:
     ids=["unstable", "mass alone", "zero right of the axis"],
 )
 def test_synthesise__hard_plants__a_loop_within_the_limits(plant: ContinuousSystem) -> None:
-    found = next(synthesise(task(plant)), None)
-    assert keeps(plant, found[1])
+    assert keeps(plant, next(synthesise(task(plant)))[1])
 
 
 def relaxed_stays_yes(seed: int) -> bool:

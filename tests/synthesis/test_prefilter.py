@@ -67,8 +67,7 @@ def test_fit_prefilter__report__is_what_the_sections_do() -> None:
 
 
 def test_fit_prefilter__no_poles_given__fewest_that_keep_the_tolerance() -> None:
-    c = bilinear(paper.FEEDBACK, 4000.0)
-    assert fit_prefilter(channel(), c, 4000.0, 1, None, tolerance_db=0.35).poles == 6
+    assert fit_prefilter(channel(), bilinear(paper.FEEDBACK, 4000.0), 4000.0, 1, None, tolerance_db=0.35).poles == 6
 
 
 def test_fit_prefilter__tolerance_beyond_reach__says_what_is_possible(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,12 +90,8 @@ EIGHT_HZ = [0.4, 1, 3, 10, 30, 100, 250, 300]
 AT_HZ = np.geomspace(0.4, 300, 18)
 CURVES = {
     "library": curve("bolanowski-1988"),
-    "u": ThresholdCurve(
-        "u", [0.4, 1, 3, 10, 30, 100, 250, 300], [20, 19, 16, 8, -4, -14, -18, -17.5], "synthetic", "u"
-    ),
-    "deep": ThresholdCurve(
-        "u", [0.4, 1, 3, 10, 30, 100, 250, 300], [20, 20, 19, 10, -5, -16, -20, -18], "synthetic", "u"
-    ),
+    "u": ThresholdCurve("u", EIGHT_HZ, [20, 19, 16, 8, -4, -14, -18, -17.5], "synthetic", "u"),
+    "deep": ThresholdCurve("u", EIGHT_HZ, [20, 20, 19, 10, -5, -16, -20, -18], "synthetic", "u"),
     "broad": ThresholdCurve("u", AT_HZ, -18 + 36 * (np.log2(AT_HZ / 167) / 9) ** 2, "synthetic", "u"),
 }
 COIL = 2.0 * np.pi * 150.0
@@ -120,9 +115,7 @@ MOTOR = [1.0, 94.0, 290.0]
         (ContinuousSystem.from_polynomials([2.0, 0.0, 0.0], [1.0, 2 * 0.1 * 377.0, 377.0**2]), "library", 0.5),
     ],
 )
-def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(
-    plant: ContinuousSystem, felt: str, most_db: float
-) -> None:
+def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(plant, felt, most_db) -> None:
     threshold = Threshold(CURVES[felt])
     quantity = "acceleration" if plant.zeros.size else "displacement"
     fit = fit_prefilter(channel(plant=plant, quantity=quantity, threshold=threshold, loads=()), None, 4000.0, 1, 8)

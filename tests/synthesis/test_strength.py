@@ -7,8 +7,8 @@ import pytest
 
 from tactuator.errors import NoDesign
 from tactuator.measure.error import ResponseLevels, error_db
-from tactuator.model.description import Converter, Strength, display_document
-from tactuator.model.verdict import FELT_MINUS_ASKED, Outcome
+from tactuator.model.description import Channel, Converter, Strength, display_document
+from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
 from tactuator.rig.board.commissioning import safety_table
@@ -78,19 +78,20 @@ def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() ->
     felt = db(np.abs(made.response("index", HERTZ)) / made.display.channels[0].threshold_voltage(HERTZ))
     inside = (HERTZ > 2.0) & (HERTZ < 290.0)
     np.testing.assert_allclose(felt[inside], griffin().level_db_sl_at(40.0, HERTZ[inside]) - 40.0, atol=0.6)
-    (flat,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
-               if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
-    assert flat.outcome is Outcome.MET
+
+    def judged(channel: Channel, quantity: str) -> Finding:
+        findings = judge_channel(made.channels[0], channel, made.display)
+        (finding,) = (each for each in findings if each.quantity == quantity and each.load == "none")
+        return finding
+
+    assert judged(made.display.channels[0], FELT_MINUS_ASKED).outcome is Outcome.MET
     # at another level it is off by what the contours lie apart
     apart = griffin().level_db_sl_at(40.0, HERTZ) - griffin().level_db_sl_at(10.0, HERTZ) - 30.0
-    (low,) = [f for f in judge_channel(made.channels[0], made.display.channels[0], made.display)
-              if f.quantity == AT_LOWEST]  # fmt: skip
+    low = judged(made.display.channels[0], AT_LOWEST)
     assert (low.outcome, "blended = true" in low.remark) == (Outcome.NOT_MET, True)
     assert low.value == pytest.approx(np.max(np.abs(apart)), abs=1.0)
     plain = replace(made.display.channels[0], strength=Strength())
-    (off,) = [f for f in judge_channel(made.channels[0], plain, made.display)
-              if f.quantity == FELT_MINUS_ASKED and f.load == "none"]  # fmt: skip
-    assert off.value == pytest.approx(8.0, abs=1.0)
+    assert judged(plain, FELT_MINUS_ASKED).value == pytest.approx(8.0, abs=1.0)
 
 
 def test_judge__reshapes_for_other_contours__is_not_told_to_reshape() -> None:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.model.controller import Limits
-from tactuator.model.description import Converter, Display, Environment
+from tactuator.model.description import Channel, Converter, Display, Environment
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
@@ -20,15 +21,8 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_noise_rms_v, step_gain
 from tactuator.synthesis.verdict import AT_LOWEST, judge
-from tests.synthesis.displays import (
-    channel,
-    moved_db,
-    of,
-    paper_alone,
-    paper_controller,
-    three_finger_controller,
-    three_fingers,
-)
+from tests.synthesis import displays
+from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
 INTEGRATING = ContinuousSystem.from_polynomials([35530.0], [1.0, 50.0, 0.0])
@@ -49,6 +43,11 @@ def only(verdict: Verdict, number: str, channel: str, load: str, quantity: str, 
     of = [one for one in objective.findings if (one.channel, one.load, one.quantity) == (channel, load, quantity)]
     (found,) = (one for one in of if at_hz in (None, one.frequency_hz))
     return found
+
+
+def judged(one: Channel, **display: Any) -> Verdict:
+    """The paper's loop on that channel."""
+    return judge(paper_controller(), replace(paper_alone(), channels=(one,), **display))
 
 
 def test_judge__three_fingers__all_four_met() -> None:
@@ -73,9 +72,7 @@ def test_judge__hum__felt_through_t() -> None:
     found = only(judge(paper_controller()), "ii", "index", "none", "felt hum", 60.0)
     assert found.value == pytest.approx(20.0 * np.log10(1000.0 / 198.98) - 11.95 - 5.0, abs=0.15)
     smooth = channel(loads=(), environment=Environment(friction_v=0.0))
-    found = only(
-        judge(paper_controller(), replace(paper_alone(), channels=(smooth,))), "ii", "index", "none", "felt hum", 60.0
-    )
+    found = only(judged(smooth), "ii", "index", "none", "felt hum", 60.0)
     assert found.value == pytest.approx(20.0 * np.log10(1000.0 / 198.98) - 11.95 - 5.0, abs=0.02)
 
 
@@ -89,15 +86,13 @@ def test_judge__hum__felt_through_t() -> None:
     ids=["ten times the hum", "much noise", "the motor's friction"],
 )
 def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_met: list[str]) -> None:
-    loud = channel(loads=(), environment=environment)
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(loud,)))
+    verdict = judged(channel(loads=(), environment=environment))
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not met"] == not_met
     assert verdict.outcome is Outcome.NOT_MET
     if not_met == ["i"]:
         rubbed = only(verdict, "i", "index", "none", AT_LOWEST)
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
-        known = replace(loud, environment=replace(environment, assumed=("presliding",)))
-        guessed = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
+        guessed = judged(channel(loads=(), environment=replace(environment, assumed=("presliding",))))
         rubbed = only(guessed, "i", "index", "none", AT_LOWEST)
         assert (rubbed.outcome.value, "presliding is assumed" in rubbed.remark) == ("not judged", True)
         assert any("presliding: 10 mV of the sensor" in sentence for sentence in guessed.assumptions)
@@ -109,20 +104,19 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
 def test_judge__steps_of_the_converters__are_felt_as_the_simulated_display_moves(bits: int, kept: bool) -> None:
     quiet = Environment(friction_v=0.0)
     display = replace(paper_alone(), channels=(channel(loads=(), environment=quiet, converter=Converter(bits=bits)),))
-    judged = [one for one in judge(paper_controller(), display).objectives[0].findings if one.quantity == AT_LOWEST]
-    moved = [moved_db(paper_controller(), display, hertz, 10.0) for hertz in (0.6, 3.0, 10.0, 20.0, 40.0, 52.0, 250.0)]
+    found = [one for one in judge(paper_controller(), display).objectives[0].findings if one.quantity == AT_LOWEST]
+    tones_hz = (0.6, 3.0, 10.0, 20.0, 40.0, 52.0, 250.0)
+    moved = [displays.moved_db(paper_controller(), display, hertz, 10.0) for hertz in tones_hz]
     assert (np.max(np.abs(moved)) <= 1.0) == kept
-    assert all((one.outcome is Outcome.MET) == kept for one in judged)
-    assert len(judged) == (bits < 16)
+    assert all((one.outcome is Outcome.MET) == kept for one in found)
+    assert len(found) == (bits < 16)
 
 
 @given(
     st.floats(0.05, 6.0), st.floats(0.15, 1.0), st.lists(st.floats(0.1, 3.0), max_size=2), st.sampled_from([0, 2, 5, 8])
 )
 @settings(max_examples=12)
-def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(
-    amplitude: float, noise: float, lines: list[float], rest: int
-) -> None:
+def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(amplitude, noise, lines, rest) -> None:
     rng = np.random.default_rng(3)
     phase, *others = rng.uniform(0.0, 2.0 * np.pi, (1 + len(lines), 400_000))
     beside = sum((peak * np.cos(turn) for peak, turn in zip(lines, others, strict=True)), rest / 16.0 + 0.0 * phase)
@@ -146,8 +140,7 @@ def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(
     ids=["hum assumed", "noise assumed", "friction assumed", "no line named", "all stated, no load described"],
 )
 def test_judge__what_nobody_said__not_judged(environment: Environment, open_objectives: list[str]) -> None:
-    silent = channel(loads=(), environment=environment)
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(silent,)))
+    verdict = judged(channel(loads=(), environment=environment))
     assert [number for number, outcome in outcomes(verdict).items() if outcome == "not judged"] == open_objectives
     assert verdict.outcome is Outcome.NOT_JUDGED
     assert len(verdict.assumptions) == len(environment.assumed)
@@ -182,8 +175,7 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     ids=["all known", "low end", "above 100 Hz", "crossover", "nothing"],
 )
 def test_judge__beyond_where_the_plant_is_known__not_judged(valid_hz: tuple[float, float], open_ones: set[str]) -> None:
-    known = channel(loads=(), valid_hz=valid_hz)
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
+    verdict = judged(channel(loads=(), valid_hz=valid_hz))
     open_findings = [
         one for objective in verdict.objectives[:3] for one in objective.findings if one.outcome is Outcome.NOT_JUDGED
     ]
@@ -193,16 +185,13 @@ def test_judge__beyond_where_the_plant_is_known__not_judged(valid_hz: tuple[floa
 
 def test_judge__load_where_nothing_is_known__not_judged() -> None:
     known = replace(paper_alone().channels[0], valid_hz=(20.0, 400.0), loads=(Load("finger", 0.12, 31.0, 360.0),))
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
-    assert outcomes(verdict)["iv"] == "not judged"
+    assert outcomes(judged(known))["iv"] == "not judged"
 
 
 def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_decides() -> None:
     unsure_channel = channel(loads=(), model_error_db=0.8, model_error_hz=(31.0, 35.5))
     sure, unsure, little = (
-        only(
-            judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "felt minus asked"
-        )
+        only(judged(one), "i", "index", "none", "felt minus asked")
         for one in (channel(loads=()), unsure_channel, channel(loads=(), model_error_db=0.2))
     )
     assert sure.outcome is little.outcome is Outcome.MET
@@ -210,9 +199,8 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     assert unsure.value == pytest.approx(sure.value + 0.8)
     assert "0.80 dB that the plant itself is unsure of" in unsure.remark
     assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
-    little_bit = channel(loads=(), model_error_db=0.1)
-    surely = replace(paper_alone(), channels=(little_bit,), objectives=Objectives(flatness_db=0.05))
-    assert only(judge(paper_controller(), surely), "i", "index", "none", "felt minus asked").outcome is Outcome.NOT_MET
+    surely = judged(channel(loads=(), model_error_db=0.1), objectives=Objectives(flatness_db=0.05))
+    assert only(surely, "i", "index", "none", "felt minus asked").outcome is Outcome.NOT_MET
 
 
 def test_judge__tighter_tolerances__first_and_fourth_not_met() -> None:
@@ -256,17 +244,15 @@ def test_judge__plant_that_runs_away__least_gain_is_told() -> None:
 
 
 def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
-    heavy = channel(loads=(Load("anvil", 40.0, 0.0, 0.0),))
-    verdict = judge(
-        three_finger_controller(), replace(three_fingers(), channels=(heavy, *three_fingers().channels[1:]))
-    )
+    channels = channel(loads=(Load("anvil", 40.0, 0.0, 0.0),)), *three_fingers().channels[1:]
+    verdict = judge(three_finger_controller(), replace(three_fingers(), channels=channels))
     assert set(outcomes(verdict).values()) == {"not met"}
     only(verdict, "i", "index", "anvil", "the closed loop is unstable")
 
 
 def test_worst__twenty_loads__one_row_for_each_channel_and_quantity() -> None:
     loads = tuple(Load(f"finger {k}", 0.01 * k, 3.0 * k, 30.0 * k) for k in range(20))
-    verdict = judge(paper_controller(), replace(paper_alone(), channels=(channel(loads=loads),)))
+    verdict = judged(channel(loads=loads))
     assert sum(len(objective.worst()) for objective in verdict.objectives) == 8
     (told,) = verdict.objectives[3].worst()
     assert told.value == max(one.value or 0.0 for one in verdict.objectives[3].findings)
@@ -293,9 +279,7 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
         *(((10.0, 2.0), value, "threshold_voltage_dc") for value in (0.0, -1.0, float("inf"))),
     ],
 )
-def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(
-    limits: tuple[float, ...], threshold_voltage_dc: float, words: str
-) -> None:
+def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(limits, threshold_voltage_dc, words):
     made = paper_controller()
     with pytest.raises(BadInput, match=words):
         wrong = replace(made.channels[0], limits=Limits(*limits), threshold_voltage_dc=threshold_voltage_dc)

@@ -80,8 +80,6 @@ def test_assess__no_feedback__is_judged_by_the_prefilter_alone() -> None:
     assert report(changed(MADE, feedback_sos=None), "float32").safe
 
 
-# --- what one format cannot hold is no reason to be silent about the others ---
-
 REFUSED = [
     (changed(MADE, limits=Limits(20.0, 2.0)), r"command_v is 20; allowed: at most 15 V in Q31"),
     (
@@ -101,15 +99,11 @@ def test_assess__what_q31_cannot_hold__is_told_for_q31_alone(made: Controller, w
         require_safe(made, "q31")
 
 
-# --- worst error of |H|, from the words with fifty digits ---
-
-
 def loop_error_db(made: Controller, left: tuple[NDArray[np.complex128], ...]) -> float:
     """Worst |H| error where F and C are `left`."""
     of, own = made.display, made.channels[0]
     plant = zero_order_hold(of.channels[0].plant, of.rate_hz)
     held = replace(plant, delay_samples=plant.delay_samples + of.delay_samples).response(BAND)
-    assert own.feedback_sos is not None
     exact = [np.ones(BAND.size, dtype=np.complex128) for _ in left]
     for total, sos in zip(exact, (own.prefilter_sos, own.feedback_sos), strict=True):
         for row in sos.tolist():
@@ -123,7 +117,6 @@ def loop_error_db(made: Controller, left: tuple[NDArray[np.complex128], ...]) ->
 def test_response_error__delta_form__is_that_of_the_images_own_words(name: str, rate_hz: float) -> None:
     made = at_rate(MADE, rate_hz)
     own = made.channels[0]
-    assert own.feedback_sos is not None
     rows = image_rows(build_image(made, name), name, len(own.prefilter_sos), len(own.feedback_sos))
     left = []
     for cascade in rows:
@@ -146,9 +139,6 @@ def image_rows(image: bytes, name: str, prefilters: int, feedbacks: int) -> tupl
         shifts = (words[5], words[6], words[7], words[6], words[7])
         rows.append([word / 2.0 ** (21 + shift) for word, shift in zip(words[:5], shifts, strict=True)])
     return rows[:prefilters], rows[prefilters:]
-
-
-# --- what `build` asks ---
 
 
 def test_require_safe__format_that_no_board_runs__is_refused() -> None:

@@ -62,7 +62,7 @@ def test_single_sections__noise__are_scipys_float32_bits() -> None:
 
 
 @pytest.mark.parametrize("pole", [0.9, 0.99])
-def test_fixed_sections__one_pole_in_silence__sticks_in_the_textbooks_dead_band(pole: float) -> None:
+def test_fixed_sections__one_pole_in_silence__sticks_in_the_textbooks_dead_band(pole) -> None:
     # Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.10: |y| <= 1/2 / (1 - |a|), and it is reached
     decay = {}
     for fed_back in (False, True):

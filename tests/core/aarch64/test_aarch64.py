@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.wordlength.assessment import built
+from tactuator.runtime.image import build_image
 from tests.rig.guard.guarded import designed
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -20,13 +20,10 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def images() -> dict[str, bytes]:
-    return {name: built(designed(), name)[0] for name in ("float32", "q31")}
-
-
-@pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled("cc", tmp_path_factory.mktemp("here") / "here", FLAGS)
+def programs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Of this machine and of the other."""
+    folder = tmp_path_factory.mktemp("programs")
+    return compiled("cc", folder / "here", FLAGS), compiled("aarch64-linux-gnu-gcc", folder / "there", FLAGS)
 
 
 def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
@@ -38,18 +35,17 @@ def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
     return out
 
 
-def commands(words: list[str | Path], image: bytes, folder: Path) -> np.ndarray:
+def commands(words: list[str | Path], number_format: str, folder: Path) -> np.ndarray:
     """Return the bits of every command, (ticks, channels)."""
-    (folder / "image.bin").write_bytes(image)
+    (folder / "image.bin").write_bytes(build_image(designed(), number_format))
     done = subprocess.run([*words, folder / "image.bin"], check=True, capture_output=True)
     return np.frombuffer(done.stdout, dtype=np.uint32).reshape(-1, 3)
 
 
 @pytest.mark.parametrize("number_format", ["float32", "q31"])
-def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format, images, here, tmp_path):
-    ours = commands([here], images[number_format], tmp_path)
-    there_program = compiled("aarch64-linux-gnu-gcc", tmp_path / "there", FLAGS)
-    there = commands(["qemu-aarch64", there_program], images[number_format], tmp_path)
+def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format, programs, tmp_path):
+    ours = commands([programs[0]], number_format, tmp_path)
+    there = commands(["qemu-aarch64", programs[1]], number_format, tmp_path)
     assert ours.shape == there.shape == (20000, 3)
     values = ours.view(np.float32)
     assert np.ptp(values) > 15.0  # it moved, and reached its limits
@@ -57,10 +53,9 @@ def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format, images, here,
     assert np.array_equal(ours, there)
 
 
-def test_core__with_fused_multiply_add_allowed__differs_and_is_seen(images, here, tmp_path):
+def test_core__with_fused_multiply_add_allowed__differs_and_is_seen(programs, tmp_path):
     """The check can fail: without -ffp-contract=off, gcc fuses on this processor."""
-    ours = commands([here], images["float32"], tmp_path)
     fused = [flag for flag in FLAGS if "contract" not in flag and "std" not in flag] + ["-std=gnu99"]
     program = compiled("aarch64-linux-gnu-gcc", tmp_path / "fused", [*fused, "-ffp-contract=fast"])
-    there = commands(["qemu-aarch64", program], images["float32"], tmp_path)
-    assert not np.array_equal(ours, there)
+    there = commands(["qemu-aarch64", program], "float32", tmp_path)
+    assert not np.array_equal(commands([programs[0]], "float32", tmp_path), there)

@@ -2,10 +2,8 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
@@ -30,36 +28,23 @@ def test_settle__fixed_controller__nothing_is_played() -> None:
         assert rig.rows_played == 0
 
 
-class MuteRig(WrappedRig):
-    """A rig that does not tell its weights."""
-
-
-class HastyRig(SimulatedRig):
-    """A rig that says that its time goes on between blocks; its weights are told while it plays."""
-
-    @property
-    def waits(self) -> bool:
-        return False
-
-
 def test_settle__rig_that_does_not_tell_or_whose_time_goes_on__says_no_weights_or_no_time() -> None:
     made = adaptive()
     inner = SimulatedRig(made.display, 3)
-    with MuteRig(inner) as rig:
+    with WrappedRig(inner) as rig:  # it does not tell its weights
         rig.load(made)
         (mute,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert (mute.weight, mute.settled_s) == (None, None)
     assert inner.rows_played == 3 * RATE_HZ
-    with HastyRig(made.display, 3) as rig:
+    with SimulatedRig(made.display, 3) as rig:
+        rig._waits = False  # its time goes on between blocks, and its weights are told while it plays
         rig.load(made)
         (hasty,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert hasty.settled_s is None
     np.testing.assert_allclose(hasty.weight, [0.0, 0.0], atol=0.15)
 
 
-def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(tmp_path, capsys) -> None:
     write_controller(tmp_path / "c.json", adaptive())
     text = (EXAMPLES / "displays" / "tactuator.toml").read_text(encoding="utf-8")
     designed, other = "mass = 0.12, damping = 31.0, stiffness = 360.0", "mass = 0.07, damping = 43.0, stiffness = 500.0"

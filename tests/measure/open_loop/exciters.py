@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactuator.io.csv_tables import resolve_curve
-from tactuator.io.display import parse_display, with_curve
+from tactuator.io.display import with_curve
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.simulated_card import Exciter, RunningExciter
 from tactuator.rig.sound.stream import CardRows
-from tactuator.runtime._core import ffi, lib
+from tests.rig.sound.turned_card import TurnedCard, sound_display
 
 RATE_HZ = 48000.0
 PERIOD = 1024
@@ -44,23 +44,10 @@ def drawn_exciter(seed: int) -> Exciter:
 
 def exciter_display(exciter: Exciter, names: Sequence[str] = ("exciter",)) -> Display:
     """A display of accelerometers of 1 V for 1 m/s²."""
-    full = 1e-3 * exciter.sensor_full_scale
-    channel = {
-        "sensor_gain_v_per_mm": 1e-3,
-        "quantity": "acceleration",
-        "travel_mm": 1.0,
-        "plant": {"num": [1.0], "den": [1.0, 100.0, 1e6]},
-    }
-    return parse_display(
-        {
-            "display": {"name": "exciter", "rate_hz": RATE_HZ, "delay_samples": 0},
-            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-            "feedback": {"structure": "none"},
-            "converter": {"range_v": exciter.volts},
-            "sound": {"output_full_scale_v": exciter.volts, "input_full_scale_v": full},
-            "channel": [{"name": name, "output": k, "input": k, **channel} for k, name in enumerate(names, 1)],
-        }
-    )
+    plant = {"num": [1.0], "den": [1.0, 100.0, 1e6]}
+    channel = {"sensor_gain_v_per_mm": 1e-3, "quantity": "acceleration", "plant": plant}
+    scale = {"output_full_scale_v": exciter.volts, "input_full_scale_v": 1e-3 * exciter.sensor_full_scale}
+    return sound_display(names, RATE_HZ, exciter.volts, channel, **scale)
 
 
 def persons_curve() -> ThresholdCurve:
@@ -71,29 +58,16 @@ def persons_curve() -> ThresholdCurve:
     return ThresholdCurve("S9", frequency, level, "measured", "synthetic")
 
 
-class ExciterCard:
+def exciter_card(rows: CardRows, exciters: Sequence[Exciter], seed: int) -> TurnedCard:
     """A card whose outputs drive exciters; its inputs hear the accelerometers, then the displacements."""
+    rng = np.random.default_rng(seed)
+    running = [RunningExciter(one, RATE_HZ, rng) for one in exciters]
 
-    def __init__(self, rows: CardRows, exciters: Sequence[Exciter], seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        self.rows = rows
-        self.running = [RunningExciter(one, RATE_HZ, rng) for one in exciters]
-        self.heard = np.zeros((PERIOD, 2 * len(exciters)), dtype=np.float32)
-        self.owed = 0.0
+    def answer(out: np.ndarray) -> np.ndarray:
+        answers = [one.answer(column.astype(float)) for one, column in zip(running, out.T, strict=True)]
+        return np.column_stack([column for kind in zip(*answers, strict=True) for column in kind]).astype(np.float32)
 
-    def sleep(self, seconds: float) -> None:
-        self.owed += seconds * RATE_HZ
-        while self.owed >= PERIOD:
-            self.owed -= PERIOD
-            out = np.zeros((PERIOD, len(self.running)), dtype=np.float32)
-            given, taken = (ffi.from_buffer("float[]", one) for one in (self.heard, out))
-            lib.tact_audio_callback(given, taken, PERIOD, ffi.NULL, 0, ffi.cast("tact_audio *", self.rows.address))
-            answers = [one.answer(column.astype(float)) for one, column in zip(self.running, out.T, strict=True)]
-            columns = [sensor for sensor, _ in answers] + [felt for _, felt in answers]
-            self.heard = np.ascontiguousarray(np.column_stack(columns), dtype=np.float32)
-
-    def close(self, alive: bool) -> None:
-        pass
+    return TurnedCard(rows, PERIOD, answer, rate_hz=RATE_HZ, period=PERIOD, inputs=2 * len(exciters))
 
 
 def exciter_rig(
@@ -103,5 +77,5 @@ def exciter_rig(
     if curve is not None:
         display = with_curve(display, curve)
     rows = CardRows(len(exciters), 2 * len(exciters), 4 * 48000, RATE_HZ)
-    card = ExciterCard(rows, exciters, seed)
+    card = exciter_card(rows, exciters, seed)
     return SoundRig(display, rows, card, card.sleep)

@@ -21,7 +21,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 from tests.measure.open_loop import exciters
-from tests.measure.open_loop.exciters import RATE_HZ, ExciterCard, exciter_display, exciter_rig
+from tests.measure.open_loop.exciters import RATE_HZ, exciter_card, exciter_display, exciter_rig
 from tests.rig.sound.turned_card import flat_controller, sound_display, turned_rig
 
 BAND_HZ = (20.0, 300.0)
@@ -60,7 +60,7 @@ def test_find_level__sensors_swapped_off_or_not_there__are_told():
     one, other = rig.display.sound.wires
     swapped = replace(rig.display.sound, wires=(replace(one, input=2), replace(other, input=1)))
     display = replace(rig.display, sound=swapped)
-    card = ExciterCard(rig._rows, [EXCITER, EXCITER], 0)
+    card = exciter_card(rig._rows, [EXCITER, EXCITER], 0)
     again = SoundRig(display, rig._rows, card, card.sleep)
     with pytest.raises(BadInput, match="channel 'left' is answered by the sensor of 'right'"):
         find_level(again, display.channels[0], wave(), 100.0)

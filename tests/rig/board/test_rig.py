@@ -26,18 +26,13 @@ def rig(request):
         yield made
 
 
-@pytest.fixture(scope="module")
-def expected():
-    with in_process_rig(designed().display, 1) as rig:
-        rig.load(designed())
-        return [rig.play(tones()), rig.play(tones(300))]
-
-
-def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
+def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig):
+    with in_process_rig(designed().display, 1) as plain:
+        plain.load(designed())
+        expected = [plain.play(tones()), plain.play(tones(300))]
     begin(rig)
     blocks = np.array_split(np.concatenate([tones(), tones(300)]), 9)
-    found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
-    wanted = join_traces(expected, rig.rate_hz, rig.channels)
+    found, wanted = (join_traces(each, rig.rate_hz, rig.channels) for each in (rig.stream(iter(blocks)), expected))
     assert found.equals(wanted)
 
 

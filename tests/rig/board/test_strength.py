@@ -70,5 +70,5 @@ def test_board__driven__is_not_reshaped() -> None:
     [("mps2-an500", "float32"), pytest.param("stm32f405", "q31", marks=pytest.mark.slow)],
 )
 def test_emulated_board__that_reshapes__plays_the_hosts_bits(board: str, number_format: str) -> None:
-    there = played(emulated_rig(board, shaped().display, 5, number_format), shaped(), wave(1200))
-    assert there == played(in_process_rig(shaped().display, 5, number_format), shaped(), wave(1200))
+    there = played(emulated_rig(board, shaped().display, 5, number_format), shaped(), wave(500))
+    assert there == played(in_process_rig(shaped().display, 5, number_format), shaped(), wave(500))

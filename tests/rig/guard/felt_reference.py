@@ -17,8 +17,6 @@ Samples = NDArray[np.float64]
 
 
 class FeltReference:
-    """Of one channel of a controller."""
-
     def __init__(self, controller: Controller, channel: int) -> None:
         self._controller, self._channel = controller, channel
         self._frequency_hz = np.fft.rfftfreq(SIZE, 1.0 / controller.rate_hz)

@@ -23,13 +23,11 @@ SENSORS = SENSOR_FAULTS[:5]
 
 @cache
 def designed() -> Controller:
-    """The example display's controller, designed once."""
     return design_controller(paper_display())
 
 
 @cache
 def adaptive() -> Controller:
-    """The same display's controller with the finger fed forward, designed once."""
     return design_controller(replace(paper_display(), touch=Touch(adaptive=True)))
 
 
@@ -81,7 +79,6 @@ class Guarded:
         self.start()
 
     def start(self) -> None:
-        """A run, from ARMED."""
         assert lib.tact_board_start(self.board, self.board.run + 1, STREAM, self.drives, 0)
 
     def leave(self) -> None:
@@ -102,16 +99,13 @@ class Guarded:
 
     @property
     def mode(self) -> Mode:
-        """Of the board."""
         return Mode(self.board.mode)
 
     def touch(self, yes: bool) -> None:
-        """A finger on every channel, or none."""
         for channel in range(3):
             self.simulated.state[channel].touched = int(yes)
 
     def break_sensor(self, what: str, channel: int = 0, value: float = 0.0) -> None:
-        """What happens to one channel's sensor."""
         fault = ffi.addressof(self.simulated.sensor[channel])
         lib.tact_sensor_fault_set(fault, SENSOR_FAULTS.index(what), value, self.simulated.code[channel])
 

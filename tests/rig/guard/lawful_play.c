@@ -3,7 +3,7 @@
  *
  *     seed --> tones, noise, steps, silence --> board --> simulated display <-- presses, taps, tremor, loads
  *
- *     lawful_play SEED SECONDS WHICH    tables.h, written by lawful_play.py: designed tables and a display; WHICH of the
+ *     lawful_play SEED SECONDS WHICH    tables.h, written by test_lying_sensor.py: designed tables and a display; WHICH of the
  *                                       controllers: 0 fixed, 1 adaptive, 2 adaptive in Q31
  */
 #include <stdio.h>

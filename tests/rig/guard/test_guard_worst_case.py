@@ -5,7 +5,6 @@ what is felt at one tick the greatest is the answer of a linear program: samples
 command within its range, and the guard (comfort, stopping distance, disagreement) not yet tripped before that tick.
 """
 
-from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -22,21 +21,12 @@ LOUDEST_DB_SL, CHANNEL, HISTORY, AFTER = 56.0, 1, 600, 300
 Rows = NDArray[np.float64]
 
 
-@dataclass
 class Course:
     """Of every tick: how much of the reference and of the command acts, whether a finger rests there; starts: ticks at
     which the controller begins at rest."""
 
-    length: int
-    lifted: int | None
-    stopped: int | None = None
-    fade: Rows = field(init=False)
-    command_fade: Rows = field(init=False)
-    starts: set[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.starts = {0}
-        begins = 0
+    def __init__(self, length: int, lifted: int | None, stopped: int | None) -> None:
+        self.length, self.lifted, self.stopped, self.starts = length, lifted, stopped, {0}
         tick = np.arange(self.length)
         command_fade, fade = self._soft(tick)
         if self.stopped is not None:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tactuator.io.display import parse_display
 from tactuator.model.controller import Controller
 from tactuator.rig.sound.simulated_card import Exciter
 from tactuator.synthesis.design import design_controller
+from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0
 TRUE_DB_SL = 6.0
@@ -43,24 +43,8 @@ def controller(latency_samples: int) -> Controller:
     """Designed for the exciter's own equations, with its displacement as the sensor."""
     w = 2.0 * np.pi * EXCITER.resonance_hz
     plant = {"num": [EXCITER.drive], "den": [1.0, w / EXCITER.q, w * w], "delay_s": EXCITER.delay_s}
-    return design_controller(
-        parse_display(
-            {
-                "display": {"name": "exciter", "rate_hz": RATE_HZ, "delay_samples": 0},
-                "threshold": {"curve": "bolanowski-1988", "band_hz": [40.0, 300.0]},
-                "feedback": {"structure": "none"},
-                "converter": {"range_v": EXCITER.volts},
-                "prefilter": {"poles": 8},
-                "sound": {
-                    "output_full_scale_v": EXCITER.volts,
-                    "input_full_scale_v": EXCITER.felt_full_scale_mm,
-                    "lead_s": 2.0,
-                    "latency_samples": latency_samples,
-                },
-                "channel": [
-                    {"name": "index", "finger": "index", "input": 3, "sensor_gain_v_per_mm": 1.0, "travel_mm": 1.0,
-                     "plant": plant}
-                ],
-            }
-        )
-    )  # fmt: skip
+    channel = {"finger": "index", "input": 3, "sensor_gain_v_per_mm": 1.0, "plant": plant}
+    tables = {"threshold": {"curve": "bolanowski-1988", "band_hz": [40.0, 300.0]}, "prefilter": {"poles": 8}}
+    scale = {"output_full_scale_v": EXCITER.volts, "input_full_scale_v": EXCITER.felt_full_scale_mm}
+    sound = {"lead_s": 2.0, "latency_samples": latency_samples}
+    return design_controller(sound_display(["index"], RATE_HZ, EXCITER.volts, channel, tables, **scale, **sound))

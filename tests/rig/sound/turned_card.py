@@ -1,6 +1,7 @@
 """A sound card that is turned by hand: it calls back when the program sleeps, and its inputs hear its outputs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,22 +21,27 @@ Answer = Callable[[np.ndarray], np.ndarray]
 
 
 def sound_display(
-    names: Sequence[str] = ("left", "right"), rate_hz: float = RATE_HZ, range_v: float = 1.5, **changes: Any
+    names: Sequence[str] = ("left", "right"),
+    rate_hz: float = RATE_HZ,
+    range_v: float = 1.5,
+    channel: Mapping[str, Any] = MappingProxyType({}),
+    tables: Mapping[str, Any] = MappingProxyType({}),
+    **changes: Any,
 ) -> Display:
-    """Channels on a card, each a light exciter of 150 Hz without loop; `changes` go into [sound]."""
+    """Channels on a card, each a light exciter of 150 Hz without loop; `changes` go into [sound], `channel` into every
+    channel, and `tables` stand for those of these names."""
     plant = {"num": [40.0], "den": [1.0, 2 * 0.2 * 942.5, 942.5**2], "delay_s": 0.0}
-    channel = {"sensor_gain_v_per_mm": 2.0, "travel_mm": 1.0, "plant": plant}
+    keys = {"sensor_gain_v_per_mm": 2.0, "travel_mm": 1.0, "plant": plant} | channel
     sound = {"output_full_scale_v": 2.0, "input_full_scale_v": 4.0} | changes
-    return parse_display(
-        {
-            "display": {"name": "exciters", "rate_hz": rate_hz, "delay_samples": 0},
-            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
-            "feedback": {"structure": "none"},
-            "converter": {"range_v": range_v},
-            "sound": {key: value for key, value in sound.items() if value is not None},
-            "channel": [{"name": name, **channel} for name in names],
-        }
-    )
+    document = {
+        "display": {"name": "exciters", "rate_hz": rate_hz, "delay_samples": 0},
+        "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
+        "feedback": {"structure": "none"},
+        "converter": {"range_v": range_v},
+        "sound": {key: value for key, value in sound.items() if value is not None},
+        "channel": [{"name": name, **keys} for name in names],
+    }
+    return parse_display(document | tables)
 
 
 def flat_controller(display: Display, gain: float = 0.01, **channel: Any) -> Controller:
@@ -65,36 +71,38 @@ class TurnedCard:
         stops_at: int | None = None,
         stops_for_s: float = np.inf,
         hurry: float = 1.0,
+        rate_hz: float = RATE_HZ,
+        period: int = PERIOD,
+        inputs: int = 0,
     ) -> None:
         self.rows, self.answer, self.flags, self.stops_at, self.hurry = rows, answer, flags, stops_at, hurry
-        self.stops_for_s = stops_for_s
+        self.stops_for_s, self.rate_hz, self.period = stops_for_s, rate_hz, period
         self.calls, self.owed, self.silent_s = 0, 0.0, 0.0
         self.put_out: list[np.ndarray] = []
-        self._heard = np.zeros((delay, rows.outputs), dtype=np.float32)
+        self._heard = np.zeros((delay, inputs or rows.outputs), dtype=np.float32)
         self.closed: bool | None = None
 
     def sleep(self, seconds: float) -> None:
-        self.owed += self.hurry * seconds * RATE_HZ
-        while self.owed >= PERIOD:
-            self.owed -= PERIOD
+        self.owed += self.hurry * seconds * self.rate_hz
+        while self.owed >= self.period:
+            self.owed -= self.period
             if self.stops_at is None or self.calls < self.stops_at or self.silent_s >= self.stops_for_s:
                 self._call()
             else:
-                self.silent_s += PERIOD / RATE_HZ
+                self.silent_s += self.period / self.rate_hz
         assert self.silent_s < PATIENCE_S, "the program waits for a card that is silent"
-        assert self.calls * PERIOD / RATE_HZ < LONGEST_S, "the program does not come to an end"
+        assert self.calls * self.period / self.rate_hz < LONGEST_S, "the program does not come to an end"
 
     def _call(self) -> None:
-        out = np.zeros((PERIOD, self.rows.outputs), dtype=np.float32)
-        given = np.zeros((PERIOD, self.rows.outputs), dtype=np.float32)
+        out = np.zeros((self.period, self.rows.outputs), dtype=np.float32)
+        given = np.zeros((self.period, self._heard.shape[1]), dtype=np.float32)
         own = ffi.cast("tact_audio *", self.rows.address)
         buffers = [ffi.from_buffer("float[]", one) for one in (given, out)]
         # an output is heard a period later, as between the ports of a server
-        given[: min(PERIOD, len(self._heard))] = self._heard[:PERIOD]
-        flags = self.flags(self.calls)
-        lib.tact_audio_callback(buffers[0], buffers[1], PERIOD, ffi.NULL, flags, own)
+        given[: min(self.period, len(self._heard))] = self._heard[: self.period]
+        lib.tact_audio_callback(*buffers, self.period, ffi.NULL, self.flags(self.calls), own)
         self.put_out.append(out)
-        self._heard = np.concatenate([self._heard[PERIOD:], self.answer(out)])
+        self._heard = np.concatenate([self._heard[self.period :], self.answer(out)])
         self.calls += 1
 
     def close(self, alive: bool) -> None:
