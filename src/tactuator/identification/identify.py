@@ -11,7 +11,7 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.by_spectrum import identification
-from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, told_of_clocks, without_images
+from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, read_at, without_images
 from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
@@ -158,6 +158,9 @@ def identify(
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
+        read = [read_at(each)[1] for each in records]
+        if asked.method == "refined" and min(each.step for each in read) > 1:
+            return judged(*_at_those_read(records, read, asked, note))
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:
@@ -232,9 +235,33 @@ def _at_one_clock(
         common, result, more = trial, again, more + ppm
     if common.ppm + more == 0.0:
         return result, common
-    source = result.between.source
+    source, ppm = result.between.source, first.ppm + more
     holds = (True, False) if source == "data" else (result.between.hold != "band-limited",)
     trials = [_again(first, [without_images(record, held=held) for record in common.records]) for held in holds]
+    said = f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
+    return _at_lower_rate(trials, source, said, note)
+
+
+def _at_those_read(
+    records: Sequence[Record], read: Sequence[slice], asked: Asked, note: Callable[[str], None]
+) -> tuple[Identification, Prepared]:
+    """Return the identification by the samples of the position that were read, and these records."""
+    wanted, source = _holds(records[0], asked)
+    pairs, asked = list(zip(records, read, strict=True)), replace(asked, hold="auto")
+    trials = [
+        prepared([without_images(each, held=held, read=those) for each, those in pairs], asked, clocks=False)
+        for held in ((True, False) if len(wanted) > 1 else (wanted[0] != "band-limited",))
+    ]
+    said = f"of every {read[0].step} samples of the position one was read: that one alone is used"
+    return _at_lower_rate(trials, source, said, note)
+
+
+def _at_lower_rate(
+    trials: Sequence[Prepared], source: str, said: str, note: Callable[[str], None]
+) -> tuple[Identification, Prepared]:
+    """Return the better identification of records whose command was held before, and was not; its band holds both
+    where they are alike.
+    """
     fits = [_refined(trial, note) for trial in trials]
     left_over = [100.0 - fit.fit_percent for fit in fits]
     best = 1 if left_over[-1] < _TOLD * left_over[0] else 0
@@ -242,7 +269,7 @@ def _at_one_clock(
     if len(fits) > 1 and (best == 1 or left_over[1] * _TOLD < left_over[0]):
         model = model.holding(fits[1 - best].model)
     model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
-    remarks = (*result.remarks, told_of_clocks(first.ppm + more))
+    remarks = (*result.remarks, said)
     between = replace(result.between, source=source)
     return replace(result, model=model, remarks=remarks, between=between), trials[best]
 
