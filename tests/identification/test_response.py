@@ -50,13 +50,16 @@ def test_identify_response__without_confidence_and_with_noise__keeps_to_its_pole
         assert np.mean(np.abs(off) <= found.model.band_db(HERTZ)) > 0.8
 
 
-@pytest.mark.parametrize("assumed", [True, False])
-def test_identify_response__bad_readings__are_left_out_and_named_and_the_band_reaches_them(assumed: bool) -> None:
+@pytest.mark.parametrize(("assumed", "with_phase"), [(True, True), (False, True), (True, False)])
+def test_identify_response__bad_readings__are_left_out_and_named_and_the_band_reaches_them(
+    assumed: bool, with_phase: bool
+) -> None:
     rng = np.random.default_rng(9)
     value = PLANT.response(HERTZ) * (1.0 + 0.007 * (rng.standard_normal(60) + 1j * rng.standard_normal(60)))
     bad, off_db = [12, 33, 48], np.array([6.0, -10.0, -6.0])
     value[bad] *= 10.0 ** (off_db / 20.0)
-    given = FrequencyResponse(HERTZ, np.abs(value), np.unwrap(np.angle(value)), np.full(60, 0.007), assumed=assumed)
+    phase = np.unwrap(np.angle(value)) if with_phase else None
+    given = FrequencyResponse(HERTZ, np.abs(value), phase, np.full(60, 0.007), assumed=assumed)
     found = identify_response(given, Asked())
     assert (found.order, found.distrust) == (2, ())
     (remark,) = (remark for remark in found.remarks if "left out" in remark)
@@ -65,6 +68,20 @@ def test_identify_response__bad_readings__are_left_out_and_named_and_the_band_re
     assert np.max(np.abs(off)) < 0.1
     assert np.all(found.model.band_db(HERTZ[bad]) >= np.abs(off_db) - 0.3)
     assert np.all(np.delete(found.model.band_db(HERTZ), bad) < 0.1)
+
+
+def test_identify_response__bad_first_of_few__is_a_bad_reading_or_a_pole_and_the_band_holds_both() -> None:
+    rng, hertz = np.random.default_rng(0), np.linspace(3.0, 400.0, 21)
+    s, w, low = 2j * np.pi * hertz, 2.0 * np.pi * 143.0, np.geomspace(3.0, 20.0, 40)
+    value = (
+        w**2 / (s**2 + w / 8.6 * s + w**2) * (1.0 + 0.014 * (rng.standard_normal(21) + 1j * rng.standard_normal(21)))
+    )
+    value[0] *= 5.0
+    phase = np.unwrap(np.angle(value))
+    found = identify_response(FrequencyResponse(hertz, np.abs(value), phase, np.full(21, 0.01), assumed=True), Asked())
+    assert not found.distrust
+    off_db = 20.0 * np.log10(np.abs(found.model.response(low)))  # of one
+    assert np.all(np.abs(off_db) < found.model.band_db(low) + 0.3)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
@@ -35,6 +35,8 @@ _TABLE = 120
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
+_BENT_TELLS = 3.0
+"""Evidence for a hold over what is enough, from which on it is told beside a distortion, which counts as evidence."""
 _DEGREES = 14.0
 """Time scales by which a residual is tested."""
 _UNRESOLVED = 5.0
@@ -55,9 +57,12 @@ def identification(
     source: who says what the command does between its samples. distortion: what a periodic record shows beside the
     response. rubbed: the fit of friction that it comes from.
     """
-    between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
     model = _model(common, estimate, chosen, distortion, rubbed)
+    bent = distortion_left(residuals, model.excess.frequency_hz)
+    if bent[0] > 0.0 and estimate.advantage < _BENT_TELLS * estimate.enough:  # no form here has what bends it
+        estimate = replace(estimate, certain=False, enough=_BENT_TELLS * estimate.enough)
+    between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
     remarks = list(common.remarks)
     rows = (
         [HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}")] if between.source == "data" else []
@@ -73,7 +78,7 @@ def identification(
         tests = replace(tests, feedback=not distortion.repeats)
     rows += check_polarity(model.num, model.den)
     rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
-    model = _with_what_is_left(model.judged(*rows), tests, residuals, common.rate_hz)
+    model = _with_what_is_left(model.judged(*rows), tests, bent, common.rate_hz)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
@@ -108,12 +113,12 @@ def _beside_free(
 
 
 def _with_what_is_left(
-    model: PlantModel, tests: ResidualTests, residuals: Sequence[Residual], rate_hz: float
+    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], rate_hz: float
 ) -> PlantModel:
     """Return the model judged by its residuals, its band with the distortion that they show, and with the gain at the
     records' beginning and at their end.
     """
-    share, level = distortion_left(residuals, model.excess.frequency_hz)
+    share, level = bent
     at = f"at {tests.jump / rate_hz:.6g} s" if tests.jump is not None else ""
     change, half = tests.drift
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0

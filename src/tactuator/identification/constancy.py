@@ -134,28 +134,57 @@ def of_one_clock(record: Record, ppm: float) -> Record:
     return replace(record.part(slice(0, count)), position=position[:count])
 
 
-def without_images(record: Record, *, held: bool) -> Record:
-    """Return the record at half its rate, band-limited; held: a converter held the command between its samples.
+_FLAT, _AROUND, _OF_LEAST, _OF_USUAL = 1e-3, 21, 200.0, 0.03
+"""Size of a step over the greatest of so many around it, below which it is none; that one over the least step there is,
+and over their rms, from which on this can be told."""
+_SEEN_FLAT, _AT_READ = 0.05, 0.99
+"""Share of steps that are none, where samples were filled up; power of the steps at the others."""
+
+
+def read_at(record: Record) -> tuple[float, slice]:
+    """Return the share of the position's samples that repeat those before them or lie straight between others under a
+    command that moves, and which were read: all, or every so-manyth where a slower logger's were filled up.
+    """
+    share, read, moved = 0.0, slice(0, None, 1), np.flatnonzero(np.diff(record.command))
+    for order in (1, 2):
+        step = np.abs(np.diff(record.position, order))
+        step[step < 1e-13 * float(np.max(np.abs(record.position)))] = 0.0
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(step, _AROUND // 2, mode="edge"), _AROUND).max(axis=1)
+        least = float(np.min(step[step > 0.0], initial=np.inf))
+        seen = around > max(_OF_LEAST * least, _OF_USUAL * float(np.sqrt(np.mean(step**2))))
+        flat = seen & (step <= np.maximum(_FLAT * around, 3.0 * least))
+        places = np.flatnonzero(seen & ~flat) + 1
+        if places.size < 2 or float(np.mean(flat)) < _SEEN_FLAT:
+            continue
+        many = int(np.median(np.diff(places)))
+        power, at_steps = np.bincount(places % many, step[places - 1] ** 2), np.bincount(moved % many)
+        # what integrates runs straight itself between the steps of a command
+        is_own = order == 2 and float(at_steps.max()) > _AT_READ * moved.size
+        if many > 1 and float(power.max()) > _AT_READ * float(power.sum()) and not is_own:
+            read = slice(int(np.argmax(power)), None, many)
+        share = max(share, float(np.mean(flat) / np.mean(seen))) if 2 * moved.size > step.size else share
+    return share, read
+
+
+def without_images(record: Record, *, held: bool, read: slice | None = None) -> Record:
+    """Return the record at half its rate, or at the samples of the position that were read alone, band-limited; held: a
+    converter held the command between its samples.
 
     What a held command moves beyond half the rate is not at its place any more where the position was read anew.
     """
+    record, many = (record, 2) if read is None else (record.part(slice(read.start, None)), read.step)
     command = np.repeat(record.command, _HELD) if held else record.command
     if held:
         # of a step's two values the mean stands at its edge: else the whole came early by half of such a sample
         command[1:] = 0.5 * (command[1:] + command[:-1])
-    halved = [scipy.signal.resample_poly(row - row.mean(), 1, 2, padtype="line") for row in (
+    fewer = [scipy.signal.resample_poly(row - row.mean(), 1, many, padtype="line") for row in (
         record.position, *(() if record.reference is None else (record.reference,)))]  # fmt: skip
-    moved = scipy.signal.resample_poly(command - command.mean(), 1, 2 * _HELD if held else 2, padtype="line")
+    moved = scipy.signal.resample_poly(command - command.mean(), 1, many * _HELD if held else many, padtype="line")
     about = record.about | {"hold": "band-limited"}
-    reference = halved[1] if len(halved) > 1 else None
-    return replace(
-        record, rate_hz=0.5 * record.rate_hz, command=moved, position=halved[0], reference=reference, about=about
-    )
-
-
-def told_of_clocks(ppm: float) -> str:
-    """Return in words what was mended of two clocks."""
-    return f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
+    reference = fewer[1] if len(fewer) > 1 else None
+    position = fewer[0] if read is None else record.position[::many]
+    rate_hz = record.rate_hz / many
+    return replace(record, rate_hz=rate_hz, command=moved, position=position, reference=reference, about=about)
 
 
 Delays = tuple[int, FloatArray, FloatArray]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from tactuator.errors import BadInput
+from tactuator.identification import trust
 from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.by_spectrum import identification
-from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, told_of_clocks, without_images
+from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, read_at, without_images
 from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
@@ -23,21 +24,6 @@ from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.spectral_estimate import SpectralEstimate, estimate, estimate_lines, following
-from tactuator.identification.trust import (
-    BAND_DB,
-    BAND_DEG,
-    DRIFT,
-    EXPLAINED,
-    FASTEST,
-    FOLLOWING,
-    FRICTION,
-    GROWING,
-    KNOCK,
-    LASTING,
-    RUBBING,
-    SKEW,
-    VALID,
-)
 from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.processors import single_threaded
 from tactuator.signals.multisine import Periods, periods_of
@@ -105,20 +91,20 @@ def judged(result: Identification, common: Prepared) -> Identification:
     rest = 1.0 - result.fit_percent / 100.0
     follows = result.tests.uncorrelated_p < _CHANCE
     rows = [
-        EXPLAINED.of(100.0 * (1.0 - rest**2)),
-        GROWING.of(0.0 if result.tests.feedback is True else growing),
-        LASTING.of(float(lasting)),
-        FASTEST.of(fastest / (0.5 * record.rate_hz)),
+        trust.EXPLAINED.of(100.0 * (1.0 - rest**2)),
+        trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
+        trust.LASTING.of(float(lasting)),
+        trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
-        FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
-        SKEW.of(max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)),
-        DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0)),
+        trust.FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
+        trust.SKEW.of(max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)),
+        trust.DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0)),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:
-        rows.append(FRICTION.of(100.0 * friction.confidence / friction.coulomb))
+        rows.append(trust.FRICTION.of(100.0 * friction.confidence / friction.coulomb))
         if not result.tests.uncorrelated_with_input:
-            rows.append(RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
+            rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
     model = model.judged(*rows)
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
         model = model.judged(*(doubt.weighed() for doubt in check_rise(common.response)))
@@ -134,9 +120,9 @@ def _ranges(model: PlantModel, common: Prepared) -> list[Weighed]:
     inside = max(np.log(min(high, excited[1]) / max(low, excited[0])), 0.0)
     frequency = np.geomspace(low, high, 100)
     return [
-        VALID.of(100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9))),
-        BAND_DB.of(float(np.max(model.band_db(frequency)))),
-        BAND_DEG.of(float(np.degrees(np.max(model.band_rad(frequency))))),
+        trust.VALID.of(100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9))),
+        trust.BAND_DB.of(float(np.max(model.band_db(frequency)))),
+        trust.BAND_DEG.of(float(np.degrees(np.max(model.band_rad(frequency))))),
     ]
 
 
@@ -158,6 +144,9 @@ def identify(
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
+        read = [read_at(each)[1] for each in records]
+        if asked.method == "refined" and min(each.step for each in read) > 1:
+            return judged(*_at_those_read(records, read, asked, note))
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:
@@ -187,7 +176,7 @@ def _without_knocks(
     """
     for _ in range(_KNOCKS):
         tests = result.tests
-        if tests.knock <= KNOCK.limit or tests.jump is None:
+        if tests.knock <= trust.KNOCK.limit or tests.jump is None:
             break
         note("cutting the record where it jumps")
         spoilt, loss = common.records[tests.part], LostBlock(tests.jump, 0)
@@ -232,9 +221,33 @@ def _at_one_clock(
         common, result, more = trial, again, more + ppm
     if common.ppm + more == 0.0:
         return result, common
-    source = result.between.source
+    source, ppm = result.between.source, first.ppm + more
     holds = (True, False) if source == "data" else (result.between.hold != "band-limited",)
     trials = [_again(first, [without_images(record, held=held) for record in common.records]) for held in holds]
+    said = f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
+    return _at_lower_rate(trials, source, said, note)
+
+
+def _at_those_read(
+    records: Sequence[Record], read: Sequence[slice], asked: Asked, note: Callable[[str], None]
+) -> tuple[Identification, Prepared]:
+    """Return the identification by the samples of the position that were read, and these records."""
+    wanted, source = _holds(records[0], asked)
+    pairs, asked = list(zip(records, read, strict=True)), replace(asked, hold="auto")
+    trials = [
+        prepared([without_images(each, held=held, read=those) for each, those in pairs], asked, clocks=False)
+        for held in ((True, False) if len(wanted) > 1 else (wanted[0] != "band-limited",))
+    ]
+    said = f"of every {read[0].step} samples of the position one was read: that one alone is used"
+    return _at_lower_rate(trials, source, said, note)
+
+
+def _at_lower_rate(
+    trials: Sequence[Prepared], source: str, said: str, note: Callable[[str], None]
+) -> tuple[Identification, Prepared]:
+    """Return the better identification of records whose command was held before, and was not; its band holds both
+    where they are alike.
+    """
     fits = [_refined(trial, note) for trial in trials]
     left_over = [100.0 - fit.fit_percent for fit in fits]
     best = 1 if left_over[-1] < _TOLD * left_over[0] else 0
@@ -242,7 +255,7 @@ def _at_one_clock(
     if len(fits) > 1 and (best == 1 or left_over[1] * _TOLD < left_over[0]):
         model = model.holding(fits[1 - best].model)
     model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
-    remarks = (*result.remarks, told_of_clocks(first.ppm + more))
+    remarks = (*result.remarks, said)
     between = replace(result.between, source=source)
     return replace(result, model=model, remarks=remarks, between=between), trials[best]
 
