@@ -20,7 +20,7 @@ from tactuator.model.controller import Controller
 from tests.made_once import made_once
 from tests.three_fingers import three_finger_display
 
-pytest_plugins = ["tests.browser"]
+pytest_plugins = ["tests.browser", "tests.program"]
 
 # A test says nothing about wall-clock time, and the same tree gives the same outcome; the soak looks further.
 settings.register_profile("test", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -100,7 +100,6 @@ class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Return the scheduler of the tests."""
     return _MadeOnce(config, log)
 
 
@@ -126,13 +125,12 @@ _INTEGRATION = (
     "repository/",
     "experiment/session/",
     "speech/test_render",
-    "test_ctrl_c_at_start",
     "pages/",
 )
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
 _ROOMS = ("console", "core", "experiment", "identification", "measure", "report", "runtime", "synthesis", "verbs")
-_LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant", "test_processors")
+_LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -35,7 +35,6 @@ class PostgresServer:
             return subprocess.Popen(command, cwd="/", stdout=log, stderr=log, **UNPRIVILEGED)
 
     def start(self) -> None:
-        """Start, and wait until it lets one in; a server that was killed mends itself first."""
         options = {"listen_addresses": "127.0.0.1", "unix_socket_directories": self.folder, "max_connections": 200}
         # a killed process loses nothing that the kernel has: fsync guards against a cut of power
         options |= {"fsync": "off", "shared_buffers": "16MB"}
@@ -57,7 +56,6 @@ class PostgresServer:
         return pg8000.dbapi.connect("lab", host="127.0.0.1", port=self.port, database=database, timeout=5)
 
     def database(self, name: str) -> str:
-        """Make an empty database and return its address."""
         connection = self._connected("postgres")
         connection.autocommit = True
         connection.cursor().execute(f"CREATE DATABASE {name}")
@@ -65,12 +63,10 @@ class PostgresServer:
         return f"postgresql://lab@127.0.0.1:{self.port}/{name}"
 
     def kill(self) -> None:
-        """As a power cut would, but for what the kernel holds: SIGKILL."""
         self._process.kill()
         self._process.wait()
 
     def close(self) -> None:
-        """End the server and remove its folder."""
         self._process.kill()
         self._process.wait()
         time.sleep(0.1)

@@ -6,7 +6,6 @@ from tests.runtime.paper_display import FINGERS
 
 
 def three_finger_display(rate_hz: float = 4000.0) -> dict[str, object]:
-    """A display document: the paper's index finger and two siblings, with the paper's own loop."""
     return {
         "display": {"name": "three fingers", "rate_hz": rate_hz, "delay_samples": 1},
         "threshold": {"curve": "bolanowski-1988", "band_hz": [0.4, 300.0]},

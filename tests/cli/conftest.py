@@ -1,60 +1,20 @@
-"""The program in this process, and a desk with files to give it."""
+"""A desk with files to give the program."""
 
-import json
 import shutil
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from tactuator.cli import main
 from tactuator.io.controller import write_controller
 from tactuator.io.record import write_record
 from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.signals.record import Record
 from tactuator.speech.reading import sample_path
-from tests.cli.refusals import refused
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.experiment.session.recognising import protocol_text
 from tests.one_finger import DISPLAY
 from tests.runtime.paper_display import channel, controller, display
-
-
-class Ended(NamedTuple):
-    """How a command ended, and what it said."""
-
-    status: int
-    out: str
-    err: str
-
-
-class Program:
-    """Runs commands; a word may be a path."""
-
-    def __init__(self, capture: pytest.CaptureFixture[str], folder: Path) -> None:
-        self._capture, self._folder = capture, folder
-
-    def __call__(self, *words: object) -> Ended:
-        self._capture.readouterr()
-        status = main([str(word) for word in words])
-        return Ended(status, *self._capture.readouterr())
-
-    def json(self, *words: object, status: int = 0) -> Any:
-        """The one object that the command prints with `--json`."""
-        ended = self(*words, "--json")
-        assert (ended.status, ended.out.count("\n")) == (status, 1), ended
-        return json.loads(ended.out)
-
-    def refused(self, *words: object, said: str) -> None:
-        """One line, status 2, nothing new in the test's folder."""
-        self._capture.readouterr()
-        refused([str(word) for word in words], said, self._capture, self._folder)
-
-
-@pytest.fixture
-def run(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Program:
-    return Program(capfd, tmp_path)
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,19 @@
-"""The verb `experiment`: one JSON object, or one line and status 2."""
+"""`experiment` and the verbs of speech: one JSON object, or one line; subjects held against the store's rows."""
 
+import csv
 import io
 
+import numpy as np
 import pytest
+import soundfile
+from sqlalchemy import select
 
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
-from tests.experiment.session.apparatuses import PROTOCOL
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store, sessions_of
+from tactuator.io.reference import open_reference
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 from tests.experiment.session.recognising import controller, items, protocol_text  # noqa: F401
 
 SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
@@ -60,7 +67,6 @@ def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(desk, run)
 
 @pytest.fixture
 def words(desk, items):
-    """A folder with items, a recognition protocol and a controller; work goes on in it."""
     for path in items.iterdir():
         (desk / path.name).symlink_to(path)
     return desk
@@ -105,3 +111,158 @@ def test_recognise__abx_by_script__on_any_rig_with_a_name(words, run, rig) -> No
     (abx,) = run.json("experiment", "information", *STORE)["abx"]
     assert (abx["share_correct"], abx["simulated"]) == (1.0, True)
     assert "simulated: nobody felt this" in " ".join(run("experiment", "information", *STORE).out.split())
+
+
+AGE = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
+ASKED = PROTOCOL.replace("[[subject]]", AGE + "[[subject]]", 1)
+ENROL, CORRECT = ("experiment", "enrol"), ("experiment", "correct")
+
+
+@pytest.fixture
+def lab(desk):
+    store, clock = Store(desk / "lab.db"), ObedientClock()
+    answer_one(begin(store, clock, ASKED), clock)
+    store.close()
+    return desk / "lab.db"
+
+
+def rows(path):
+    store, who, session = Store(path), schema.subject.c, schema.session.c
+    query = select(
+        who.code, who.number, who.subject_group, who.participant_id, session.visit, session.link_token
+    ).select_from(schema.session.join(schema.subject)).order_by(who.number, session.visit)  # fmt: skip
+    with store.read() as connection:
+        sessions = [tuple(row) for row in connection.execute(query)]
+    store.close()
+    return sessions
+
+
+def test_enrol__new_subject_then_a_visit__are_in_the_store_and_nobody_else_changes(lab, run) -> None:
+    before = rows(lab)
+    facts = ("--group", "hearing", "--participant-id", "sub-77", "--fact", "age=34")
+    first = run.json(*ENROL, "S9", *facts, *STORE)["visits"]
+    both = run.json(*ENROL, "S9", "--visit", *STORE)["visits"]
+    after = rows(lab)
+    assert after[: len(before)] == before
+    mine = after[len(before) :]
+    assert [row[:5] for row in mine] == [("S9", len(before), "hearing", "sub-77", visit) for visit in (1, 2)]
+    assert [visit["path"] for visit in both] == [f"/s/{row[5]}" for row in mine]
+    assert first == both[:1]
+    assert len({row[5] for row in after}) == len(after)
+
+
+def test_enrol__study_was_amended__is_by_its_newest_version(lab, run) -> None:
+    """The newest version asks for the hand, and lets everybody come three times."""
+    hand = '[[demographic]]\nname = "hand"\nlabel = "Hand"\n\n'
+    amended = ASKED.replace(AGE, AGE + hand).replace("seed = 7", "seed = 7\nvisits = 3")
+    store = Store(lab)
+    opened_study(store, ObedientClock(), amended, amend="hands differ")
+    store.close()
+    assert run(*ENROL, "S9", "--fact", "hand=left", *STORE).status == 0
+    assert [row[4] for row in rows(lab) if row[0] == "S9"] == [1, 2, 3]
+
+
+def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, run, desk) -> None:
+    assert run(*ENROL, "S9", "--fact", "age=43", *STORE).status == 0
+    values = ("--group", "hearing", "--fact", "age=34", "--skin-temperature-c", "30.5", "--preload-n", "0.4")
+    changes = run.json(*CORRECT, "S9", "--reason", "typing error", *values, *STORE)["changes"]
+    assert [(change["item"], change["before"], change["after"]) for change in changes] == [
+        ("subject_group", "unknown", "hearing"), ("age", "43", "34"), ("skin_temperature_c", "31", "30.5"),
+        ("preload_n", None, "0.4"),
+    ]  # fmt: skip
+    assert run(*CORRECT, "S9", "--reason", "does not say", "--fact", "age=", *STORE).status == 0
+    assert run("experiment", "export", "--out", "out", *STORE).status == 0
+    tables = {
+        name: list(csv.DictReader((desk / "out" / name).read_text().splitlines()))
+        for name in ("subjects.csv", "events.csv")
+    }
+    subject = next(row for row in tables["subjects.csv"] if row["subject"] == "S9")
+    assert (subject["subject_group"], subject["age"]) == ("hearing", "")
+    events = [row for row in tables["events.csv"] if row["kind"] == "correction"]
+    assert [(row["subject"], row["item"], row["before"], row["after"], row["detail"]) for row in events] == [
+        *(("S9", change["item"], change["before"] or "", change["after"], "typing error") for change in changes),
+        ("S9", "age", "34", "", "does not say"),
+    ]  # fmt: skip
+
+
+AMISS = {
+    "enrol S9 --group =deaf": "subject: group is '=deaf'; allowed: 1 to 64 letters, digits",
+    "enrol S9 --fact age": "--fact 'age'; allowed: NAME=VALUE",
+    "enrol S9 --fact age=3 --fact age=4": "--fact twice for a name; allowed: each name once",
+    "enrol S9 --skin-temperature-c 90": "subject: skin_temperature_c is 90; allowed: a number, above 0, bel",
+    "enrol S9 --study another": "study 'another' is not in the store; allowed: ",
+    "enrol S1 --visit --group hearing": "--visit with facts of a new subject; allowed: --visit alone",
+    "correct S1 --reason why --preload-n -1": "subject: preload_n is -1; allowed: a number of 0 or more",
+}
+RUNNING = "its sessions are run by process"
+
+
+def test_enrol_and_correct__bad_input_or_sessions_being_run__is_one_line_and_changes_nothing(lab, run) -> None:
+    before = rows(lab)
+    for command, words in AMISS.items():
+        run.refused("experiment", *command.split(), *STORE, said=words)
+    with sessions_of(lab):
+        run.refused(*ENROL, "S9", *STORE, said=RUNNING)
+        run.refused(*CORRECT, "S1", "--reason", "why", "--group", "unknown", *STORE, said=RUNNING)
+    assert rows(lab) == before
+
+
+RENDER = ("render", "speech.wav", "--controller", "controller.json", "--out")
+WAVEFORMS = ("waveforms", "--out", "set", "--fingers", "index", "--duration", "0.125")
+WITH = ("--controller", "controller.json")
+
+
+def test_render__sample__reference_felt_picture_and_figures(desk, run) -> None:
+    before = set(desk.iterdir())
+    more = ("--felt", "f.wav", "--figures", "figures", "--save-coding", "c.toml")
+    figures = run.json(*RENDER, "n.wav", *more)
+    assert figures["limiter"]["index"]["max_reduction_db"] == 0.0
+    written = {path.name for path in set(desk.iterdir()) - before}
+    assert written == {"c.toml", "f.json", "f.wav", "figures", "n.json", "n.wav"}
+    assert sorted(path.suffix for path in (desk / "figures").iterdir()) == [".csv", ".svg"]
+    assert run.json(*RENDER, "n2.wav", "--coding", "c.toml")["sha256"] == figures["sha256"]
+    played = run.json("play", "n.wav", *WITH)
+    assert played["played_s"] == pytest.approx(played["duration_s"])
+    assert not played["stopped"]
+
+
+def test_render__display_file_and_stereo__designs_for_it_and_mixes(desk, run) -> None:
+    samples, rate = soundfile.read("speech.wav")
+    soundfile.write("two.wav", np.stack([samples, samples], axis=1), rate)
+    figures = run.json("render", "two.wav", "--out", "n.h5", "--display", "display.toml")
+    assert open_reference("n.h5").frames == figures["frames"]
+    assert figures["notes"] == ["2 channels mixed down to one (their mean)"]
+
+
+def test_corpus__a_bad_file__the_rest_done_and_status_1(desk, run) -> None:
+    (desk / "speech").mkdir()
+    (desk / "speech.wav").rename(desk / "speech" / "good.wav")
+    (desk / "speech" / "bad.wav").write_text("words")
+    words = ("corpus", "speech", "--out", "out", "--workers", "1", *WITH)
+    figures = run.json(*words, status=1)
+    assert (figures["rendered"], [failure["source"] for failure in figures["failures"]]) == (1, ["bad.wav"])
+    (desk / "speech" / "bad.wav").unlink()
+    figures = run.json(*words)
+    assert (figures["rendered"], figures["kept"]) == (0, 1)
+
+
+def test_waveforms_recognise_information__from_nothing_to_bits(desk, run) -> None:
+    figures = run.json(*WAVEFORMS, "--repetitions", "4", *WITH)
+    assert len(figures["items"]) == 7
+    recognise = ("experiment", "recognise", figures["protocol"], "--store", "lab.db", "--scripted-error", "0.1")
+    assert run.json(*recognise, *WITH)["trials"] == 7 * (2 + 4)
+    assert run.json(*recognise, "--display", "display.toml")["trials"] == 0  # designed for it; all is done
+    (result,) = run.json("experiment", "information", "--store", "lab.db")["results"]
+    assert result["trials"] == 28
+    assert result["estimates"]["plug_in"]["bits"] > 1.5
+    assert result["bits_per_second"]["plug_in"] == pytest.approx(result["estimates"]["plug_in"]["bits"] / 0.125)
+    assert "5 a cell" in result["warning"]
+
+
+def test_information__any_matrix__by_hand(desk, run) -> None:
+    (desk / "m.csv").write_text("10,0\n0,10\n")
+    figures = run.json("experiment", "information", "--matrix", "m.csv", "--seconds", "0.5")
+    assert figures["estimates"]["plug_in"]["bits"] == pytest.approx(1.0)
+    assert figures["bits_per_second"]["plug_in"] == pytest.approx(2.0)
+    assert figures["warning"] is None
+    assert run("experiment", "information", "--matrix", "m.csv").status == 0

@@ -50,9 +50,6 @@ def test_identify__record_of_the_simulated_display__prints_what_the_design_promi
     assert answer["fit_percent"] > 99.0
     assert len(answer["confidence"]["den"]) == 3
     assert json.loads(out.read_text())["format"] == "tactuator-model/1"
-
-
-def test_identify__least_squares_table_and_chart__are_made(folder, run, tmp_path) -> None:
     ended = run("identify", folder / "r.h5", "--method", "rls", "--figures", tmp_path / "figures")
     assert ended.status == 0
     assert "denominator, s^0" in ended.out
@@ -108,7 +105,7 @@ def test_measure__multisine_and_stepped__print_responses(paper, run, tmp_path) -
     assert run("measure", *paper, *brief).status == 1
 
 
-def test_noise__gains__verdict_and_levels(paper, run) -> None:
+def test_noise_finger_and_disturb__of_the_papers_loop__tell_levels_loads_and_rejection(paper, run) -> None:
     ended = run("noise", *paper, "--gains", "4,32", "--json")
     answer = json.loads(ended.out)
     assert ended.status == (1 if answer["outcome"] == "not met" else 0)
@@ -116,18 +113,12 @@ def test_noise__gains__verdict_and_levels(paper, run) -> None:
     assert [played["under"] for played in answer["runs"]] == ["gain 4", "gain 32", "loop"]
     lines = [played["channels"][0]["worst_line_db_sl"] for played in answer["runs"]]
     assert lines[1] > lines[0]
-
-
-def test_finger__free_and_touched__tells_what_it_is_and_where_it_cannot(paper, run) -> None:
     asked = ("finger", *paper, "--duration-s", "27")
     (answer,) = run.json(*asked)["channels"]
     assert answer["described_by"] == "one"
     values = [answer[name] for name in ("mass", "damping", "stiffness")]
     np.testing.assert_allclose(values, [0.12, 31.0, 360.0], rtol=0.01)
     assert run.json(*asked, "--load", "none", status=1)["channels"][0]["described_by"] == "cannot tell"
-
-
-def test_disturb__paper_loop__prints_rejection(paper, run) -> None:
     rejection = run.json("disturb", *paper, "--frequency-hz", "1,10")["channels"][0]["rejection"]
     np.testing.assert_allclose(rejection["measured_db"], rejection["expected_db"], atol=0.4)
 

@@ -1,25 +1,31 @@
-"""The promises of the command line, on a verb made for the purpose."""
+"""The promises of the command line, on a verb made for the purpose; a Ctrl-C while it loads; the ends of helpers."""
 
+import random
 import signal
 import subprocess
 import sys
+import time
 import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import psutil
 import pytest
 import typer
 
 from tactuator import __version__
 from tactuator.errors import BadInput
+from tactuator.io.shipped import EXAMPLES
+from tactuator.processors import begin_helper
 from tactuator.verbs import table
 from tactuator.verbs.parameters import Option
+
+PROGRAM = Path(sys.executable).parent / "tactuator"
 
 
 @pytest.fixture
 def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], None]:
-    """Make `tactuator trial` do what is given."""
 
     def make(action: Callable[[], None]) -> None:
         module = types.ModuleType("tactuator.trial")
@@ -40,9 +46,10 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
     return make
 
 
-def test_main__version_and_no_arguments__are_told(run):
+def test_main__version_no_arguments_or_no_part__are_told(run):
     assert run("--version") == (0, f"tactuator {__version__}\n", "")
     assert "\n  design " in run().out
+    run.refused("firmware", said="firmware: no part of it is named; allowed: program, verify, stream")
 
 
 @pytest.mark.parametrize(
@@ -80,20 +87,13 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, run):
         ("trail", "'trail' (did you mean 'trial'?)"),
         ("--loud", "--loud (`tactuator --help` tells"),
         ("trial --loud", "--loud (`tactuator trial --help` tells"),
-        (
-            "trial --rate-hz fast",
-            "'--rate-hz': Input should be a valid number, unable to parse string as a number (got 'fast')",
-        ),
+        ("trial --rate-hz fast", "valid number, unable to parse string as a number (got 'fast')"),
         ("trial surplus", "(surplus) (`tactuator trial --help` tells what it takes"),
     ],
 )
 def test_main__misused__exits_2_with_one_line(arguments, words, trial, run):
     trial(lambda: None)
     run.refused(*arguments.split(), said=words)
-
-
-def test_main__verb_with_parts_and_none_named__is_told_them_in_one_line(run):
-    run.refused("firmware", said="firmware: no part of it is named; allowed: program, verify, stream")
 
 
 def test_main__interrupted_in_a_verb_that_writes__says_what_was_written(trial, run, tmp_path):
@@ -147,8 +147,7 @@ def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, 
 
 
 def test_program__installed_reader_gone__ends_without_a_word():
-    program = [Path(sys.executable).parent / "tactuator", "--version"]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen([PROGRAM, "--version"], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         err = process.stderr.read()
     assert err == b""
@@ -180,3 +179,120 @@ SWALLOWED = """
 def test_program__ctrl_c_where_no_verb_can_take_it__leaves_no_traceback(script, status, said):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (status, said)
+
+
+DISPLAY = EXAMPLES / "displays" / "tactuator.toml"
+OURS = "tactuator/cli"
+"""What the path of each module holds that is imported once the handler stands."""
+INTERRUPTED = (130, "tactuator: interrupted\n")
+AT_WORK = (130, "tactuator: interrupted; written: nothing\n")
+
+LOADING = """
+import os, signal, sys, weakref
+class Held:
+    pass
+def at_once():
+    os.kill(os.getpid(), signal.SIGINT)
+def in_a_callback():
+    held = Held()
+    kept = weakref.ref(held, lambda gone: (os.kill(os.getpid(), signal.SIGINT), sum(range(9))))
+    del held
+def turned_by_a_library():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt as error:
+        raise OSError("a library's own words") from error
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            {how}()
+sys.meta_path.insert(0, Finder())
+sys.argv = ["tactuator", "design", "missing.toml", "--out", "c.json"]
+exec(open({program!r}).read())
+"""
+"""The installed program with a Ctrl-C as a module is looked for."""
+
+
+@pytest.mark.parametrize(
+    ("module", "how"),
+    [
+        ("tactuator.cli", "at_once"),
+        ("typing", "in_a_callback"),
+        ("typer", "in_a_callback"),
+        ("tactuator.cli.commands", "at_once"),
+        ("tactuator.verbs.controller", "turned_by_a_library"),
+    ],
+)
+def test_program__ctrl_c_as_a_module_loads__one_line_and_130(module, how):
+    script = LOADING.format(module=module, how=how, program=str(PROGRAM))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == INTERRUPTED
+
+
+def test_program__ctrl_c_at_any_moment_of_its_start__one_line_and_130(tmp_path):
+    draws = random.Random(21)
+    moments = [(number + draws.random()) / 7 * 0.3 for number in range(7)]
+    seen = [interrupted(tmp_path, after_s) for after_s in [*moments, 0.8]]
+    for ended in seen:
+        if ended not in (INTERRUPTED, AT_WORK):  # Python's own end, before a line of ours
+            assert OURS not in ended[1]
+            assert "tactuator:" not in ended[1]
+    assert {INTERRUPTED, AT_WORK} & set(seen)
+
+
+def interrupted(folder: Path, after_s: float) -> tuple[int, str]:
+    command = [PROGRAM, "design", DISPLAY, "--out", folder / "controller.json"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(after_s)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
+STARTER = """
+import sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from tactuator.processors import begin_helper
+
+if __name__ == "__main__":
+    begun = begin_helper if sys.argv[2] == "begun" else None
+    pool = ProcessPoolExecutor(2, get_context(sys.argv[1]), initializer=begun)
+    for _ in range(2):
+        pool.submit(time.sleep, 3600.0)
+    pool.submit(abs, 1)
+    while len(pool._processes) < 2:
+        time.sleep(0.01)
+    print(*pool._processes, flush=True)
+    time.sleep(3600.0)
+"""
+
+
+def still_there(folder: Path, method: str, begun: str) -> int:
+    """How many helpers are there five seconds after their starter was killed; they are ended then."""
+    program = folder / "starter.py"
+    program.write_text(STARTER)
+    command = [sys.executable, str(program), method, begun]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as starter:
+        assert starter.stdout is not None
+        helpers = [psutil.Process(int(number)) for number in starter.stdout.readline().split()]
+        starter.kill()
+    assert len(helpers) == 2
+    _, alive = psutil.wait_procs(helpers, timeout=5.0 if begun == "begun" else 1.0)
+    for helper in alive:
+        helper.kill()
+    return len(alive)
+
+
+@pytest.mark.parametrize(
+    ("method", "begun", "count"), [("spawn", "begun", 0), ("forkserver", "begun", 0), ("spawn", "not", 2)]
+)
+def test_helpers__their_starter_killed__end_and_would_not_by_themselves(tmp_path, method, begun, count) -> None:
+    assert still_there(tmp_path, method, begun) == count
+
+
+def test_pools__of_this_package__begin_their_helpers_so() -> None:
+    source = Path(begin_helper.__code__.co_filename).parent
+    pools = [path for path in source.rglob("*.py") if "ProcessPoolExecutor(" in path.read_text()]
+    assert len(pools) >= 2
+    assert all("initializer=begin_helper" in path.read_text() for path in pools)

@@ -5,6 +5,7 @@ with hum, a display that describes no loads. What a verdict says of each alone: 
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from tactuator.io.display import read_display
 from tactuator.measure.noise import felt_noise
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.synthesis.verdict import judge
+from tests.identification.motors import motor
 
 DISPLAY = """
 [display]
@@ -51,7 +53,6 @@ def written(path: Path, of: dict[str, object], more: str = "", **changes: object
 
 
 def designed(folder: Path, run, of: dict[str, object], more: str = "") -> tuple[str, Path]:
-    """The words that name the controller designed for a display, met or not."""
     assert run("design", written(folder / "d.toml", of, more), "--out", folder / "c.json").status in (0, 1)
     return "--controller", folder / "c.json"
 
@@ -84,7 +85,7 @@ def test_check_and_noise__identified_voice_coil_with_hum__agree_on_every_mains_l
     assert np.max(np.abs(agreement_db(tmp_path, seed, run))) <= 0.5
 
 
-def test_noise__gain_or_controller_whose_loop_is_unstable__is_named_and_not_played(tmp_path, run) -> None:
+def test_loop_or_display__unstable_or_without_loads__is_not_played_or_answers(tmp_path, run) -> None:
     of = designed(tmp_path, run, MOTOR)
     heard = json.loads(run("noise", *of, "--gains", "4,5000", "--duration-s", "3", "--json").out)
     assert [played["under"] for played in heard["runs"]] == ["gain 4", "loop"]
@@ -92,6 +93,8 @@ def test_noise__gain_or_controller_whose_loop_is_unstable__is_named_and_not_play
     wild = written(tmp_path / "wild.toml", MOTOR, plant="{ num = [90000.0], den = [1.0, 94.0, 290.0] }")
     for verb in ("noise", "measure", "disturb", "finger"):
         run.refused(verb, *of, "--display", wild, said="call the loop of index unstable")
+    for words in ("measure --frequency-hz 20", "noise --gains= --duration-s 3", "disturb --frequency-hz 5"):
+        assert run(*words.split(), *of).status == 0
 
 
 def test_open_loop_lra__noise_and_measure__close_no_loop_and_call_no_load_met(tmp_path, run) -> None:
@@ -115,15 +118,6 @@ def test_open_loop_lra__noise_and_measure__close_no_loop_and_call_no_load_met(tm
     assert measured["outcome"] == "not met"
 
 
-def test_display_without_loads__verbs_that_measure__answer_and_refuse_a_load(tmp_path, run) -> None:
-    of = designed(tmp_path, run, MOTOR)
-    for words in ("measure --frequency-hz 20", "noise --gains= --duration-s 3", "disturb --frequency-hz 5"):
-        assert run(*words.split(), *of).status == 0
-    for verb in ("measure", "noise"):
-        words = "load 'finger' is not described; allowed: none is described"
-        run.refused(verb, *of, "--load", "finger", said=words)
-
-
 def test_noise__what_it_measured__is_what_check_then_judges_by(tmp_path, run) -> None:
     """A display whose file says nothing of hum and noise: not judged; with what `noise` told of it put in: judged."""
     silent = MOTOR | {"environment": "friction_v = 0.0"}
@@ -138,3 +132,46 @@ def test_noise__what_it_measured__is_what_check_then_judges_by(tmp_path, run) ->
     after = run.json("check", of[1], "--display", written(tmp_path / "d.toml", MOTOR, environment=stated))
     assert after["objectives"]["ii"]["outcome"] == after["objectives"]["iii"]["outcome"] == "met"
     assert after["assumptions"] == []
+
+
+CHAIN = """
+[display]
+name = "motor"
+rate_hz = 1000
+delay_samples = 1
+[threshold]
+curve = "bolanowski-1988"
+band_hz = [0.4, 30.0]
+[feedback]
+command_noise_gain_max = {noise_gain:g}
+rejection_band_hz = [0.4, 5.0]
+[[channel]]
+name = "index"
+sensor_gain_v_per_mm = 0.05
+travel_mm = 12.5
+plant = "model.json"
+"""
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(0, marks=pytest.mark.slow), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 20))],
+)
+def test_motor__from_record_to_check__is_designed(tmp_path: Path, run, seed: int) -> None:
+    truth, command, position = motor(np.random.default_rng(seed), duration_s=12.0, steps=20)
+    with h5py.File(tmp_path / "motor.h5", "w") as file:
+        file.attrs["rate_hz"] = 1000.0
+        file["command_v"], file["position_v"] = command, position
+    found = run.json("identify", tmp_path / "motor.h5", "--out", tmp_path / "model.json")
+    assert found["model"]["num"][0] == pytest.approx(truth["gain"], rel=0.02)
+    assert found["model"]["den"][1] == pytest.approx(truth["damping"], rel=0.05)
+    assert found["friction"]["coulomb"] == pytest.approx(truth["coulomb"], rel=0.05)
+    assert found["friction"]["offset"] == pytest.approx(truth["offset"], rel=0.1)
+    # a crossover of some hertz takes a controller of this gain, whatever the motor's own
+    (tmp_path / "display.toml").write_text(CHAIN.format(noise_gain=6000.0 / truth["gain"]))
+    assert run("design", tmp_path / "display.toml", "--out", tmp_path / "controller.json").status in (0, 1)
+    (designed,) = read_controller(tmp_path / "controller.json").channels
+    assert designed.report["margins"]["phase_margin_deg"] >= 49.9
+    checked = run("check", tmp_path / "controller.json", "--json")
+    assert checked.status in (0, 1)
+    assert "outcome" in checked.out

@@ -1,12 +1,28 @@
-"""A refusal of every verb: status 2, one line, nothing left. Every rule's own sentence is tested where the rule is."""
+"""A refusal of every verb: status 2, one line, nothing left; `init` as a newcomer uses it; `play` at a terminal.
 
+Every rule's own sentence is tested where the rule is.
+"""
+
+import json
+import os
+import pty
+import select
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from tactuator.experiment.protocol.file import read_recognition
 from tactuator.experiment.store.store import Store, sessions_of
+from tactuator.io.controller import write_controller
+from tactuator.io.reference import ReferenceHead, write_reference
+from tactuator.io.shipped import DISPLAY_KINDS, example_names
+from tests.rig.guard.guarded import designed
 
 REFUSALS = {
     "design none.toml": "display none.toml: No such file or directory; allowed: one that can be read",
-    "design display.toml --curve short.csv": "covers the band",
     "design wild.toml": "unstable",
     "design display.toml --out display.toml": "is read as display, or by it; allowed: another name",
     "design named.toml --out record.h5": "record.h5 is read as display, or by it; allowed: another name",
@@ -15,7 +31,6 @@ REFUSALS = {
     "wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
     "wordlength controller.json --rate nan": "rate_hz is nan; allowed",
     "wordlength controller.json --format q16": "format is 'q16'; allowed: q15 biquads",
-    "wordlength controller.json --figures .": "holds other files",
     "build controller.json": "Missing option '--out'",
     "build controller.json --out none/i.bin": "none is not a folder",
     "image none.bin": "No such file or directory; allowed: one that can be read",
@@ -24,7 +39,6 @@ REFUSALS = {
     "firmware verify --board nucleo": "board 'nucleo' is not known; allowed: mps2-an386",
     "firmware verify --ticks 0": "ticks is 0; allowed: 1 or more",
     "firmware bench --rig emulated:stm32f405": "is no connected board; allowed: board:PORT or board:URL",
-    "firmware program --out none/f.elf": "none is not a folder",
     "firmware program --out f.dfu": "f.dfu: a program's name ends in '.dfu'; allowed: .elf, .bin, .hex",
     "firmware program --board stm32f405 --crystal-mhz 32 --out f.elf": "less than or equal to 26 (got '32')",
     "firmware stream --controller controller.json --instruction-ns 3": "3 ns an instruction; allowed: 1, 2, 4, ",
@@ -33,8 +47,6 @@ REFUSALS = {
     "record display.toml --out r.h5 --excitation song": "excitation 'song'; allowed: mix, steps, noise",
     "record display.toml --out r.h5 --travel-share 2": "travel share is 2; allowed: above 0, at most 1",
     "identify record.h5 --out record.h5": "is read as records, or by it; allowed: another name",
-    "identify record.h5 --method magic": "method is 'magic'; allowed: refined, rls",
-    "identify record.h5 --order 9": "order is 9; allowed: 1 to 8",
     "identify record.h5 --rate-hz 100": "the rate given is 100 Hz, the file says 1000 Hz",
     "measure --controller controller.json --method guess": "method 'guess'; allowed: stepped, multisine",
     "measure --controller controller.json --level 90": "level (--level) of 90 dB SL; allowed: -60 to 55 dB SL",
@@ -44,13 +56,11 @@ REFUSALS = {
     "finger --controller controller.json --load toe": "load 'toe' is not described; allowed: finger",
     "disturb --controller controller.json --channel toe": "channel 'toe' is not there; allowed: index",
     "init --like maglev": "'maglev' is no kind",
-    "init --protocol guess": "'guess' is no kind",
     "init --from none.json": "none.json: No such file",
     "init --examples . --like lra": "--examples alone",
     "init --out nowhere/display.toml": "nowhere is not a folder",
     "init --like lra": "display.toml is there already",
     "init --out new.toml --like lra --protocol abx": "protocol.toml is there already",
-    "render speech.wav --out n.wav --controller controller.json --level 60": "(--level) of 60 dB SL; allowed: -60",
     "render speech.wav --out n.wav --controller controller.json --coding morse": "coding 'morse' is not known",
     "render speech.wav --out n.wav --controller controller.json --figures figures": "--figures without --felt",
     "render speech.wav --out n.wav": "neither --display nor --controller",
@@ -63,16 +73,10 @@ REFUSALS = {
     "sound calibrate --device Card --reading-v -3": "a reading of -3 V rms; allowed: a positive number",
     "experiment simulate --procedure levitt": "--procedure is 'levitt'; allowed: curve, imece2004",
     "experiment simulate --slope steep": "slope 'steep'; allowed: a number, or LOW:HIGH",
-    "experiment simulate --lapse 0.5": "lapse is 0.5; allowed: 0 up to",
-    "experiment simulate --procedure imece2004 --trials 40": "--trials 40 with imece2004; allowed: with a procedure",
     "experiment thresholds --store none.db": "store none.db is not there",
-    "experiment enrol S9 --store none.db": "store none.db is not there",
     "experiment information": "--store and --matrix; allowed: one of the two",
     "experiment information --store . --seconds 1": "--seconds with --store",
-    "experiment observe protocol.toml --store nowhere/lab.db": "its folder is not there",
     "experiment observe mains.toml --store lab.db": "60 Hz is 0 Hz from the mains line",
-    "experiment recognise protocol.toml --store lab.db": "allowed: a recognition protocol (tables item, block)",
-    "experiment recognise words.toml --store lab.db --scripted-error 2": "error rate 2; allowed: 0 to 1",
     "experiment serve words.toml --store lab.db": "reference M-index.wav: no such file",
     "experiment serve protocol.toml --store lab.db --speed -1": "speed -1; allowed: a positive number",
     "experiment serve protocol.toml --store lab.db --rig emulated:abacus": "board 'abacus' is not known",
@@ -83,7 +87,6 @@ REFUSALS = {
 
 @pytest.mark.parametrize("command", REFUSALS)
 def test_verb__amiss__one_line_status_2_and_nothing_left(desk, run, command) -> None:
-    (desk / "short.csv").write_text("frequency_hz,level_db_re_1um\n5,0\n50,0\n100,0\n")
     (desk / "named.toml").write_text("[[channel]]\nplant = 'record.h5'\n")
     (desk / "lines.toml").write_text('[[channel]]\nplant = """\nrecord.h5"""\n')
     (desk / "wild.toml").write_text((desk / "display.toml").read_text().replace("[2875.0]", "[90000.0]"))
@@ -93,9 +96,8 @@ def test_verb__amiss__one_line_status_2_and_nothing_left(desk, run, command) -> 
 
 @pytest.mark.parametrize("port", ["/dev/there-is-none", "socket://127.0.0.1:9"])
 def test_serve__port_that_cannot_be_opened__status_3(desk, run, port) -> None:
-    ended = run("experiment", "serve", "protocol.toml", "--store", "lab.db", "--rig", f"board:{port}")
-    assert (ended.status, ended.out, ended.err.count("\n")) == (3, "", 1)
-    assert not (desk / "lab.db").exists()
+    serve = ("experiment", "serve", "protocol.toml", "--store", "lab.db", "--rig", f"board:{port}")
+    run.refused(*serve, said=port, status=3)
 
 
 def test_study__that_cannot_be_or_is_being_run__leaves_the_store_that_was_there(desk, run) -> None:
@@ -105,3 +107,79 @@ def test_study__that_cannot_be_or_is_being_run__leaves_the_store_that_was_there(
     Store(desk / "lab.db").close()
     run.refused("experiment", "observe", "words.toml", "--store", "lab.db", said="allowed: a detection protocol")
     assert (desk / "lab.db").exists()
+
+
+LONGEST_S = 120.0
+
+
+def at_a_terminal(arguments, out, key):
+    """Exit status and what was said; `key` is pressed once the progress shows that something has been played."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os.dup2(os.open(out, os.O_CREAT | os.O_WRONLY), 1)
+        code = "import sys; from tactuator.cli import main; sys.exit(main(sys.argv[1:]))"
+        os.execv(sys.executable, [sys.executable, "-c", code, *arguments])
+    said, pressed, end = b"", False, time.monotonic() + LONGEST_S
+    while time.monotonic() < end:
+        if select.select([terminal], [], [], 0.1)[0]:
+            try:
+                said += os.read(terminal, 1 << 16)
+            except OSError:  # nobody is left at the other end
+                break
+        if not pressed and b"play" in said:
+            time.sleep(0.5)
+            os.write(terminal, key)
+            pressed = True
+    _, status = os.waitpid(child, 0)
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(status), said.decode(errors="replace")
+
+
+@pytest.mark.parametrize(("rig", "key"), [("simulated", b"q"), ("emulated:mps2-an500", b"\x03")])
+def test_play__stopped_at_the_terminal__ramps_down_and_says_how_far_it_came(tmp_path, rig, key):
+    made = designed()
+    names = tuple(channel.name for channel in made.display.channels)
+    write_controller(tmp_path / "c.json", made)
+    with write_reference(tmp_path / "r.h5", ReferenceHead(made.rate_hz, names)) as writer:
+        writer.write(np.full((80000, 3), 10.0))
+    arguments = ["play", str(tmp_path / "r.h5"), "--controller", str(tmp_path / "c.json"), "--rig", rig]
+    status, said = at_a_terminal([*arguments, "--realtime", "--json"], tmp_path / "out.json", key)
+    assert status == 130, said
+    played = json.loads((tmp_path / "out.json").read_text())
+    assert played["stopped"]
+    assert 0.1 < played["played_s"] < 20.0
+    assert "interrupted" in said.splitlines()[-1]
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_init__examples__copies_them_and_names_them(empty, run) -> None:
+    assert run.json("init", "--examples", ".")["written"] == list(example_names())
+    assert sorted(p.relative_to(empty).as_posix() for p in empty.rglob("*") if p.is_file()) == list(example_names())
+
+
+def test_init__display_and_protocol__are_written_and_named(empty, run) -> None:
+    ended = run("init", "--like", "voice-coil", "--protocol", "quest-plus")
+    assert ended.out.split() == ["written:", "display.toml", "written:", "protocol.toml"]
+    assert "flexure" in (empty / "display.toml").read_text()
+
+
+def test_init__protocol_that_presents_items_beside_a_display__brings_them_alone(empty, run) -> None:
+    (empty / "display.toml").write_text("mine")
+    written = run.json("init", "--protocol", "recognition")["written"]
+    assert {"protocol.toml", "a.wav", "a.json", "i.wav", "u.wav"} <= set(written)
+    assert all((empty / name).exists() for name in written)
+    protocol, _ = read_recognition(empty / "protocol.toml")
+    assert [item.label for item in protocol.item] == ["a", "i", "u"]
+    assert (empty / "display.toml").read_text() == "mine"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_init__every_kind__can_be_designed_and_meets_or_leaves_open_every_objective(kind: str, empty, run) -> None:
+    for words in (f"init --like {kind}", "design display.toml --out controller.json", "check controller.json"):
+        assert run(*words.split()).status == 0

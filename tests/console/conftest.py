@@ -9,7 +9,6 @@ from tests.console.pages import console_with
 
 @pytest.fixture(scope="module")
 def console(controller, tmp_path_factory):
-    """A console with a simulated rig, the folder of its stores, and a controller's file."""
     folder = tmp_path_factory.mktemp("console")
     with console_with(ConsoleState(folder=folder), "simulated", controller.display, 2) as client:
         client.file = folder / "controller.json"

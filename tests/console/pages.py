@@ -30,7 +30,6 @@ _LEAVES = """(hash) => location.hash === hash || new Promise((done) => {
 
 
 def address_of(client: Any) -> str:
-    """Return the address of a console's start page, with its token."""
     return f"http://127.0.0.1:{client.port}/#token={TOKEN}"
 
 
@@ -64,7 +63,6 @@ def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True
 
 @contextmanager
 def opened_page(browser: Any, address: str, ready: str, timeout_s: float = 30.0) -> Iterator[Any]:
-    """Yield the page at an address once it is ready, watched."""
     with watched_page(browser, timeout_s) as page:
         page.goto(address)
         page.wait_for_selector(f"body[data-ready={ready}]")
@@ -82,14 +80,12 @@ def console_page(browser: Any, display: Path | None = None, rig: RigProcess | No
 
 
 def go(page: Any, view: str, **more: str) -> None:
-    """Open a view by its address."""
     given = "&".join(f"{name}={value}" for name, value in {"view": view, **more}.items())
     page.evaluate(_LEAVES, f"#{given}")
     page.wait_for_selector(f"body[data-ready={view}]")
 
 
 def tab_to(page: Any, found: str, most: int = 120) -> None:
-    """Press Tab until the element in focus answers to `found`, a CSS selector."""
     for _ in range(most):
         page.keyboard.press("Tab")
         if page.evaluate("(wanted) => document.activeElement.matches(wanted)", found):
@@ -98,7 +94,6 @@ def tab_to(page: Any, found: str, most: int = 120) -> None:
 
 
 def pressed(page: Any, found: str, then: str = "") -> None:
-    """Tab to what is there, press Enter, and wait for what comes of it."""
     page.wait_for_selector(f"{found}:not([disabled])")
     tab_to(page, found)
     page.keyboard.press("Enter")
@@ -107,7 +102,6 @@ def pressed(page: Any, found: str, then: str = "") -> None:
 
 
 def saved_by(page: Any, selector: str, path: Path) -> Path:
-    """Press Enter on a link that saves, and return the file that the browser got."""
     with page.expect_download() as download:
         page.locator(selector).focus()
         page.keyboard.press("Enter")

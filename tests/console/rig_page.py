@@ -58,8 +58,6 @@ class Page:
 
 
 class Studies:
-    """A page's connection to the study."""
-
     def __init__(self, socket):
         self.socket, self.study = socket, None
         socket.send_text(TOKEN)
@@ -74,7 +72,6 @@ class Studies:
 
 @contextmanager
 def loaded(console):
-    """A page of the scope that has loaded a controller and given the controls back."""
     page = Page(console)
     if page.standing["controls"] != "you":
         page.ask("take")
@@ -94,7 +91,6 @@ def operator(socket):
 
 @contextmanager
 def at_subject(console, code="S1"):
-    """The connection of a subject's page, by the link that the operator has."""
     with console.websocket_connect("/ws/operator") as socket:
         link = next(one["link"] for one in operator(socket)["sessions"] if one["subject"] == code)
     with console.websocket_connect(f"/ws/subject/{link.removeprefix('/s/')}") as socket:
@@ -102,7 +98,6 @@ def at_subject(console, code="S1"):
 
 
 def answered(socket, trials):
-    """Answer with "2", so many times."""
     for count in range(trials):
         asked = until(socket, "answer-now") if count else begun(socket)
         socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": "2"})

@@ -15,7 +15,6 @@ SETTLED = ".tiles[aria-busy=false]"
 
 @pytest.fixture
 def page(browser, tmp_path):
-    """The start page of a console for a display of one channel; what the browser complains of is kept."""
     path = tmp_path / "display.toml"
     path.write_text(ONE)
     with console_page(browser, path) as made:

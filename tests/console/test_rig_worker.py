@@ -1,6 +1,7 @@
-"""The worker that holds the rig, without its process: what it plays, tells and refuses, and that it ends at rest."""
+"""The worker that holds the rig, without its process; and the console's rig as an experiment sees it."""
 
 import json
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,10 +12,15 @@ from tactuator.console import rig_orders, rig_worker
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.rig_orders import WAITING_MAX, WaitingOrders
 from tactuator.console.rig_process import RigProcess
+from tactuator.console.rig_session import Controls, Page
 from tactuator.console.rig_worker import RigWorker, points_of
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.console.study import ConsoleRig
+from tactuator.errors import BadInput, DeviceFault, TimingMissed
+from tactuator.experiment.presenter import Halted, Presenter
+from tactuator.experiment.session.task import Apparatus
 from tactuator.measure.response import stepped_sine
 from tactuator.rig.board.link import Mode
+from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
 from tests.console.rig_page import Ordered
@@ -31,7 +37,6 @@ def ordered(controller):
 
 
 def live(worker, controller, *more, rows=80):
-    """Load the controller, go live, and wait for so many rows."""
     worker.order(rig_orders.LoadOrder(controller), rig_orders.LiveOrder(), *more)
     worker.until(lambda: len(worker.rows) >= rows)
 
@@ -245,3 +250,107 @@ def test_orders__beyond_the_limit__are_refused_but_ends_and_those_that_somebody_
     for _ in range(WAITING_MAX + 3):
         worker.order(press)
     assert [type(each) for each in told] == [rig_orders.Refused] * 3
+
+
+@pytest.fixture
+def host(controller):
+    worker = Ordered(controller.display)
+    worker.until(lambda: worker.status.touch)
+    yield worker
+    worker.quit()
+
+
+def wave(count, seed=1):
+    return np.random.default_rng(seed).uniform(-3.0, 3.0, (count, 3))
+
+
+def test_console_rig__two_streams__are_those_of_the_rig_alone_and_the_scope_sees_them(host, controller):
+    rig, alone = ConsoleRig(host), SimulatedRig(controller.display, 5)
+    rig.load(controller)
+    alone.load(controller)
+    for seed in (1, 2):
+        blocks = [wave(80, seed), wave(33, seed + 7)]
+        ours, theirs = list(rig.stream(blocks)), list(alone.stream(blocks))
+        for name in ("reference", "command_v", "position_v", "saturated"):
+            both = (np.concatenate([getattr(each, name) for each in of]) for of in (ours, theirs))
+            assert np.array_equal(*both), name
+        assert (rig.rows_played, rig.began_at) == (113, alone.began_at)
+    host.until(lambda: len(host.rows) == 226)
+    position = np.concatenate([each.position_v for each in theirs]).astype(np.float32)
+    assert np.array_equal(host.rows[113:, 6:], position)
+    assert isinstance(rig, Rig)
+    place = Apparatus(rig, controller, "simulated")
+    record = place.record("index")
+    assert (place.simulated, record["rig_simulated"], record["speed"]) == (True, True, 1.0)
+
+
+def test_console_rig__halted_in_a_trial_or_before_it__is_at_rest_and_plays_the_next(host, controller):
+    rig = ConsoleRig(host)
+    rig.load(controller)
+    began = time.monotonic()
+    presenter = Presenter(rig, halted=lambda: time.monotonic() - began > 0.2)
+    with pytest.raises(Halted):
+        presenter.present([np.zeros((40_000, 3))], 0.0, 0.0)
+    assert time.monotonic() - began < 9.0  # of ten seconds that would have been played
+    assert host.status.mode == "idle"
+    assert len(rig.play(wave(50))) == 50
+    host.worker._halt.set()  # as by an order to rest that is still under way
+    assert len(rig.play(wave(400))) == 0
+    rig.rest()
+    assert len(rig.play(wave(50))) == 50
+
+
+def test_console_rig__whose_rig_or_process_fails_or_has_gone__says_why_and_plays_on_once_it_can(
+    host, controller, monkeypatch
+):
+    rig = ConsoleRig(host)
+    with pytest.raises(BadInput, match="no controller is loaded"):
+        rig.play(wave(10))
+    rig.load(controller)
+    host.presented(None)  # as it is told of a process that has ended between streams; the rig was opened anew since
+    assert len(rig.play(wave(50))) == 50
+    for error in (DeviceFault("the wire is cut"), TimingMissed("a gap")):
+
+        def broken(self, blocks, error=error):
+            raise error
+            yield
+
+        with monkeypatch.context() as patched:
+            patched.setattr(SimulatedRig, "stream", broken)
+            with pytest.raises(type(error), match=str(error)) as raised:
+                rig.play(wave(10))
+            assert type(raised.value) is type(error)
+            host.until(lambda: host.status.mode == "fault")
+        assert len(rig.play(wave(10))) == 10
+    host.status = rig_orders.RigStatus(mode="gone", fault="nobody is there")
+    with pytest.raises(DeviceFault, match="nobody is there"):
+        rig.play(wave(10))
+    for refused in (lambda: rig.drive(wave(10)), lambda: rig.finger("index")):
+        with pytest.raises(BadInput, match="allowed"):
+            refused()
+
+
+def test_console_rig__whose_process_ends__is_a_fault_and_an_experiments_controls_are_no_pages(controller):
+    host = SimpleNamespace(display=controller.display, status=rig_orders.RigStatus(loaded=controller.content_hash))
+    rig = ConsoleRig(host)
+    host.order = lambda order: host.presented(None)
+    rig.load(controller)
+    with pytest.raises(DeviceFault, match="has ended"):
+        rig.play(wave(10))
+    host.status = rig_orders.RigStatus(mode="gone")
+    rig.rest()
+    controls, page, other = Controls(), Page(), Page()
+    controls.enter(page)
+    with pytest.raises(BadInput, match="another page has the controls"):
+        controls.reserve(lambda: None)
+    controls.give(page)
+    controls.reserve(lambda: None)
+    controls.enter(other)
+    for attempt in (controls.take, controls.require):
+        with pytest.raises(BadInput, match="an experiment has the rig"):
+            attempt(page)
+    with pytest.raises(BadInput, match="end that one first"):
+        controls.reserve(lambda: None)
+    controls.free()
+    controls.take(other)
+    assert controls.holder is other

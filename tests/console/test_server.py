@@ -1,25 +1,48 @@
-"""The console's server: who may ask, what is refused, and what the page is made of."""
+"""The console's server: who may ask, what is refused, what the page is made of, files that are no good, its end."""
 
+from __future__ import annotations
+
+import asyncio
+import errno
 import hashlib
 import json
+import logging
+import os
 import re
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import uvicorn
+from fastapi import FastAPI
 
+from tactuator.console import app as console
 from tactuator.console.app import build_console, static_file
+from tactuator.console.connection import REQUESTS as KINDS
+from tactuator.console.requests import checked
 from tactuator.console.state import ConsoleState
+from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
-from tests.console.pages import TOKEN
+from tactuator.web.server import listener
+from tests.console.pages import TOKEN, dropped
+from tests.web.access import requesting
+from tests.web.access.mutating import Asking, defects, fails_once, fuzz
 from tests.web.server import served
+from tests.web.study import FORKS
 
 ROOT = Path(__file__).resolve().parents[2]
 STATIC = ROOT / "src" / "tactuator" / "console" / "static"
-DRAW = {"do": "draw", "display": "example:display.toml", "channel": "index"}
 SHAPE = {
     "gain_db": 16.0,
+    "sign": 1,
     "factors": [{"kind": "integrator"}, {"kind": "zero", "hz": 3.0}, {"kind": "pole", "hz": 200.0}],
 }
+DRAW = {"do": "draw", "display": "example:display.toml", "channel": "index"}
 POINT = {**DRAW, "do": "point", "shape": SHAPE, "turn_deg": 0, "gain_db": 0}
 
 
@@ -29,26 +52,32 @@ def client():
         yield made
 
 
-def test_page__and_its_parts__have_the_hardened_headers(client):
+def test_page__and_its_parts__have_the_hardened_headers_and_any_other_path_is_a_line_of_text(client):
     for path in ["/", *(f"/static/{part.name}" for part in STATIC.iterdir() if part.suffix != ".html")]:
         answer = client.get(path)
         assert answer.status == 200, path
         assert answer.headers["Content-Security-Policy"].startswith("default-src 'self'")
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
-
-
-def test_page__loads_nothing_from_elsewhere_and_is_small():
-    texts = [part.read_text("utf-8") for part in STATIC.iterdir() if not part.name.startswith("uPlot")]
-    assert [found for text in texts for found in re.findall(r"https?://\S+", text) if "w3.org" not in found] == []
-    assert sum(part.stat().st_size for part in STATIC.iterdir()) < 500_000
-
-
-def test_path__that_is_none__is_a_line_of_text(client):
     names = (f"{'9' * 5000}.css", "nothing.js", "%00.css", "..", "%2e%2e%2fapp.css", "%ff.css", "axe%2f..%2fapp.py")
     for path in (*(f"/static/{name}" for name in names), "/operator", "/ws"):
         answer = client.get(path)
         assert (answer.status, answer.text) == (404, "There is no such page here.\n")
     assert static_file("../app.py") is None
+
+
+def test_page__loads_nothing_from_elsewhere__and_its_libraries_and_terms_are_those_of_the_documents():
+    texts = [part.read_text("utf-8") for part in STATIC.iterdir() if not part.name.startswith("uPlot")]
+    assert [found for text in texts for found in re.findall(r"https?://\S+", text) if "w3.org" not in found] == []
+    assert sum(part.stat().st_size for part in STATIC.iterdir()) < 500_000
+    page = (ROOT / "docs" / "dependencies.md").read_text("utf-8")
+    parts = [*STATIC.glob("uPlot*"), *(Path(__file__).parent / "axe").iterdir()]
+    assert len(parts) == 6
+    for part in parts:
+        assert f"{part.name}` | `{hashlib.sha256(part.read_bytes()).hexdigest()}`" in page, part.name
+    terms = re.findall(r'^  "([\w ]+)":', (STATIC / "words.js").read_text("utf-8"), flags=re.MULTILINE)
+    glossary = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    assert len(terms) >= 8
+    assert [term for term in terms if f"### {term}\n" not in glossary] == []
 
 
 def test_draw__is_answered_and_its_figures_follow_but_those_of_an_unstable_loop(client):
@@ -69,12 +98,9 @@ def test_request__that_cannot_be_met__is_refused_in_words_and_the_next_is_answer
         socket.send_text(TOKEN)
         for message, words in (
             ("no json", "allowed: a request of the console's page"),
-            ("[]", "allowed: a request"),
             ("[" * 50_000, "allowed: a request"),
             ({"do": "format"}, "allowed: a request"),
             (DRAW, "shape"),
-            ({**DRAW, "shape": {"gain_db": 1.0}}, "factors is None"),
-            ({**DRAW, "channel": "toe", "shape": SHAPE}, "channel 'toe' is not described"),
             ({**DRAW, "display": "/etc/passwd", "shape": SHAPE}, "allowed: file"),
             ({**DRAW, "display": "example:displays/lra.toml", "channel": "index", "shape": SHAPE}, "allowed"),
             ({**POINT, "hz": -1}, "hz"),
@@ -86,16 +112,260 @@ def test_request__that_cannot_be_met__is_refused_in_words_and_the_next_is_answer
             assert socket.receive_json()["named"] == "file"
 
 
-def test_shipped_libraries__have_the_hashes_of_the_dependencies_page():
-    page = (ROOT / "docs" / "dependencies.md").read_text("utf-8")
-    parts = [*STATIC.glob("uPlot*"), *(Path(__file__).parent / "axe").iterdir()]
-    assert len(parts) == 6
-    for part in parts:
-        assert f"{part.name}` | `{hashlib.sha256(part.read_bytes()).hexdigest()}`" in page, part.name
+NOISE = np.random.default_rng(1).bytes(5000)
+FILES = {
+    "empty.csv": b"",
+    **{f"random.{ending}": NOISE for ending in ("csv", "h5", "mat", "wav", "toml")},
+    "brackets.toml": b"[" * 50_000,
+    "no ending": NOISE,
+    "odd näme ☃.csv": b"time_s,command_v,position_v\n0,1,2\n1,x,2\n2,nan,inf\n",
+}
+"""What each reader refuses stands in tests/io; here is whether a view tells it."""
+REQUESTS = {
+    "identify": {"do": "identify.model", "record": None},
+    "display": {"do": "display.read", "file": None},
+    "prefilter": {"do": "prefilter.curve", "file": None},
+    "speech": {"do": "speech.render", "display": "example:display.toml", "file": None},
+    "experiment": {"do": "experiment.look", "protocol": None},
+}
 
 
-def test_terms__of_the_page__are_in_the_glossary():
-    terms = re.findall(r'^  "([\w ]+)":', (STATIC / "words.js").read_text("utf-8"), flags=re.MULTILINE)
-    glossary = (ROOT / "docs" / "glossary.md").read_text("utf-8")
-    assert len(terms) >= 8
-    assert [term for term in terms if f"### {term}\n" not in glossary] == []
+@pytest.fixture(scope="module")
+def state():
+    return ConsoleState()
+
+
+@pytest.mark.parametrize("view", REQUESTS)
+def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(state, tmp_path, view):
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content)
+        key = dropped(state, tmp_path / name)
+        request = checked(KINDS, {"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}})
+        answer, said = {}, ""
+        try:
+            with state.uploads.named_plainly():
+                answer = request.answer(state)
+        except BadInput as refusal:
+            said = str(refusal)
+        assert ("\n" in said, str(state.uploads.folder()) in said) == (False, False), name
+        if not said:  # a display that can be read is shown as it is, and its fault told
+            assert view == "display", name
+            judge = checked(KINDS, {"id": 2, "do": "display.judge", "text": answer["text"][:60_000]})
+            assert judge.answer(state)["fault"], name
+
+
+def test_dropped_file__of_any_name_or_on_a_full_disk__stays_in_the_drawers_folder_or_is_refused(monkeypatch):
+    async def blocks():
+        yield b"1,2\n"
+
+    for name in ("", ".hidden", "a" * 200 + ".csv", "new\nline.csv", "../../up.csv", "c:\\x\\y.csv"):
+        state = ConsoleState()
+        with pytest.raises((BadInput, StopIteration)) as ended:  # a coroutine returns by the latter
+            state.uploads.take(name, blocks()).send(None)
+        if isinstance(ended.value, StopIteration):
+            path = state.uploads.path(ended.value.value)
+            assert (path.is_relative_to(state.uploads.folder()), path.name in ("up.csv", "y.csv")) == (True, True)
+        else:
+            assert "allowed" in str(ended.value)
+
+    async def blocks():
+        raise OSError(errno.ENOSPC, "No space left on device")
+        yield b""
+
+    state = ConsoleState()
+    with pytest.raises(BadInput, match=r"a.csv cannot be kept: No space left on device; allowed"):
+        state.uploads.take("a.csv", blocks()).send(None)
+    assert not list(state.uploads.folder().iterdir())
+
+
+def comes_to_be(is_so: Callable[[], bool]) -> bool:
+    end = time.monotonic() + 30.0
+    while not is_so() and time.monotonic() < end:
+        time.sleep(0.02)
+    return is_so()
+
+
+def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing(state, monkeypatch, caplog):
+    head = (
+        f"POST /drop HTTP/1.1\r\nHost: localhost\r\nX-Token: {TOKEN}\r\nX-Name: a.csv\r\nContent-Length: 9\r\n\r\na,b"
+    )
+    with served(build_console(state, TOKEN)) as client:
+        monkeypatch.setattr(logging.getLogger("uvicorn"), "propagate", True)
+        before = len(list(state.uploads.folder().iterdir()))
+        with socket.create_connection(("127.0.0.1", client.port)) as stranger:
+            stranger.sendall(head.replace(TOKEN, "another").encode())
+            assert stranger.recv(99).startswith(b"HTTP/1.1 403 ")
+        with socket.create_connection(("127.0.0.1", client.port)) as one:
+            one.sendall(head.encode())
+            assert comes_to_be(lambda: len(list(state.uploads.folder().iterdir())) == before + 1)
+        assert comes_to_be(lambda: len(list(state.uploads.folder().iterdir())) == before)
+        assert client.get("/").status == 200
+    assert defects(caplog) == []
+
+
+def serving(said):
+    """A process of its own: a server that is asked for what takes minutes; what it complains of is heard as well."""
+    os.dup2(said.fileno(), 1)
+    os.dup2(said.fileno(), 2)
+    sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115
+    console.PATIENCE_S = 0.3
+    app, sock = FastAPI(), listener("127.0.0.1", 0)
+
+    def say(text):
+        os.write(1, f"{text}\n".encode())
+
+    @app.get("/")
+    async def long():
+        say("computing")
+        await asyncio.to_thread(time.sleep, 300)
+
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # as the command line does
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    config = uvicorn.Config(app, log_level="warning")
+    server = console.ConsoleServer(config, lambda: say("at rest"), lambda: say("forgotten"))
+    say(sock.getsockname()[1])
+    server.run(sockets=[sock])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_server__told_to_end_while_it_computes__closes_the_rig_and_ends_without_a_word(number, status):
+    hears, said = FORKS.Pipe(duplex=False)
+    process = FORKS.Process(target=serving, args=(said,), daemon=True)
+    process.start()
+    said.close()
+    try:
+        with open(hears.fileno(), closefd=False) as lines:
+            with socket.create_connection(("127.0.0.1", int(lines.readline()))) as asking:
+                asking.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                assert lines.readline() == "computing\n"
+                os.kill(process.pid, number)
+                process.join(60.0)
+            assert lines.read().splitlines() == ["at rest", "forgotten"]
+    finally:
+        process.kill()
+        hears.close()
+    assert process.exitcode == status
+
+
+FEW, MANY = 200, 100_000
+KEPT = 0.02
+"""Share of unaltered messages that are sent: a design takes a second, and is no message that nobody means."""
+DISPLAY = {"display": "example:display.toml"}
+CHANNEL = {**DISPLAY, "channel": "index"}
+SET = {"text": "", "table": "channel", "place": 0, "key": "name"}
+POINTS = [[10.0, 20.0], [100.0, 0.0], [400.0, 10.0]]
+
+
+def requests_of(path: str, file: dict[str, str]) -> list[dict]:
+    """Every request of a connection. file: keys of files that were dropped."""
+    text = (EXAMPLES / "display.toml").read_text()
+    of = {
+        "/ws": [
+            {"do": "start"},
+            {"do": "open", **DISPLAY},
+            {"do": "bring", **CHANNEL},
+            {"do": "draw", **CHANNEL, "shape": SHAPE},
+            {"do": "point", **CHANNEL, "shape": SHAPE, "hz": 30.0, "turn_deg": 5.0, "gain_db": 3.0},
+            {"do": "design", **CHANNEL},
+            {"do": "check", **DISPLAY, "shapes": {"index": SHAPE}},
+            {"do": "display.read", "display": None, "file": file["display"]},
+            {"do": "display.judge", "text": text, **DISPLAY},
+            {"do": "display.set", "text": text, "table": "channel", "place": 0, "key": "name", "value": '"index"'},
+            {"do": "experiment.start"},
+            {"do": "experiment.look", "protocol": "example:protocol.toml"},
+            {"do": "identify.look", "record": file["record"], "input": "drive", "output": "encoder", "rate_hz": None},
+            {"do": "identify.model", "record": file["display"], "order": 2, "hold": "auto", "validate_on": []},
+            {"do": "prefilter.curve", "file": file["curve"]},
+            {"do": "prefilter.fit", **CHANNEL, "points": POINTS, "poles": 4},
+            {"do": "prefilter.save", **DISPLAY, "points": POINTS, "file": None, "poles": 4},
+            {"do": "speech.codings"},
+            {"do": "speech.render", **DISPLAY, "file": file["curve"], "coding": "direct", "level": 30.0},
+        ],
+        "/ws/rig": [
+            *({"do": name} for name in ("take", "give", "live", "stop", "rest", "reopen")),
+            {"do": "controller", "source": "file", "file": file["controller"], "shapes": {}},
+            {"do": "wave", "kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0},
+            {"do": "wave", "kind": "sweep", "level_db_sl": 20.0, "channels": ["index"], "to_hz": 300.0, "sweep_s": 1.0},
+            {"do": "wave", "kind": "file", "level_db_sl": 20.0, "channels": ["index"], "file": file["curve"]},
+            {"do": "touch", "channel": "index", "load": "finger"},
+            {"do": "press", "channel": "index", "force_v": 0.1},
+            {"do": "measure", "channels": ["index"], "level_db_sl": 20.0, "load": "none", "frequency_hz": [50.0]},
+            {"do": "expected", "level_db_sl": 20.0},
+            {"do": "peaks", "file": file["curve"]},
+            {"do": "look", "span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
+            {"do": "drawn", "frame": 1},
+            {"do": "save", "channel": "index", "span_s": 0.01, "end": 100},
+        ],
+        "/ws/study": [
+            {"do": "begin", "protocol": "example:protocol.toml", "store": "lab.db", "files": [], "amend": "because"},
+            {"do": "end"},
+            {"do": "export", "store": "lab.db", "form": "tidy"},
+        ],
+    }
+    return [{"id": 1, **request} for request in of[path]]
+
+
+@pytest.fixture(scope="module")
+def files(console):
+    names = {"record": "bench.csv", "curve": "curve.csv", "display": "display.toml"}
+    made = {kind: dropped(console.state, EXAMPLES / name) for kind, name in names.items()}
+    return made | {"controller": dropped(console.state, console.file)}
+
+
+@pytest.fixture
+def opened(console):
+    return lambda path: Asking(console.port, path, TOKEN, {"id": 2**52, "do": "nothing"}, str(2**52))
+
+
+@pytest.fixture
+def goes_on(console, opened):
+    other = opened("/ws")
+    yield lambda: (other.settle(), console.get("/").status == 200 or pytest.fail("no page"))
+    other.close()
+
+
+def test_fuzz__defect_in_one_message_or_request_of_many__is_noticed(
+    console, files, caplog, monkeypatch, opened, goes_on
+) -> None:
+    with monkeypatch.context() as patched:
+        fails_once(patched, "tactuator.console.requests.checked", 70)
+        with pytest.raises(AssertionError, match="a request of the console failed"):
+            fuzz(lambda: opened("/ws/rig"), requests_of("/ws/rig", files), FEW, (caplog, patched), goes_on, KEPT)
+    caplog.clear()
+    fails_once(monkeypatch, "tactuator.console.app.static_file", 8)  # after warnings
+    requests = requesting.heads(["/static/console.css"], TOKEN)
+    with pytest.raises(AssertionError, match="Exception in ASGI"):
+        requesting.fuzz(console.port, requests, FEW, caplog, monkeypatch, goes_on)
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("path", ["/ws", "/ws/rig", "/ws/study"])
+def test_console__fuzzed_messages__logs_no_defect(files, caplog, monkeypatch, opened, goes_on, path, count):
+    heard = fuzz(lambda: opened(path), requests_of(path, files), count, (caplog, monkeypatch), goes_on, KEPT)
+    assert len(heard) > count // 2
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_console__fuzzed_requests__logs_no_defect(console, files, caplog, monkeypatch, goes_on, count) -> None:
+    paths = ["/", "/static/console.css", f"/made/{files['curve']}/curve.csv", "/ws", "/ws/rig", "/operator"]
+    answered = requesting.fuzz(console.port, requesting.heads(paths, TOKEN), count, caplog, monkeypatch, goes_on)
+    assert answered > count // 4
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("/ws/study", '{"id": "\\ud800", "do": "end"}'),
+        ("/ws/study", '{"id": 1e400, "do": "end"}'),
+        ("/ws", json.dumps({"id": 1, "do": "display.judge", "text": f"a = {'9' * 5000}"})),
+        ("/ws", json.dumps({"id": 1, "do": "display.judge", "text": f"{'a.' * 20_000}a = 1"})),
+        ("/ws", json.dumps({"id": 1, "do": "display.set", **SET, "value": "[" * 4000})),
+    ],
+)
+def test_console__number_or_text_that_no_answer_can_bear__is_refused(opened, caplog, path, message) -> None:
+    asking = opened(path)
+    asking.socket.send(message)
+    assert not [one for one in asking.settle() if "a defect of" in one]
+    asking.close()
+    assert defects(caplog) == []

@@ -32,8 +32,6 @@ JOIN response ON response.trial_id = trial.id ORDER BY interval.id"""
 
 
 class Felt:
-    """What a trial's displacement was, from the traces that the rig's process tells."""
-
     def __init__(self, host: RigProcess, threshold_mm: float) -> None:
         self.threshold_mm, self.traces = threshold_mm, []
         told = host.presented
@@ -52,7 +50,6 @@ class Felt:
         host.presented = heard
 
     def levels_db_sl(self) -> np.ndarray:
-        """The felt level of the tone in the middle of each interval."""
         moved = np.concatenate(self.traces)
         found = []
         for k in range(3):
@@ -64,7 +61,6 @@ class Felt:
 
 
 def person_of(felt: Felt, levels: list[np.ndarray]) -> Callable[[int, int], str]:
-    """Who feels those levels, which are kept, and presses a key."""
     rng = np.random.default_rng(5)
 
     def key(run: int, number: int) -> str:
@@ -79,7 +75,6 @@ def person_of(felt: Felt, levels: list[np.ndarray]) -> Callable[[int, int], str]
 
 
 def begin(page: Any, folder: Path) -> None:
-    """Load the controller and begin the study of the protocol, by keyboard."""
     page.set_input_files("#controller-file", folder / "controller.json")
     page.wait_for_selector("#loaded:not(:has-text('none'))")
     page.set_input_files("#protocol-file", folder / "card.toml")

@@ -1,4 +1,4 @@
-"""The tour of the start page, walked by keyboard: each file that a step saves is that of the step's own command."""
+"""The tour of the start page by keyboard: its files are those of its commands; and a study begun, run and ended."""
 
 import filecmp
 import os
@@ -12,8 +12,10 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.io.reference import open_reference
-from tests.console.pages import address_of, console_with, pressed, saved_by, tab_to, watched_page
+from tests.console.pages import address_of, console_with, opened_page, pressed, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
+from tests.experiment.session.apparatuses import PROTOCOL
+from tests.web.study import ASKED, visible
 
 START = Path(__file__).parents[2] / "src/tactuator/console/static/start.js"
 TOUR = re.findall(r'^  \["[^"]+", (?:null|"(\w+)"), "([^"]+)"\],$', START.read_text("utf-8"), flags=re.MULTILINE)
@@ -22,7 +24,6 @@ SERVED = ("noise", "experiment")
 
 
 def commanded(lab):
-    """Run the tour's commands in their order, and return the folder with what they wrote."""
     for view, line in TOUR:
         words = shlex.split(line.removesuffix(" && cd lab"))[1:]
         if words[0] not in SERVED:
@@ -34,13 +35,11 @@ def commanded(lab):
 
 
 def step(page, words):
-    """Go to the start page, and from there to the step of these words, by keyboard."""
     pressed(page, "#home", "body[data-ready=start]")
     page.locator(f".tour a:has-text('{words}')").press("Enter")
 
 
 def entered(page, selector, there):
-    """Press Enter on what the tests of its view reach by Tab."""
     page.locator(selector).press("Enter")
     page.wait_for_selector(there)
 
@@ -142,3 +141,49 @@ def walked(page, lab, mine):
         saved_by(page, f"[data-name='{name}']", mine / name)
     pressed(page, "#play-reference", "#playing:has-text('It plays')")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
+
+
+@pytest.mark.slow
+def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser, console, tmp_path):
+    bad, good = tmp_path / "bad.toml", tmp_path / "short.toml"
+    bad.write_text(PROTOCOL.replace("seed = 7", "sed = 7"))
+    good.write_text(PROTOCOL.replace("[30, 90, 210]", "[30, 90]"))
+    with opened_page(browser, f"{address_of(console)}&view=experiment", "experiment") as page:
+        page.wait_for_selector("#needs:has-text('needs a controller, loaded above and a protocol')")
+        page.set_input_files("#controller-file", console.file)
+        page.wait_for_selector("#needs:has-text('needs a protocol')")
+        tab_to(page, "#protocol")
+        page.keyboard.press("ArrowDown")  # a study of the package
+        page.wait_for_selector("#about-protocol:has-text('subjects S1')")
+        assert page.locator("#needs").inner_text() == ""
+        tab_to(page, "#protocol-file")
+        page.set_input_files("#protocol-file", good)
+        page.wait_for_selector("#about-protocol:has-text('detection, language en, subjects S1, S2. no curve: ')")
+        page.set_input_files("#protocol-file", bad)
+        page.wait_for_selector(".drop .told:has-text('seed')")
+        assert page.locator("#begin").is_disabled()
+        page.set_input_files("#protocol-file", good)
+        page.wait_for_selector("#about-protocol:has-text('“short”')")
+        page.evaluate(AXE)
+        assert faults(page, {}) == []
+        pressed(page, "#begin", "#study:has-text('short')")
+        pressed(page, "[data-start='S1']", "#state:has-text('running')")
+        tab_to(page, "#sessions a")
+        with page.context.expect_page() as opened:
+            page.keyboard.press("Enter")
+        for text in ("Before we begin", "Which interval has the vibration"):
+            visible(opened.value, text)
+            opened.value.keyboard.press("Enter")
+        opened.value.wait_for_selector(ASKED)
+        opened.value.keyboard.press("1")
+        page.wait_for_selector("#track circle")
+        assert faults(page, {}) == []
+        tab_to(page, "#export")
+        with page.expect_download() as download:
+            page.keyboard.press("Enter")
+        assert download.value.suggested_filename == "tidy.zip"
+        page.wait_for_selector("#exported:has-text('1 trials')")
+        page.keyboard.press("Escape")  # the stop that is always there
+        page.wait_for_selector("#state:has-text('nobody')")
+        pressed(page, "#end-study", "#begin:not([disabled])")
+        assert page.locator("#rig-held").inner_text() == "this page has the controls"

@@ -37,7 +37,6 @@ def job():
 
 @pytest.fixture
 def corpus(tmp_path):
-    """A tree of six good files and two bad ones."""
     rng, time_s = np.random.default_rng(0), np.arange(16000) / 16000
     for number in range(6):
         folder = tmp_path / "speech" / f"speaker{number % 2}"
@@ -68,8 +67,6 @@ def test_run_corpus__one_process_or_two__same_manifest_and_samples(job, corpus, 
 
 
 class Counts:
-    """Workers that keep what they are given, and are interrupted once `stop_after` files are done."""
-
     def __init__(self, stop_after=None):
         self.items, self.stop_after = [], stop_after
 
@@ -174,13 +171,17 @@ def _dies(task: CorpusTask) -> CorpusOutcome:
     os._exit(9)
 
 
-def test_local_processes__a_file_that_kills_every_worker__listed(monkeypatch):
+def test_workers__that_die_or_have_no_scheduler__are_told_in_one_line(monkeypatch):
     monkeypatch.setattr("tactuator.corpus.workers.do_task", _dies)
     task = CorpusTask("a.wav", "", "", "", "", 35.0, False, 0)
     (outcome,) = LocalProcesses(1).outcomes([task])
     assert outcome.error == f"a.wav: its worker died {ATTEMPTS_MAX} times; not rendered"
     with pytest.raises(BadInput, match="one or more"):
         LocalProcesses(0)
+    for address in (free_address(), "nonsense", "http://[", ""):
+        with pytest.raises(BadInput, match="no Dask scheduler") as refusal:
+            DaskCluster(address, timeout_s=1.0)
+        assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.slow
@@ -237,23 +238,13 @@ def free_address():
         return f"tcp://127.0.0.1:{free.getsockname()[1]}"
 
 
-def test_dask_cluster__no_scheduler_or_no_address__told_in_one_line():
-    for address in (free_address(), "nonsense", "http://[", ""):
-        with pytest.raises(BadInput, match="no Dask scheduler") as refusal:
-            DaskCluster(address, timeout_s=1.0)
-        assert "\n" not in str(refusal.value)
-
-
-def test_find_items__same_stem_twice__keep_their_endings(tmp_path):
+def test_find_items__same_stem_or_nothing_to_read__keep_their_endings_or_are_refused(tmp_path, job, corpus):
     for name in ("b/word.wav", "b/word.flac", "a.OGG", ".hidden.wav", "out/old.wav", "text.txt"):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path = tmp_path / "words" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"")
-    got = {item.source: item.out for item in find_items(tmp_path, tmp_path / "out")}
+    got = {item.source: item.out for item in find_items(tmp_path / "words", tmp_path / "words" / "out")}
     assert got == {"a.OGG": "a.wav", "b/word.flac": "b/word.flac.wav", "b/word.wav": "b/word.wav.wav"}
-
-
-def test_run_corpus__nothing_to_read_or_out_is_a_file__refused(job, corpus, tmp_path):
     (tmp_path / "empty").mkdir()
     for place in (tmp_path / "none", tmp_path / "empty"):
         with pytest.raises(BadInput, match="allowed"):

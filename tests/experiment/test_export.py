@@ -102,7 +102,7 @@ def test_export__format_unknown_or_store_empty__is_refused(store, tmp_path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
+def test_tidy__tables__call_people_simulated_leave_out_who_withdrew_have_the_protocols_times_and_execute_nothing(tidy):
     assert {row["subject_group"] for row in rows(tidy / "trials.csv")} == {"simulated"}
     assert {row["respondent"] for row in rows(tidy / "trials.csv")} == {"simulated"}
     assert {(row["group"], row["respondent"], row["rig_simulated"]) for row in rows(tidy / "thresholds.csv")} == {
@@ -113,17 +113,11 @@ def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
     of_sessions = [row for row in rows(tidy / "events.csv") if row["visit"]]
     assert {row["simulated"] for row in [*rows(tidy / "intervals.csv"), *of_sessions]} == {"simulated"}
     assert of_sessions
-
-
-def test_tidy__subject_who_took_the_answers_along__is_in_no_table_of_data(tidy) -> None:
     for name in ("trials", "intervals", "thresholds", "subjects"):
         assert "S3" not in {row["subject"] for row in rows(tidy / f"{name}.csv")}
     events = rows(tidy / "events.csv")
     assert "withdrawn-discard" in {row["kind"] for row in events}
     assert [row["subject"] for row in events if row["item"]] == ["S1"]  # S3's correction tells data of S3
-
-
-def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy) -> None:
     trials = {(row["run"], row["trial"]) for row in rows(tidy / "trials.csv")}
     intervals = rows(tidy / "intervals.csv")
     assert {(row["run"], row["trial"]) for row in intervals} == trials
@@ -132,9 +126,6 @@ def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy
         if first["trial"] == second["trial"] and first["run"] == second["run"]:
             gap_s = float(second["onset_s"]) - float(first["onset_s"]) - float(first["duration_s"])
             assert gap_s == pytest.approx(0.01, abs=1 / 4000)
-
-
-def test_tidy__words_that_a_spreadsheet_would_execute__are_not(tidy) -> None:
     assert {row["experimenter"] for row in rows(tidy / "trials.csv")} == {"'=1+1"}
     for text in ("=A1", "+1", "-2+3", "@SUM(A1)", "\tx", "\rx"):
         assert cell(text) == f"'{text}"

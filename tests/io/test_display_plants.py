@@ -1,14 +1,24 @@
-"""A channel's plant in a file of its own: a model, or a response by itself; and every refusal."""
+"""A channel's plant in a file of its own; models, responses and controllers in files, there and back."""
 
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.io.controller import read_controller, write_controller
+from tactuator.io.csv_tables import read_pairs
 from tactuator.io.display import parse_display, read_display
-from tactuator.model.description import Display, display_document
+from tactuator.io.model import read_model, write_model
+from tactuator.io.response import read_responses, write_responses
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Channel, Display, Threshold, display_document
+from tactuator.model.plant_model import PlantModel
+from tactuator.perception.curve import curve
+from tactuator.signals.record import Response
+from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.verdict import judge
 from tests.model.beams import Beam
@@ -146,3 +156,102 @@ def test_design__band_beyond_the_response__refused(folder: Path) -> None:
         design_controller(read(folder, low=4.0))
     with pytest.raises(BadInput, match="a band within that"):
         design_controller(read(folder, high=400.0))
+
+
+def plant_model() -> PlantModel:
+    covariance = np.diag([9.0, 0.01, 0.09, 0.0])
+    return PlantModel(np.array([2875.0]), np.array([1.0, 94.0, 290.0]), 0.0, covariance, (0.4, 300.0))
+
+
+def test_model__written_and_read__is_the_same_and_a_displays_plant_with_its_family(tmp_path: Path) -> None:
+    write_model(tmp_path / "m.json", plant_model(), plant_model().family(4, np.random.default_rng(0)))
+    read = read_model(tmp_path / "m.json")
+    np.testing.assert_array_equal(read.den, plant_model().den)
+    np.testing.assert_array_equal(read.covariance, plant_model().covariance)
+    assert read.band_hz == (0.4, 300.0)
+    table = {"name": "index", "sensor_gain_v_per_mm": 0.2, "travel_mm": 12.5, "plant": "m.json"}
+    document = {
+        "display": {"name": "one", "rate_hz": 4000, "delay_samples": 1},
+        "threshold": {"curve": "bolanowski-1988"},
+        "channel": [table],
+    }
+    channel = parse_display(document, tmp_path).channels[0]
+    np.testing.assert_allclose(channel.plant.response(5.0), plant_model().response(np.array(5.0)), rtol=1e-9)
+    assert len(channel.family) == 4
+
+
+def test_model_band_covariance_and_pairs__by_hand__are_read_or_refused(tmp_path: Path) -> None:
+    gain_only = PlantModel(np.array([2.0]), np.array([1.0, 3.0]), 0.0, np.diag([0.01, 0.0, 0.0]), (0.4, 300.0))
+    expected = 1.959964 * 20.0 / np.log(10.0) * 0.1 / 2.0
+    np.testing.assert_allclose(gain_only.band_db(np.array([0.5, 50.0])), expected, rtol=1e-6)
+    assert gain_only.confidence()["gain"] == pytest.approx(1.959964 * 0.1 / 3.0)
+    with pytest.raises(BadInput, match="covariance"):
+        PlantModel(np.ones(1), np.ones(3), 0.0, np.eye(2), (1.0, 2.0))
+    (tmp_path / "p.csv").write_text("name,displacement_mm,voltage_v\na,1,0.2\n,2,0.4\n")
+    read = read_pairs(tmp_path / "p.csv")
+    assert read.names == ["a", "row 3"]
+    assert read.voltage_v.tolist() == [0.2, 0.4]
+
+
+def response() -> Response:
+    pair = np.array([1.0, 2.0])
+    return Response(
+        "index", "none", 30.0, "stepped-sine", pair, pair * (1.0 - 1.0j), pair, pair * 0.1, pair * 1e-3, pair * 1e-4,
+        np.array([False, True]), np.array([True, True]), pair, "abc",
+    )  # fmt: skip
+
+
+def test_response__hdf5_or_csv__comes_back_or_has_a_row_for_each_point(tmp_path: Path) -> None:
+    write_responses(tmp_path / "r.h5", [response(), response()])
+    read = read_responses(tmp_path / "r.h5")
+    assert len(read) == 2
+    np.testing.assert_array_equal(read[1].amplitude_v, response().amplitude_v)
+    assert read[0].saturated.tolist() == [False, True]
+    assert (read[0].level_db_sl, read[0].controller_hash) == (30.0, "abc")
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert file["response1/latency_s"].attrs["unit"] == "s"
+    write_responses(tmp_path / "r.csv", [response()])
+    rows = (tmp_path / "r.csv").read_text().splitlines()
+    assert len(rows) == 3
+    assert rows[0].startswith("channel,load,level_db_sl,method,frequency_hz,magnitude_v")
+    assert rows[1].split(",")[5] == "1.41421356"
+    with pytest.raises(BadInput, match="ending"):
+        write_responses(tmp_path / "r.png", [response()])
+
+
+MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+CHANNEL = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
+DISPLAY = Display("one", 4000.0, 1, (CHANNEL,))
+SECTION = np.array([[0.1, 0.2, 0.1, 1.0, -0.5, 0.3]])
+
+
+def made() -> Controller:
+    channel = ChannelController(
+        "index", 0.004, SECTION, SECTION, AntiWindup((0.5, 0.1)), Limits(10.0, 2.4), ("finger",), {"poles": 4}
+    )
+    return Controller(DISPLAY, (channel,))
+
+
+def test_write_controller__there_and_back__has_the_same_hash_and_the_formats_keys(tmp_path: Path) -> None:
+    write_controller(tmp_path / "c.json", made())
+    again = read_controller(tmp_path / "c.json")
+    assert again.content_hash == made().content_hash
+    assert again.channels[0].anti_windup.gains == (0.5, 0.1)
+    np.testing.assert_array_equal(again.channels[0].prefilter_sos, SECTION)
+    document = made().document()
+    assert document["format"] == "tactuator-controller/1"
+    assert {"tool", "display", "rate_hz", "delay_samples", "channels", "hash"} < set(document)
+    assert document["display"]["channel"][0]["curve"]["frequency_hz"][0] == 0.4
+
+
+def test_controller__of_another_display_or_changed_by_hand__is_refused(tmp_path: Path) -> None:
+    other = ChannelController("thumb", 0.004, SECTION, None, AntiWindup(), Limits(10.0, 2.4))
+    with pytest.raises(BadInput, match="is for channels thumb; the display has index"):
+        Controller(DISPLAY, (other,))
+    with pytest.raises(BadInput, match="channel 'thumb' is not there; allowed: index"):
+        made().channel("thumb")
+    path = tmp_path / "c.json"
+    write_controller(path, made())
+    path.write_text(path.read_text().replace("4000.0", "4001.0"))
+    with pytest.raises(BadInput, match="its hash does not fit its contents; allowed: a file as `design` wrote it"):
+        read_controller(path)

@@ -1,4 +1,4 @@
-"""Files cut off, changed by a byte, claiming more than they hold, or in the encodings of spreadsheets."""
+"""Files refused in one line: not what a reader reads, cut off, changed by a byte, claiming more than they hold."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import re
 import subprocess
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -19,7 +20,8 @@ from tactuator.corpus.corpus import open_journal
 from tactuator.errors import BadInput
 from tactuator.experiment.words import read_words
 from tactuator.io import columns, hdf5
-from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs
+from tactuator.io.controller import read_controller
+from tactuator.io.csv_tables import read_contours, read_curve, read_matrix, read_pairs
 from tactuator.io.display import parse_display
 from tactuator.io.model import read_model, write_model
 from tactuator.io.record import read_record, write_record
@@ -34,6 +36,68 @@ from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.server import Address
 
+CONTOURS = b"level_db_sl,frequency_hz,db_sl\n"
+CURVE = b"frequency_hz,level_db_re_1um\n"
+TWO = CONTOURS + b"10,30,9\n10,100,10\n"
+record = partial(read_record, rate_hz=10.0)
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "content", "words"),
+    [
+        (read_controller, "c.json", None, "No such file or directory"),
+        (read_controller, "c.json", b"{", "it is not JSON"),
+        (read_controller, "c.json", b"\xff\xfe\x00", "it is not text"),
+        (read_controller, "c.json", b"{}", "format is None; allowed: 'tactuator-controller/1'"),
+        (read_controller, "c.json", b"[]", "format is 'list'"),
+        (read_controller, "c.json", b'{"format": "tactuator-controller/2"}', "is 'tactuator-controller/2'; allow"),
+        (read_model, "m.json", b"", "allowed"),
+        (read_model, "m.json", b"[]", "allowed"),
+        (read_model, "m.json", b'{"format": "other"}', "allowed"),
+        (read_model, "m.json", b'{"format": "tactuator-model/1"}', "allowed"),
+        (read_responses, "r.h5", b"no", "allowed"),
+        (read_pairs, "p.csv", b"", "no column"),
+        (read_pairs, "p.csv", b"displacement_mm,volts\n1,2\n", "'voltage_v'"),
+        (read_pairs, "p.csv", b"displacement_mm,voltage_v\n1,x\n", "row 2 has 'x'"),
+        (read_contours, "c.csv", b"", "columns nothing, 0 rows; allowed: level_db_sl, frequency_hz, db_sl"),
+        (read_contours, "c.csv", CONTOURS + b"10,30,x\n", "db_sl is 'x' in a row"),
+        (read_contours, "c.csv", TWO + b"20,100,20\n", "3 rows for 2 contours and 2 freq"),
+        (read_contours, "c.csv", b"# name: a\n# reference_hz: x\n" + TWO, "reference_hz is x; allowed"),
+        (read_contours, "c.csv", b"# name: a\n# area_mm2: x\n" + TWO, "area_mm2 is 'x'"),
+        (read_contours, "c.csv", b"# name: a\n# age_years: 20\n" + TWO, "age_years"),
+        (read_contours, "c.csv", b"# name: a\n# provenance: b\n" + TWO, "provenance is 'b'"),
+        (read_curve, "c.csv", None, "No such file"),
+        (read_curve, "c.csv", b"\xff\xfe\x00", "not text"),
+        (read_curve, "c.csv", b"", "columns nothing; allowed: frequency_hz"),
+        (read_curve, "c.csv", b"hz,db\n1,2\n", "columns hz, db; allowed"),
+        (read_curve, "c.csv", CURVE + b"1,x\n", "level_db_re_1um is 'x' in a row; allowed: a number"),
+        (read_curve, "c.csv", CURVE + b"1,2\n2\n", "allowed"),
+        (read_curve, "c.csv", b"frequency_hz,acceleration_m_s2_rms\n1,2\n2,-3\n3,1\n", "not a finite number"),
+        (read_matrix, "m.csv", None, "No such file"),
+        (read_matrix, "m.csv", b"", "no rows"),
+        (read_matrix, "m.csv", b"1,2\n3\n", "equal length"),
+        (read_matrix, "m.csv", b"a,b\n", "equal length"),
+        (read_matrix, "m.csv", b"1,2\n3,x\n", "not a number"),
+        (record, "none.csv", None, "no such file"),
+        (record, "r.csv", b"", "empty"),
+        (record, "r.csv", b"t,u,y\n", "no rows"),
+        (record, "r.csv", b"t,u,y\n1,2,3\n2,3\n", "row 2 has 2 of 3 columns; allowed: as many in each"),
+        (record, "r.csv", b"Scope\nA: B\nt,u,y\n1,2,3\n4,5,6\n", "row 1 has 1 of 3 columns; allowed: '#' bef"),
+        (record, "r.csv", b"t,u,y\ns,V,V\n1,2,3\n", r"u is not a number in row 1 of 2; .*'#' before a row of un"),
+        (record, "r.mat", b"not a mat file at all", "cut short or spoilt .*; allowed: a whole file"),
+        (record, "r.h5", b"not hdf5", "record"),
+        (record, "r.wav", b"RIFFnothing", "record"),
+        (record, "r.png", b"", "allowed: .csv"),
+    ],
+)
+def test_reader__file_that_it_does_not_read__is_refused_in_one_line(tmp_path, read, name, content, words) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadInput, match=words) as refusal:
+        read(tmp_path / name)
+    assert "\n" not in str(refusal.value)
+
+
 RNG = np.random.default_rng(0)
 U, Y = RNG.standard_normal((2, 4000)) * 0.1
 MODEL = PlantModel(np.array([2875.0]), np.array([1.0, 94.0, 290.0]), 0.0, np.diag([9.0, 0.01, 0.09, 0.0]), (0.4, 300.0))
@@ -46,17 +110,20 @@ def one_line(call: Callable[[], object], words: str) -> None:
     assert "allowed" in str(caught.value)
 
 
-def test_small_tables_and_lines__longer_than_is_measured__refused(tmp_path: Path) -> None:
+def test_tables__longer_than_is_measured_or_with_thousands__refused(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     path.write_text("a,b\n" + "1,2\n" * 100_000)
     for read in (read_curve, read_matrix, read_pairs):
         one_line(lambda read=read: read(path), r"10000\d lines; allowed: up to 100000")
     path.write_text("1," * 2_000_000)
     one_line(lambda: read_record(path), "a line is longer")
+    (tmp_path / "c.csv").write_text('frequency_hz,level_db_re_1um\n"1,000","1,250"\n"2,000","1,500"\n')
+    one_line(lambda: read_curve(tmp_path / "c.csv"), "thousands")
+    (tmp_path / "r.csv").write_text('u,y\n"1,000","1,250"\n"2,000","1,500"\n')
+    one_line(lambda: read_record(tmp_path / "r.csv", rate_hz=10.0), "thousands")
 
 
 def claiming(path: Path, shape: tuple[int, ...], names: str) -> Path:
-    """A small file that says it holds much."""
     with h5py.File(path, "w") as file:
         for name in ("command", "position", *names):
             file.create_dataset(name, shape=shape, dtype="f4", chunks=True, compression="gzip")
@@ -118,7 +185,7 @@ def test_sound__cut__refused_by_every_reader_whatever_its_format(tmp_path: Path,
         one_line(lambda: read_record(path), "truncated")
 
 
-def test_reference__cut_or_emptied__refused(tmp_path: Path) -> None:
+def test_reference_cut_or_coding_at_a_rate_that_is_none__refused(tmp_path: Path) -> None:
     for name in ("r.wav", "r.h5"):
         with write_reference(tmp_path / name, ReferenceHead(4000.0, ("index",))) as writer:
             writer.write(U[:, None])
@@ -128,6 +195,9 @@ def test_reference__cut_or_emptied__refused(tmp_path: Path) -> None:
         file["reference"].resize(1_000_000_000, axis=0)
     one_line(lambda: open_reference(wav), "truncated")
     one_line(lambda: open_reference(tmp_path / "r.h5"), "fewer samples")
+    text = (EXAMPLES / "coding.toml").read_text(encoding="utf-8")
+    (tmp_path / "coding.toml").write_text(text.replace("analysis_hz = 16000.0", "analysis_hz = nan"), encoding="utf-8")
+    one_line(lambda: read_coding(tmp_path / "coding.toml"), "analysis_hz is")
 
 
 @pytest.mark.parametrize(
@@ -175,13 +245,6 @@ def test_tables__as_spreadsheets_write_them__same_numbers(tmp_path: Path, encodi
     np.testing.assert_array_equal(pairs.voltage_v, [1.5, 2.5])
     matrix = read_matrix(table("m.csv", ["pa", "ba"], [[5.0, 1.0], [2.0, 6.0]]))
     np.testing.assert_array_equal(matrix.counts, [[5, 1], [2, 6]])
-
-
-def test_tables__commas_that_may_part_thousands__refused(tmp_path: Path) -> None:
-    (tmp_path / "c.csv").write_text('frequency_hz,level_db_re_1um\n"1,000","1,250"\n"2,000","1,500"\n')
-    one_line(lambda: read_curve(tmp_path / "c.csv"), "thousands")
-    (tmp_path / "r.csv").write_text('u,y\n"1,000","1,250"\n"2,000","1,500"\n')
-    one_line(lambda: read_record(tmp_path / "r.csv", rate_hz=10.0), "thousands")
 
 
 @pytest.mark.parametrize(
@@ -279,10 +342,3 @@ def test_pipe__that_somebody_writes_to__is_read_to_its_end_and_a_device_without_
     assert writer.wait(10) == 0
     with pytest.raises(BadInput, match="more than 12 MB"):
         read_content(Path("/dev/zero"))
-
-
-def test_coding__analysis_at_a_rate_that_is_none__refused(tmp_path: Path) -> None:
-    """Found by hostile files: NaN ended in a traceback as speech was rendered."""
-    text = (EXAMPLES / "coding.toml").read_text(encoding="utf-8")
-    (tmp_path / "coding.toml").write_text(text.replace("analysis_hz = 16000.0", "analysis_hz = nan"), encoding="utf-8")
-    one_line(lambda: read_coding(tmp_path / "coding.toml"), "analysis_hz is")

@@ -1,5 +1,6 @@
-"""Records of every kind, read back; and everything that a file can have wrong."""
+"""Records of every kind and references, read back; and everything that a file can have wrong."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ import soundfile
 from tactuator.errors import BadInput
 from tactuator.io import columns
 from tactuator.io.record import read_record, write_record
+from tactuator.io.reference import LARGEST_WAV_BYTES, ReferenceHead, content_sha256, open_reference, write_reference
 from tactuator.signals.record import Record
 
 RATE_HZ = 4000.0
@@ -26,7 +28,7 @@ def write_csv(path: Path, header: str | None, *given: np.ndarray, delimiter: str
     return path
 
 
-def test_hdf5__our_own__comes_back_with_units_and_origin(tmp_path: Path) -> None:
+def test_hdf5_and_matlab__our_own_variables_and_struct__come_back(tmp_path: Path) -> None:
     written = Record(RATE_HZ, U, Y, "V", "V", reference=U * 2.0, about={"rig": "simulated", "channel": "index"})
     write_record(tmp_path / "r.h5", written)
     read = read_record(tmp_path / "r.h5")
@@ -35,6 +37,13 @@ def test_hdf5__our_own__comes_back_with_units_and_origin(tmp_path: Path) -> None
     assert (read.rate_hz, read.command_unit, read.about["channel"]) == (RATE_HZ, "V", "index")
     with h5py.File(tmp_path / "r.h5") as file:
         assert file["position"].attrs["unit"] == "V"
+    scipy.io.savemat(tmp_path / "a.mat", {"u": U, "y": Y[:, None], "fs": RATE_HZ})
+    scipy.io.savemat(tmp_path / "b.mat", {"run": {"vir": U, "qm": Y, "t": TIME}})
+    for name in ("a.mat", "b.mat"):
+        read = read_record(tmp_path / name)
+        np.testing.assert_array_equal(read.command, U)
+        np.testing.assert_array_equal(read.position, Y)
+        assert read.rate_hz == pytest.approx(RATE_HZ)
 
 
 @pytest.mark.parametrize(
@@ -70,16 +79,6 @@ def test_csv__stamps_of_few_digits__are_an_even_rate(tmp_path: Path, stamps: lis
     np.testing.assert_allclose(read.command, U, rtol=1e-8)
 
 
-def test_matlab__variables_and_struct__are_found(tmp_path: Path) -> None:
-    scipy.io.savemat(tmp_path / "a.mat", {"u": U, "y": Y[:, None], "fs": RATE_HZ})
-    scipy.io.savemat(tmp_path / "b.mat", {"run": {"vir": U, "qm": Y, "t": TIME}})
-    for name in ("a.mat", "b.mat"):
-        read = read_record(tmp_path / name)
-        np.testing.assert_array_equal(read.command, U)
-        np.testing.assert_array_equal(read.position, Y)
-        assert read.rate_hz == pytest.approx(RATE_HZ)
-
-
 def test_wav__two_channels__first_is_the_command_and_one_is_too_few(tmp_path: Path) -> None:
     data = np.stack([U, Y], axis=1) / 8.0
     soundfile.write(tmp_path / "r.wav", data, 48000, subtype="DOUBLE")
@@ -91,7 +90,7 @@ def test_wav__two_channels__first_is_the_command_and_one_is_too_few(tmp_path: Pa
         read_record(tmp_path / "mono.wav")
 
 
-def test_csv__dropped_samples__are_filled_and_said(tmp_path: Path) -> None:
+def test_csv__dropped_or_uneven_samples__are_filled_or_resampled_and_said(tmp_path: Path) -> None:
     smooth = np.sin(2.0 * np.pi * 5.0 * TIME)
     keep = np.ones(2000, dtype=bool)
     keep[[100, 500, 501, 1500]] = False
@@ -100,9 +99,6 @@ def test_csv__dropped_samples__are_filled_and_said(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.position, smooth, atol=1e-5)
     assert read.command[501] == pytest.approx(U[499], rel=1e-6)
     assert any("4 samples are missing" in remark for remark in read.remarks)
-
-
-def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
     uneven = TIME + 0.2 / RATE_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, 2000)
     smooth = np.sin(2.0 * np.pi * 5.0 * uneven)
     read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", uneven, U, smooth, digits="%.12g"))
@@ -114,9 +110,7 @@ def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("noise", "off"), [(0.0, 0.3), (1e-3, 0.05)])
 @pytest.mark.parametrize("is_read_when_stamped", [True, False])
-def test_csv__uneven_stamps__are_believed_where_the_position_follows_them(
-    tmp_path: Path, is_read_when_stamped: bool, off: float, noise: float
-) -> None:
+def test_csv__uneven_stamps__are_believed_where_the_position_follows_them(tmp_path, is_read_when_stamped, off, noise):
     rng = np.random.default_rng(2)
     uneven = TIME + off / RATE_HZ * rng.uniform(-1.0, 1.0, 2000)
     uneven[[0, -1]] = TIME[[0, -1]]
@@ -164,3 +158,133 @@ def test_csv__amiss__is_refused_in_one_line(tmp_path: Path, header, given, optio
     with pytest.raises(BadInput, match=match) as caught:
         read_record(path, **options)
     assert "\n" not in str(caught.value)
+
+
+HEAD = ReferenceHead(
+    4000.0, ("index", "thumb"), {"index": ("a-curve", "00"), "thumb": ("a-curve", "00")}, (0.4, 300.0),
+    provenance={"speech": "x.wav", "level_db_sl": 35.0},
+)  # fmt: skip
+
+
+def signal(count=5000):
+    return (300.0 * np.random.default_rng(0).standard_normal((count, 2))).astype(np.float32).astype(np.float64)
+
+
+def written(path, samples, head=HEAD):
+    with write_reference(path, head) as writer:
+        for block in np.array_split(samples, 3):
+            writer.write(block)
+    return path
+
+
+def test_reference__written_and_read__same_samples_head_and_checksum_in_each_format(tmp_path):
+    paths = [written(tmp_path / name, signal()) for name in ("r.wav", "r.h5", "r.hdf5")]
+    for reference in map(open_reference, paths):
+        assert reference.head == HEAD
+        assert (reference.frames, reference.duration_s) == (5000, pytest.approx(1.25))
+        np.testing.assert_allclose(np.concatenate(list(reference.blocks(999))), signal(), rtol=1e-6)
+    assert len(set(map(content_sha256, paths))) == 1
+    with h5py.File(paths[1]) as file:
+        assert "threshold units" in file["reference"].attrs["units"]
+        assert file.attrs["rate_hz"] == 4000.0
+
+
+def test_wav__its_samples__are_float32_shares_of_60_db_sl_and_say_so_without_their_json(tmp_path):
+    path = written(tmp_path / "r.wav", signal())
+    samples, rate = soundfile.read(path)
+    info = soundfile.info(path)
+    np.testing.assert_allclose(samples * 1000.0, signal(), rtol=1e-6)
+    assert (rate, info.subtype, info.channels) == (4000, "FLOAT", 2)
+    with soundfile.SoundFile(path) as file:
+        assert "1.0 = 60 dB SL" in file.comment
+    document = json.loads((tmp_path / "r.json").read_text())
+    curve = {"name": "a-curve", "hash": "00"}
+    expected = {"full_scale_db_sl": 60.0, "curve": curve, "channels": ["index", "thumb"], "rate_hz": 4000.0}
+    assert document == document | expected | {"band_hz": [0.4, 300.0]}
+    path = written(tmp_path / "r.wav", signal(), ReferenceHead(4000.0, ("a", "b"), full_scale_db_sl=54.5))
+    (tmp_path / "r.json").unlink()
+    reference = open_reference(path)
+    assert reference.head.full_scale_db_sl == 54.5
+    assert reference.head.channels == ("a", "b")
+    np.testing.assert_allclose(np.concatenate(list(reference.blocks())), signal(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["r.wav", "r.h5"])
+def test_write_reference__fails_half_way__nothing_is_left(tmp_path, name):
+    with pytest.raises(BadInput, match="not finite"), write_reference(tmp_path / name, HEAD) as writer:
+        writer.write(signal())
+        writer.write(np.full((10, 2), np.nan))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "block", "words"),
+    [
+        ("r.mp3", np.zeros((5, 2)), "ending"),
+        ("r.wav", np.zeros((5, 3)), r"shape \(5, 3\)"),
+        ("none/r.wav", np.zeros((5, 2)), "not a folder"),
+    ],
+)
+def test_write_reference__impossible__refused(tmp_path, name, block, words):
+    with pytest.raises(BadInput, match=words), write_reference(tmp_path / name, HEAD) as writer:
+        writer.write(block)
+
+
+def test_write_reference__of_too_much_a_fractional_rate_or_over_another_file__refused_and_left(tmp_path):
+    with pytest.raises(BadInput, match="4 GB"), write_reference(tmp_path / "r.wav", HEAD) as writer:
+        writer.frames = LARGEST_WAV_BYTES // 8
+        writer.write(np.zeros((5, 2)))
+    with pytest.raises(BadInput, match="whole number"), write_reference(tmp_path / "r.wav", ReferenceHead(1.5, ("a",))):
+        pass
+    (tmp_path / "r.json").write_text('{"format": "tactuator-controller/8"}')
+    with pytest.raises(BadInput, match="not the head of a reference"), write_reference(tmp_path / "r.wav", HEAD):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["r.json"]
+    assert "controller" in (tmp_path / "r.json").read_text()
+
+
+def write_plain(path, samples, **more):
+    soundfile.write(path, samples, 4000, **more)
+
+
+def write_other(path, samples, **more):
+    write_plain(written(path, signal()), samples, **more)
+
+
+NAN = np.zeros((10, 2))
+NAN[3, 1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("none.wav", None, "no such file"),
+        ("none.txt", None, "ending"),
+        ("text.wav", lambda path: path.write_text("words"), "cannot be read"),
+        ("plain.wav", lambda path: write_plain(path, np.zeros((10, 2))), "no scale in its INFO comment"),
+        ("other.wav", lambda path: write_other(path, np.zeros((10, 3))), "3 channels"),
+        ("odd.h5", lambda path: path.write_bytes(b"no"), "cannot be read"),
+        ("empty.h5", lambda path: h5py.File(path, "w").close(), "cannot be read"),
+        ("nan.wav", lambda path: write_other(path, NAN, subtype="FLOAT"), "finite"),
+    ],
+)
+def test_open_reference__not_one__refused_in_one_line(tmp_path, name, write, words):
+    if write is not None:
+        write(tmp_path / name)
+    with pytest.raises(BadInput, match=words) as refusal:
+        list(open_reference(tmp_path / name).blocks())
+    assert "\n" not in str(refusal.value)
+
+
+def test_write_reference__length_known__written_as_ever_where_there_is_room_and_else_refused_first(tmp_path):
+    for name in ("r.wav", "r.h5"):
+        with write_reference(tmp_path / name, HEAD, 5000) as writer:
+            writer.write(signal())
+        assert open_reference(tmp_path / name).frames == 5000
+    assert (tmp_path / "r.wav").stat().st_size < 42_000
+    with (
+        pytest.raises(BadInput, match="cannot be written"),
+        write_reference(tmp_path / "n.h5", HEAD, 1 << 57) as writer,
+    ):
+        writer.write(signal())
+    assert not (tmp_path / "n.h5").exists()

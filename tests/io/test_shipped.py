@@ -1,18 +1,61 @@
-"""The examples as they are shipped: whole, small, and read by the readers they are meant for."""
+"""The examples as they are shipped, and the display and protocol files to start from."""
 
+import os
+import re
+import shutil
+import sqlite3
+import tomllib
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs, read_relative_curve
-from tactuator.io.display import read_display
-from tactuator.io.record import is_response, read_foreign_response, read_record
-from tactuator.io.reference import open_reference
-from tactuator.io.shipped import EXAMPLES, copy_examples, example_names
+from tactuator.experiment.store.store import Store
+from tactuator.io import columns
+from tactuator.io.atomic import atomic_folder, atomic_path, write_text
+from tactuator.io.columns import last_number_cut_off, read_columns, read_table
+from tactuator.io.controller import write_controller
+from tactuator.io.csv_tables import (
+    read_contours,
+    read_curve,
+    read_matrix,
+    read_pairs,
+    read_relative_curve,
+    resolve_curve,
+    write_contours,
+    write_curve,
+)
+from tactuator.io.display import parse_display, read_display, write_environment
+from tactuator.io.kinds import KINDS, kind_of
+from tactuator.io.model import write_model
+from tactuator.io.record import is_response, read_foreign_response, read_record, write_record
+from tactuator.io.reference import ReferenceHead, open_reference, write_reference
+from tactuator.io.response import write_responses
+from tactuator.io.shipped import (
+    DISPLAY_KINDS,
+    EXAMPLES,
+    copy_examples,
+    display_template,
+    example_names,
+    protocol_template,
+    with_model,
+)
+from tactuator.model.description import TABLES, keys_of
+from tactuator.model.plant_model import PlantModel
+from tactuator.perception.contours import Contours
+from tactuator.perception.curve import Contact, ThresholdCurve
+from tactuator.signals.record import Record, Response
 from tactuator.speech.coding import coding_of, read_coding
 from tactuator.speech.reading import scan_speech
+from tests.measure.loops import controller, display
+from tests.program import Program
 
 PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 NAMES = [name for name in example_names() if name != "README.md"]
@@ -62,7 +105,7 @@ def test_examples__each__is_what_the_others_take_it_for():
     assert read_coding(EXAMPLES / "coding.toml") == coding_of("envelope")
 
 
-def test_copy__into_a_new_folder_twice__has_every_byte_and_changes_nothing(tmp_path):
+def test_copy__into_a_folder__has_every_byte_changes_nothing_and_writes_nothing_over(tmp_path):
     folder = tmp_path / "new" / "deep"
     written = copy_examples(folder)
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
@@ -70,13 +113,11 @@ def test_copy__into_a_new_folder_twice__has_every_byte_and_changes_nothing(tmp_p
     assert [path.read_bytes() for path in written] == [(EXAMPLES / name).read_bytes() for name in example_names()]
     copy_examples(folder)
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
-
-
-def test_copy__where_something_else_lies__nothing_is_written(tmp_path):
-    (tmp_path / "speech.wav").write_text("my own", encoding="ascii")
+    (other := tmp_path / "other").mkdir()
+    (other / "speech.wav").write_text("my own", encoding="ascii")
     with pytest.raises(BadInput, match=r"speech\.wav is there already"):
-        copy_examples(tmp_path)
-    assert [path.name for path in tmp_path.rglob("*")] == ["speech.wav"]
+        copy_examples(other)
+    assert [path.name for path in other.rglob("*")] == ["speech.wav"]
 
 
 def test_copy__that_fails_midway__takes_back_what_it_wrote(tmp_path, monkeypatch):
@@ -93,3 +134,408 @@ def test_copy__that_fails_midway__takes_back_what_it_wrote(tmp_path, monkeypatch
     with pytest.raises(BadInput, match="No space left"):
         copy_examples(tmp_path / "new")
     assert list(tmp_path.iterdir()) == []
+
+
+MODEL = PlantModel(
+    np.array([2740.0]), np.array([1.0, 97.0, 305.0]), 0.0, np.zeros((4, 4)), (0.4, 300.0), friction={"coulomb": 8e-3}
+)
+
+
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_display_template__each_kind__is_a_display_of_one_channel_and_tells_every_key_set_or_as_a_comment(kind):
+    text = display_template(kind)
+    assert len(parse_display(tomllib.loads(text)).channels) == 1
+    assert max(map(len, text.splitlines())) <= 120
+    for name in TABLES:
+        part = re.search(rf"(?ms)^(# )?\[+{name}\]+.*?(?=^(# )?\[|\Z)", text)[0]
+        assert set(re.findall(r"^(?:# )?(\w+) = ", part, flags=re.MULTILINE)) == set(keys_of(name))
+
+
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
+    write_model(tmp_path / "my model.json", MODEL)
+    (tmp_path / "display.toml").write_text(with_model(display_template(kind), MODEL, "my model.json"))
+    display = read_display(tmp_path / "display.toml")
+    (channel,) = display.channels
+    assert channel.plant.polynomials()[1] == pytest.approx([1.0, 97.0, 305.0])
+    assert channel.environment.friction_v == 8e-3
+    assert channel.loads == ()
+    assert channel.environment.assumed == (
+        "hum",
+        "noise",
+        "presliding",
+    )  # nobody measured them: what rests on them is not judged
+    assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm")
+    text = (tmp_path / "display.toml").read_text()
+    assert "# hum_hz = [60.0, 120.0, 180.0]  # lines" in text  # what holds, not what the template had
+    assert "# friction_v = the model's  # Coulomb" in text
+    assert not display.touch.adaptive  # what is learnt of a load wants one: the file could not be designed
+
+
+def test_template__of_another_band_or_kind__is_narrowed_or_refused_with_those_allowed(tmp_path):
+    narrow = replace(MODEL, valid_hz=(2.0, 120.0), quantity="velocity")
+    write_model(tmp_path / "model.json", narrow)
+    (tmp_path / "display.toml").write_text(with_model(display_template("tactuator"), narrow, "model.json"))
+    (channel,) = read_display(tmp_path / "display.toml").channels
+    assert channel.threshold.band_hz == (2.0, 120.0)
+    assert channel.quantity == "velocity"
+    with pytest.raises(BadInput, match="band of this kind"):
+        with_model(display_template("lra"), replace(MODEL, valid_hz=(0.1, 20.0)), "model.json")
+    for template in (display_template, protocol_template):
+        with pytest.raises(BadInput, match=r"'maglev'.*allowed: "):
+            template("maglev")
+
+
+FILES = {
+    "display": "bench.toml", "record": "record.h5", "record in text": "bench.csv", "response": "sheet.csv",
+    "measured": "measured.h5", "model": "model.json", "controller": "controller.json", "image": "image.bin",
+    "reference": "reference.wav", "reference in HDF5": "reference.h5", "sound": "speech.wav",
+    "protocol": "protocol.toml", "store": "store.sqlite", "curve": "curve.csv", "loss": "loss.csv",
+    "pairs": "pairs.csv", "environment": "environment.json", "matrix": "confusion.csv", "coding": "coding.toml",
+    "coupling": "coupling.json", "contours": "contours.csv",
+}  # fmt: skip
+VERBS = {
+    "design FILE": {"display"},
+    "design GOOD/bench.toml --curve FILE": {"curve"},
+    "check FILE": {"controller"},
+    "check GOOD/controller.json --display FILE": {"display"},
+    "wordlength FILE": {"controller"},
+    "build FILE --out GOOD/new.bin": {"controller"},
+    "image FILE": {"image"},
+    "image GOOD/image.bin --controller FILE": {"controller"},
+    "identify FILE": {"record", "response", "measured", "sound"},
+    "identify GOOD/record.h5 --validate FILE": {"record", "response", "sound"},
+    "calibrate FILE": {"pairs"},
+    "record FILE --out GOOD/new.h5": {"display"},
+    "measure --controller FILE": {"controller"},
+    "measure --display FILE": {"display"},
+    "noise --controller FILE": {"controller"},
+    "disturb --controller FILE": {"controller"},
+    "finger --controller FILE": {"controller"},
+    "init --from FILE --out GOOD/new.toml": {"model"},
+    "render FILE --controller GOOD/controller.json --out GOOD/new.wav": {"sound"},
+    "render GOOD/speech.wav --coding FILE --controller GOOD/controller.json --out GOOD/new.wav": {"coding"},
+    "play FILE --controller GOOD/controller.json": {"reference", "sound"},
+    "experiment serve FILE --store GOOD/new.sqlite": {"protocol"},
+    "experiment thresholds --store FILE": {"store"},
+    "experiment export --store FILE --out GOOD/new": {"store"},
+    "experiment information --store FILE": {"store"},
+    "experiment information --matrix FILE": {"matrix"},
+    "experiment simulate --procedure curve --truth FILE": {"loss"},
+    "calibrate-display FILE": {"display"},
+    "firmware verify --controller FILE": {"controller"},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    lab = tmp_path_factory.mktemp("lab")
+    shutil.copytree(EXAMPLES, lab, dirs_exist_ok=True)
+    designed, rng, two = controller(display()), np.random.default_rng(0), np.ones(2)
+    write_controller(lab / "controller.json", designed)
+    assert main(["build", str(lab / "controller.json"), "--out", str(lab / "image.bin")]) == 0
+    model = PlantModel(np.array([2875.0]), np.array([1.0, 94.0, 290.0]), 0.0, np.zeros((4, 4)), (0.4, 300.0))
+    write_model(lab / "model.json", model)
+    write_record(lab / "record.h5", Record(1000.0, rng.standard_normal(500), rng.standard_normal(500)))
+    flags = np.zeros(2, dtype=bool)
+    measured = Response("index", "none", 20.0, "multisine", np.array([1.0, 2.0]), two + 0j, two, two, two, two, flags,
+                        flags, two)  # fmt: skip
+    write_responses(lab / "measured.h5", [measured])
+    for name in ("reference.wav", "reference.h5"):
+        with write_reference(lab / name, ReferenceHead(4000.0, ("index",))) as writer:
+            writer.write(np.zeros((400, 1)))
+    Store(lab / "store.sqlite").close()
+    write_environment(lab / "environment.json", {"index": {}})
+    (lab / "coupling.json").write_text('{"format": "tactuator-coupling/1"}')
+    write_contours(lab / "contours.csv", Contours("P1", [30.0, 300.0], [20.0], [[20.0, 20.0]]))
+    return lab
+
+
+def test_kind__file_of_each_noun__is_known_by_its_content_alone(folder: Path, tmp_path: Path) -> None:
+    for noun, name in FILES.items():
+        moved = tmp_path / f"anything{Path(name).suffix if noun.startswith('reference') else ''}"
+        shutil.copy(folder / name, moved)
+        assert kind_of(moved) == noun.split()[0]
+
+
+@pytest.mark.parametrize("command", VERBS)
+def test_verb__file_of_another_kind__says_what_it_is_and_what_takes_it(command: str, folder: Path, capfd) -> None:
+    """Three other kinds at each verb, and each kind at three verbs or more."""
+    refused = Program(capfd, folder).refused
+    first = 3 * list(VERBS).index(command) % len(FILES)
+    others = [noun for noun in [*FILES][first:] + [*FILES][:first] if noun.split()[0] not in VERBS[command]]
+    for noun in others[:3]:
+        kind, name = KINDS[noun.split()[0]], FILES[noun]
+        words = command.replace("FILE", str(folder / name)).replace("GOOD", str(folder)).split()
+        refused(*words, said=f"this is {kind.words}: {kind.goes}; allowed: ")
+
+
+def test_kind__of_what_is_none__is_not_guessed(tmp_path: Path) -> None:
+    for name, content in {"a.csv": b"", "b.json": b"{}", "c.toml": b"x = 1", "d.bin": bytes(200)}.items():
+        (tmp_path / name).write_bytes(content)
+        assert kind_of(tmp_path / name) is None
+    assert kind_of(tmp_path) is None
+    assert kind_of(tmp_path / "nothing") is None
+
+
+PALM = Contact("thenar", 290.0, "rigid, gap 1 mm", 0.5, (20.0, 31.5))
+
+
+def test_write_curve__with_errors_and_where_it_was_felt__is_read_back_whole_by_name_or_path(tmp_path: Path) -> None:
+    hertz, level, origin = [1.0, 10.0, 300.0], [26.0, 19.1, -18.0], ("measured", "three observers")
+    curve = ThresholdCurve("mine", hertz, level, *origin, np.ones(3), contact=PALM)
+    write_curve(tmp_path / "mine.csv", curve)
+    again = read_curve(tmp_path / "mine.csv")
+    assert again == curve
+    assert (again.provenance, again.source, again.contact) == (*origin, PALM)
+    assert again.standard_error_db is not None
+    (tmp_path / "c.csv").write_text("frequency_hz,level_db_re_1um\n1,2\n2,3\n3,4\n")
+    assert resolve_curve("bolanowski-1988", tmp_path).name == "bolanowski-1988"
+    assert resolve_curve("c.csv", tmp_path).level_db_re_1um.tolist() == [2.0, 3.0, 4.0]
+
+
+TABLE = np.array([[10.0, 10.1, 12.0], [20.0, 20.3, 1.0 / 3.0 + 25.0]])
+
+
+@pytest.mark.parametrize("band", [(TABLE - 1.0, TABLE + 1.5), (None, None)], ids=["banded", "plain"])
+def test_write_contours__with_a_band_or_without__is_read_back_whole(tmp_path: Path, band) -> None:
+    origin = (63.0, "measured", "matches, one person", PALM)
+    there = Contours("P7", [63.0, 64.0, 250.0], [10.0, 20.0], TABLE, *band, *origin)
+    write_contours(tmp_path / "contours.csv", there)
+    again = read_contours(tmp_path / "contours.csv")
+    assert again == there
+    assert (again.reference_hz, again.source, again.contact) == (63.0, "matches, one person", PALM)
+    np.testing.assert_array_equal(
+        again.level_db_sl_at([5.0, 15.0, 60.0], 100.0), there.level_db_sl_at([5, 15, 60], 100)
+    )
+    np.testing.assert_array_equal(again.high_db_sl, band[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "stimuli", "responses"),
+    [
+        ("5,1\n2,6\n", ("1", "2"), ("1", "2")),
+        ("# a comment\npa,ba\n5,1\n2,6\n", ("1", "2"), ("pa", "ba")),
+        (",pa,ba\npa,5,1\nba,2,6\n", ("pa", "ba"), ("pa", "ba")),
+        ("stimulus,1,2\n1,5,1\n2,2,6\n", ("1", "2"), ("1", "2")),
+        ("pa,5,1\nba,2,6\n", ("pa", "ba"), ("1", "2")),
+        ("\ufeff,1,2\n1, 5 ,1\n2,2,6\n", ("1", "2"), ("1", "2")),
+    ],
+)
+def test_read_matrix__with_and_without_names__same_counts(tmp_path, text, stimuli, responses):
+    path = tmp_path / "matrix.csv"
+    path.write_text(text, encoding="utf-8")
+    got = read_matrix(path)
+    np.testing.assert_array_equal(got.counts, [[5, 1], [2, 6]])
+    assert got.stimuli == stimuli
+    assert got.responses == responses
+
+
+FORMS = ("{!r}", "{:.17g}", "{:.3e}", "{:.6f}", "{:+.4f}", "{:E}", " {:.12g} ")
+DELIMITERS = {",": ".", ";": ",", "\t": ","}
+
+
+@given(
+    numbers=st.lists(st.floats(-1e12, 1e12), min_size=3, max_size=60),
+    form=st.sampled_from(FORMS),
+    mark=st.sampled_from(sorted(DELIMITERS)),
+    end=st.sampled_from(["\n", "\r\n"]),
+    piece=st.integers(10, 400),
+)
+def test_read_table__numbers_in_any_form__are_those_of_float(tmp_path_factory, numbers, form, mark, end, piece) -> None:
+    rows = [numbers[k : k + 3] for k in range(0, len(numbers) // 3 * 3, 3)]
+    cells = [[form.format(value) for value in row] for row in rows]
+    path = tmp_path_factory.getbasetemp() / "t.csv"
+    lines = ["a" + mark + "b" + mark + "c", *(mark.join(row).replace(".", DELIMITERS[mark]) for row in cells)]
+    path.write_bytes(end.join(lines).encode())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(columns, "_PIECE_CHARACTERS", piece)
+        names, values, cut = read_table(path, 1000, 10000)
+    assert names == ["a", "b", "c"]
+    assert not cut
+    np.testing.assert_array_equal(values, [[float(cell) for cell in row] for row in cells])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1,2\n3,nan\n5,6\n", "1,2\n\n# a remark\n3,x\n5,6\n", '1,2\n"3",\n5,6\n', "1,2\n3,0x1\n5,6\n", "1,2\r3,1_0_\r5,6"],
+)
+def test_read_table__an_odd_row_among_numbers__is_nan_where_it_is_none(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text, newline="")
+    _, values, _ = read_table(path, 100, 1000)
+    np.testing.assert_array_equal(values, [[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
+
+
+@pytest.mark.parametrize("text", ["1,2\n3,4\n5\n", "1,2\n3,4\n5,6,7\n", "1,2\n3,4 5\n1\n"])
+def test_read_table__rows_of_several_lengths__are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(BadInput, match="columns"):
+        read_table(path, 100, 1000)
+
+
+@pytest.mark.parametrize(("most", "read", "cut"), [(9, 9, True), (10, 10, False), (11, 10, False)])
+def test_read_table__limit_of_rows__is_kept_and_told(tmp_path, monkeypatch, most, read, cut) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("".join(f"{k},{k}\n" for k in range(10)) + "\n\n")
+    monkeypatch.setattr(columns, "_PIECE_CHARACTERS", 10)
+    _, values, was_cut = read_table(path, most, 1000)
+    assert (values[:, 1].tolist(), was_cut) == (list(range(read)), cut)
+    _, values, was_cut = read_table(path, most, 12)
+    assert (len(values), was_cut) == (6, True)
+
+
+def test_read_table__plain_numbers_or_long_remarks__go_the_quick_way_or_are_passed_over(tmp_path, monkeypatch) -> None:
+    (tmp_path / "t.csv").write_text("t,u\n0,1e-3\n-1.5,2E+300")
+    monkeypatch.setattr(np, "loadtxt", None)
+    assert read_table(tmp_path / "t.csv", 100, 1000)[1].tolist() == [[0.0, 1e-3], [-1.5, 2e300]]
+    monkeypatch.undo()
+    path = tmp_path / "t.csv"
+    path.write_text("# remark\n" * 5000 + "t,u\n0,1.5\n1,2.5\n")
+    names, values, cut = read_table(path, 10, 100)
+    assert (names, values.tolist(), cut) == (["t", "u"], [[0.0, 1.5], [1.0, 2.5]], False)
+    path.write_text("# remark\n" * 100_001 + "t,u\n0,1.5\n")
+    with pytest.raises(BadInput, match="remarks fill its first 100000 lines"):
+        read_table(path, 10, 100)
+
+
+def written(folder: Path, form: str, delimiter: str = ",", rows: int = 400) -> Path:
+    path, values = folder / "record.csv", np.random.default_rng(3).normal(0.0, 30.0, (rows, 2))
+    np.savetxt(path, values, fmt=form, delimiter=delimiter, header="u,y".replace(",", delimiter), comments="")
+    return path
+
+
+@pytest.mark.parametrize(("form", "delimiter"), [("%.4f", ","), ("%.6e", ","), ("%.6e", "\t"), ("%.3f", ";")])
+def test_last_number__file_cut_anywhere_within_it__is_found(tmp_path: Path, form: str, delimiter: str) -> None:
+    path = written(tmp_path, form, delimiter)
+    whole = path.read_bytes().rstrip()
+    last = whole.decode().rpartition(delimiter)[2]
+    for there in range(1, len(last)):
+        path.write_bytes(whole[: there - len(last)])
+        assert last_number_cut_off(path) == last[:there]
+    for content in (whole, whole + b"\n"):  # a whole file, without the last line's end too
+        path.write_bytes(content)
+        assert last_number_cut_off(path) is None
+
+
+@pytest.mark.parametrize("form", ["%.17g", "%.4g", "%d", "%.1f"])
+def test_last_number__whole_file_without_its_last_line_end__is_none(tmp_path: Path, form: str) -> None:
+    path = written(tmp_path, form)
+    lines = path.read_text().splitlines()
+    for end in range(80, 400, 8):
+        path.write_text("\n".join(lines[:end]))
+        assert last_number_cut_off(path) is None
+    path.write_text("\n".join([*lines[:end], "3.5,-0"]))
+    assert last_number_cut_off(path) == ("-0" if form in ("%.17g", "%.1f") else None)
+
+
+def test_read_columns__file_cut_off__last_row_is_left_out_and_told_where_rows_are_many(tmp_path: Path) -> None:
+    path = written(tmp_path, "%.4f", rows=30)
+    path.write_bytes(path.read_bytes().rstrip()[:-2])
+    assert last_number_cut_off(path) is None  # nothing tells
+    path = written(tmp_path, "%.4f")
+    path.write_bytes(path.read_bytes().rstrip()[:-2])
+    columns = read_columns(path)
+    assert columns.values["y"].size == 399
+    (remark,) = columns.remarks
+    assert "ends within its last number" in remark
+
+
+OURS = frozenset({"a.txt"})
+
+
+def test_atomic__error_in_the_middle__leaves_the_old_file_and_no_folder(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    write_text(target, "old")
+    with pytest.raises(KeyboardInterrupt), atomic_path(target) as beside:
+        beside.write_text("half")
+        raise KeyboardInterrupt
+    assert target.read_text() == "old"
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "deep" / "report", OURS) as beside:
+        (beside / "a.txt").write_text("half")
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic__store_of_an_experiment_no_folder_or_a_file_in_the_way__is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "study.db"
+    with closing(sqlite3.connect(target)) as store:
+        store.execute("CREATE TABLE answer (id INTEGER)")
+    before = target.read_bytes()
+    with pytest.raises(BadInput, match="store of an experiment"):
+        write_text(target, "frequency_hz,level_db_sl")
+    assert target.read_bytes() == before
+    write_text(tmp_path / "file", "x")
+    # a folder that even root cannot write to is in /proc
+    for writing, words in (
+        (atomic_path(tmp_path / "none" / "a.txt"), "is not a folder"),
+        (atomic_folder(tmp_path / "file", OURS), "is a file; allowed: a folder"),
+        (atomic_folder(tmp_path / "file" / "below" / "c", OURS), "cannot be made"),
+        (atomic_folder("/proc/none/report", OURS), r"cannot be (made|written)"),
+    ):
+        with pytest.raises(BadInput, match=words), writing:
+            pass
+
+
+@pytest.mark.parametrize("writing", [atomic_path, lambda path: atomic_folder(path, OURS)])
+def test_atomic__ctrl_c_as_the_place_beside_is_made__leaves_nothing(tmp_path: Path, monkeypatch, writing) -> None:
+    """The handler may run as soon as the call into the system has returned; an empty file was left then."""
+    came: list[Path] = []
+    for name in ("open", "mkdir"):
+        sound = getattr(os, name)
+
+        def interrupted(*given, sound=sound, **more):
+            answer = sound(*given, **more)
+            if Path(given[0]).parent == tmp_path and not came:
+                came.append(given[0])
+                raise KeyboardInterrupt
+            return answer
+
+        monkeypatch.setattr(os, name, interrupted)
+    with pytest.raises(KeyboardInterrupt), writing(tmp_path / "a.txt"):
+        pass
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_atomic_folder__whole__takes_the_place_of_the_old_or_of_what_a_link_points_to(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("report")
+    (tmp_path / "report").mkdir()
+    for name in ("report", "link"):
+        with atomic_folder(tmp_path / name, OURS) as beside:
+            (beside / "a.txt").write_text(name)
+        assert (tmp_path / "report" / "a.txt").read_text() == name
+    assert (tmp_path / "link").is_symlink()
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "link", tmp_path / "report"]
+
+
+def test_atomic_folder__files_of_others_before_or_in_between__are_kept_and_it_is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "report"
+    target.mkdir()
+    with pytest.raises(BadInput, match=r"holds other files \(thesis\.tex"), atomic_folder(target, OURS) as beside:
+        (beside / "a.txt").write_text("new")
+        (target / "thesis.tex").write_text("years of work")
+    with pytest.raises(BadInput, match="holds other files"), atomic_folder(target, OURS):
+        pass
+    assert (target / "thesis.tex").read_text() == "years of work"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_folder__interrupted_between_the_renames__puts_the_old_one_back(tmp_path: Path, monkeypatch) -> None:
+    target = tmp_path / "report"
+    target.mkdir()
+    (target / "a.txt").write_text("old")
+    rename, calls = Path.rename, []
+
+    def interrupted_second(self: Path, to: Path) -> Path:
+        calls.append(to)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return rename(self, to)
+
+    monkeypatch.setattr(Path, "rename", interrupted_second)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(target, OURS) as beside:
+        (beside / "a.txt").write_text("new")
+    assert (target / "a.txt").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]

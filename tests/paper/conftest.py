@@ -15,6 +15,13 @@ from tactuator.paper.steps import check_speech
 from tactuator.report.plate import Plate
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What needs the study takes its fifteen seconds: it is among the slow tests."""
+    for item in items:
+        if "study" in getattr(item, "fixturenames", ()) and item.path.parent == Path(__file__).parent:
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def study() -> PaperStudy:
     plan = Plan(paper_display())
@@ -23,8 +30,6 @@ def study() -> PaperStudy:
 
 @dataclass(frozen=True)
 class Reproduced:
-    """What `reproduce --json` left in its folder, and what it printed."""
-
     folder: Path
     printed: str
 

@@ -1,9 +1,11 @@
-"""What the paper's study must show, on the run of the default seed."""
+"""What the paper's study must show, on the run of the default seed; and `reproduce`: what it prints and leaves."""
 
 import json
 import math
+import multiprocessing
 import re
 from dataclasses import replace
+from multiprocessing.connection import wait
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +13,14 @@ import pytest
 
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
-from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
+from tactuator.paper import report as publish
+from tactuator.paper import run as reproduce
+from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ, Plan, paper_display
 from tactuator.paper.report import plates
 from tactuator.paper.run import PaperStudy, judge_objectives
-from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_db
+from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, paper_controller, worst_error_db
 from tactuator.paper.summary import comparison, summary
-from tactuator.paper.thresholds import bias_and_spread_db
+from tactuator.paper.thresholds import bias_and_spread_db, observers_at_work
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
 from tests.paper.conftest import Reproduced
 
@@ -27,18 +31,12 @@ def points(study: PaperStudy, load: str, level: float) -> list[ResponsePoint]:
     return [one for one in study.responses if (one.load, one.level_db_sl) == (load, level)]
 
 
-def test_calibration__dial_gauge__finds_every_gain_within_half_a_percent(study: PaperStudy) -> None:
+def test_calibration_identification_and_prefilter__of_the_study__are_near_the_truth_and_the_curve(study) -> None:
     for channel in study.plan.display.channels:
         found = study.calibration[channel.name].gain_v_per_mm
         assert found == pytest.approx(channel.sensor_gain_v_per_mm, rel=5e-3)
-
-
-def test_identification__one_record__is_within_a_third_of_a_decibel(study: PaperStudy) -> None:
     assert set(study.motors) == set(CHANNELS)
     assert max(motor.frf_error_db_max for motor in study.motors.values()) <= 0.3
-
-
-def test_prefilter__paper_order__misses_ten_times_less_than_the_papers(study: PaperStudy) -> None:
     assert study.prefilters.paper.max_error_db == pytest.approx(7.9, abs=0.1)
     assert study.prefilters.worst_fitted.max_error_db <= 0.8
 
@@ -55,9 +53,7 @@ def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: Pap
 
 
 @pytest.mark.parametrize("of", ["responses", "default"])
-def test_response__not_saturated__is_as_expected_by_the_papers_loop_and_as_asked_by_the_default(
-    study: PaperStudy, of: str
-) -> None:
+def test_response__not_saturated__is_as_expected_by_the_papers_loop_and_as_asked_by_the_default(study, of) -> None:
     most_db = {
         "responses": {UNLOADED: {10.0: 1.2, 30.0: 1.0, 50.0: 1.0}, LOADED: dict.fromkeys((10.0, 30.0, 50.0), 3.0)},
         "default": {load: {10.0: 1.0, 30.0: 0.5, 50.0: 0.5} for load in (UNLOADED, LOADED)},
@@ -67,15 +63,12 @@ def test_response__not_saturated__is_as_expected_by_the_papers_loop_and_as_asked
             assert worst_error_db(getattr(study, of), load, level) <= most, (load, level)
 
 
-def test_response__zero_db_sl__errs_within_its_confidence_but_for_friction(study: PaperStudy) -> None:
+def test_response__every_run__keeps_off_mains_marks_saturation_and_errs_within_its_confidence(study) -> None:
     above = [one for one in points(study, UNLOADED, 0.0) if one.frequency_hz > 50.0]
     assert all(abs(one.unpredicted_db) <= one.ci_db for one in above)
     below = [one.unpredicted_db for one in points(study, UNLOADED, 0.0) if 2.0 <= one.frequency_hz <= 10.0]
     assert min(below) < -0.4
     assert all(abs(one.unpredicted_db) <= one.ci_db for one in study.without_friction)
-
-
-def test_response__every_run__keeps_off_mains_and_marks_saturation(study: PaperStudy) -> None:
     assert len(RESPONSE_HZ) >= 20
     assert len(study.responses) == len(RESPONSE_HZ) * len(LEVELS_DB_SL) * 2 * len(CHANNELS)
     off = np.abs(np.array(RESPONSE_HZ)[:, None] - MAINS_HZ * np.arange(1, 8))
@@ -84,16 +77,13 @@ def test_response__every_run__keeps_off_mains_and_marks_saturation(study: PaperS
     assert limited == {(50.0, 296.0)}  # facts: +/- 10 V saturates just there
 
 
-def test_thresholds__paper_procedure__agree_with_the_truth_as_the_facts_say(study: PaperStudy) -> None:
+def test_thresholds_and_curve__of_the_study__agree_with_the_truth_and_the_observers(study: PaperStudy) -> None:
     assert len(study.thresholds) == 3 * len(CHANNELS) * len(THRESHOLD_HZ)
     bias, spread = bias_and_spread_db(study.thresholds)
     # facts, section 5: bias -0.3 to -0.56 dB, sd 0.72 to 1.48 dB, here over 90 runs
     assert -0.9 < bias < 0.1
     assert 0.7 < spread < 1.5
     assert 60 < np.mean([one.trials for one in study.thresholds]) < 100
-
-
-def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(study: PaperStudy) -> None:
     library = study.plan.display.channels[0].threshold.curve
     difference = study.curve.level_db_re_1um - library.level_db_re_1um_at(study.curve.frequency_hz)
     assert difference[0] > 2.0
@@ -102,20 +92,13 @@ def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(st
     assert study.reshaped.max_error_db <= 1.0
 
 
-def test_speech__shipped_sample__is_felt_as_asked(study: PaperStudy) -> None:
+def test_speech_and_objectives__of_the_study__are_felt_as_asked_and_met_in_the_findings_of_check_and_noise(study):
     assert study.spoken.report.worst_rms_db <= 1.0
     assert study.spoken.report.peak_db_sl <= 55.0
-
-
-def test_objectives__paper_display__are_met(study: PaperStudy) -> None:
     assert [(one.number, one.outcome.value) for one in study.verdict.objectives] == [
         (number, "met") for number in ("i", "ii", "iii", "iv")
     ]
     assert {one.channel for objective in study.verdict.objectives for one in objective.findings} == set(CHANNELS)
-
-
-def test_objectives__what_check_and_noise_say__is_told_in_the_same_findings(study: PaperStudy) -> None:
-    """One verdict: hum and noise are the findings of `noise`, max|T| that of `check`, in the same words."""
     told = {one.quantity for objective in study.verdict.objectives for one in objective.findings}
     assert told == {"felt minus asked", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
     heard = noise_verdict(study.noise.designed.channels, study.plan.display)
@@ -124,15 +107,12 @@ def test_objectives__what_check_and_noise_say__is_told_in_the_same_findings(stud
         assert set(objective.findings) <= set(own[objective.number])
 
 
-def test_objectives__tighter_tolerances__not_met(study: PaperStudy) -> None:
+def test_objectives_and_summary__of_tighter_tolerances_or_whole__are_not_met_or_have_their_keys(study) -> None:
     strict = replace(
         study.plan.display, objectives=Objectives(flatness_db=0.01, load_max_db=0.01, noise_max_db_sl=-90.0)
     )
     verdict = judge_objectives(replace(study.plan, display=strict), study.controller, study.responses, study.noise)
     assert [one.number for one in verdict.objectives if one.outcome.value == "not met"] == ["i", "iii", "iv"]
-
-
-def test_summary__keys__are_those_promised(study: PaperStudy) -> None:
     made = summary(study)
     for channel in CHANNELS:
         assert {"num", "den", "frf_error_db_max"} <= set(made["plant"][channel])
@@ -160,7 +140,6 @@ def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduc
     json.loads((reproduced.folder / "summary.json").read_text())
 
 
-@pytest.mark.slow
 def test_plates__of_the_study__can_all_be_drawn(study: PaperStudy) -> None:
     assert all(plate.svg().startswith("<?xml") for plate in plates(study))
 
@@ -185,3 +164,41 @@ def test_readme__table__is_what_a_run_gives(study: PaperStudy) -> None:
     for (_, _, printed), (_, _, here) in zip(rows, made, strict=True):
         numbers = [[float(n) for n in re.findall(r"\d+\.?\d*", text)] for text in (printed, here)]
         np.testing.assert_allclose(*numbers, rtol=0.05, atol=0.05)
+
+
+def test_reproduce__json__is_one_object_of_a_whole_folder_and_seeds_differ_by_step(reproduced: Reproduced) -> None:
+    summary = json.loads((reproduced.folder / "summary.json").read_text())
+    assert json.loads(reproduced.printed) == summary
+    assert {entry.name for entry in reproduced.folder.iterdir()} == {"report.html", "figures", "summary.json"}
+    first, again = Plan(paper_display(), 7), Plan(paper_display(), 7)
+    assert first.seed_of("a") == again.seed_of("a")
+    assert len({first.seed_of("a"), first.seed_of("b"), Plan(paper_display(), 8).seed_of("a")}) == 3
+
+
+def test_reproduce__table__says_what_became_of_the_speech_file(study, tmp_path, monkeypatch, run) -> None:
+    monkeypatch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
+    monkeypatch.setattr(publish, "publish", lambda study, folder: None)  # what it writes is the test above
+    assert "objective iv" in run("reproduce", "--out", tmp_path / "paper").out
+
+
+def test_reproduce__interrupted__leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run) -> None:
+    def interrupted(plan: Plan, file: object, tell: object) -> PaperStudy:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(reproduce, "run_study", interrupted)
+    run.refused("reproduce", "--out", tmp_path / "deep" / "paper", said="interrupted", status=130)
+
+
+def test_reproduce__speech_that_is_none__is_refused_in_one_line(tmp_path: Path, run) -> None:
+    (tmp_path / "text.wav").write_text("not sound at all, but long enough to look at")
+    for name in ("none.wav", "text.wav"):
+        run.refused("reproduce", "--out", tmp_path / "paper", "--speech", tmp_path / name, said="allowed")
+
+
+def test_observers_at_work__interrupted__their_processes_end() -> None:
+    plan, others = Plan(paper_display()), set(multiprocessing.active_children())
+    with pytest.raises(KeyboardInterrupt), observers_at_work(plan, paper_controller(plan.display)):
+        workers = set(multiprocessing.active_children()) - others
+        raise KeyboardInterrupt
+    assert len(workers) == 3
+    assert all(wait([worker.sentinel], 5.0) for worker in workers)

@@ -1,4 +1,4 @@
-"""The house: what a room may hold, where the walks lead, and names that say something."""
+"""The house: what a room may hold, where the walks lead, names that say something, and the tree of errors."""
 
 import ast
 import re
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import tactuator.errors
 from tools import floors
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,7 +24,6 @@ FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 @cache
 def texts() -> dict[str, str]:
-    """Every module of the package, by its path."""
     paths = sorted(PACKAGE.rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in paths}
 
@@ -38,7 +38,6 @@ def definitions(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.AsyncFun
 
 
 def body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Count the lines of a function below its signature and docstring."""
     first = node.body[1 if ast.get_docstring(node) and len(node.body) > 1 else 0]
     return (node.end_lineno or 0) - first.lineno + 1
 
@@ -75,14 +74,27 @@ def test_package__functions_stored_names_and_classes__fit_a_screen_say_what_they
     assert {name: paths for name, paths in owners.items() if len(paths) > 1} == {}
 
 
-def test_picture__of_the_floors__is_drawn_from_the_contract() -> None:
+def test_picture_and_walks__are_drawn_from_the_contract_and_lead_where_they_say() -> None:
     assert floors.PICTURE.read_text(encoding="utf-8") == floors.picture(), "out of date; `make docs` draws it anew"
-
-
-def test_walks__each_hop_that_the_document_names__is_there() -> None:
     patterns = {".py": r"^ *(?:async )?def {}\(", ".js": r"^\s*(?:async )?(?:function )?{}\("}
     for path, name in HOPS:
         pattern = patterns.get(Path(path).suffix, r"^[a-z][\w ]*\*?{}\([^;]*$").replace("{}", name)
         text = (ROOT / path).read_text(encoding="utf-8")
         assert re.search(pattern, text, flags=re.MULTILINE) is not None, (path, name)
     assert len(HOPS) >= 30
+
+
+def below(parent: str, bases: dict[str, set[str]]) -> set[tuple[str, str]]:
+    names = {name for name, parents in bases.items() if parent in parents}
+    return {(name, parent) for name in names}.union(*(below(name, bases) for name in names))
+
+
+def test_errors__picture_at_the_head_of_the_file__is_the_tree_of_the_classes():
+    text = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
+    classes = re.findall(r"^ *class (\w+)\(([^)]*)\):", text, re.MULTILINE)
+    above, drawn = {0: "TactuatorError"}, set()
+    for lines, name in re.findall(r"^    ([ │├└─]+)(\w+)", tactuator.errors.__doc__, re.MULTILINE):
+        above[len(lines) // 4] = name  # four columns are a step down
+        drawn.add((name, above[len(lines) // 4 - 1]))
+    assert drawn == below("TactuatorError", {name: set(re.findall(r"\w+", bases)) for name, bases in classes})
+    assert len(drawn) > 8

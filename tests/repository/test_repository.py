@@ -1,17 +1,24 @@
 """What holds for the repository as a whole: locks, words, links, decisions, what pages tell a reader to type."""
 
 import importlib.metadata
+import json
 import re
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 import typer
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from benchmarks import run as bench
 from tactuator.cli.main import build_app
+from tactuator.io.columns import read_columns
+from tactuator.io.shipped import EXAMPLES, example_names
 from tools.cli_reference import sorted_commands
+from tools.examples import write_all
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("src", "tests", "benchmarks", "witnesses", "tools", "core", "firmware", "docs", "requirements", ".ci")
@@ -77,13 +84,10 @@ def test_locks__every_python_and_system__lack_nothing_that_a_package_asks_for(py
     assert lacking == []
 
 
-def test_texts__every_one__names_no_machine_and_was_merged_to_the_end():
+def test_texts_and_links__name_no_machine_and_lead_somewhere():
     words = ("/" + "work/", "/" + "root/", "pypi" + ".org", "pythonhosted" + ".org", "<" * 7 + " ")
     texts = {path: path.read_text(encoding="utf-8") for path in SOURCES if path.suffix not in BINARY}
     assert [str(path) for path, text in texts.items() if any(word in text for word in words)] == []
-
-
-def test_links__in_the_documents__lead_somewhere():
     broken = []
     for page, text in PAGES.items():
         for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
@@ -121,3 +125,56 @@ def test_pages__every_target_of_make_and_every_command__exists_with_its_options(
             options = [word.split("=")[0] for word in words if re.match(r"--[a-z]", word)]
             wrong += [(page, *words)] if command is None else [(page, name) for name in options if name not in known]
     assert wrong == []
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "FOLDER", tmp_path)
+    monkeypatch.setattr(bench, "REPORT", tmp_path / "out" / "bench.json")
+    (tmp_path / "bench_echo.py").write_text(
+        "def run():\n    return {'ratio': 2.5, 'rates': {'own': 1e7, 'met': True}}\n"
+    )
+    return tmp_path
+
+
+def test_bench__every_module__is_run_shown_and_written_and_an_unknown_name_refused(folder, capsys):
+    assert bench.main(["ecco"]) == 2
+    assert capsys.readouterr().err == "no benchmark 'ecco'; there are echo\n"
+    assert not (folder / "out").exists()
+    assert bench.main([]) == 0
+    report = json.loads((folder / "out" / "bench.json").read_text())
+    assert report["echo"] == {"ratio": 2.5, "rates": {"own": 1e7, "met": True}}
+    assert set(report["machine"]) == {"machine", "cores", "python"}
+    assert "rates.own" in capsys.readouterr().out
+
+
+def test_bench__in_the_repository__each_has_run():
+    for path in bench.available().values():
+        assert "def run() -> dict" in path.read_text(encoding="utf-8"), path.name
+
+
+HAND_WRITTEN = {"README.md", "bench.toml", "display.toml", "protocol.toml"}
+
+
+def is_generated(name: str) -> bool:
+    return name not in HAND_WRITTEN and not (name.endswith(".toml") and "/" in name)
+
+
+def same(one: Path, other: Path) -> bool:
+    """Return whether two files hold the same: numbers but for the last digit, samples but for half a bit of sixteen."""
+    if one.suffix in {".wav", ".flac"}:
+        return bool(np.allclose(soundfile.read(one)[0], soundfile.read(other)[0], atol=2.0**-15))
+    if one.name in {"bench.csv", "sheet.csv"}:
+        columns = (read_columns(path).values for path in (one, other))
+        mine, theirs = (np.array(list(values.values())) for values in columns)
+        return bool(np.allclose(mine, theirs, atol=1e-3))
+    return one.suffix == ".json" or one.read_bytes() == other.read_bytes()
+
+
+@pytest.mark.slow
+def test_examples__written_anew__are_those_that_are_shipped(tmp_path: Path) -> None:
+    (tmp_path / "protocols").mkdir()
+    write_all(tmp_path)
+    written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
+    assert written == {name for name in example_names() if is_generated(name)}
+    assert [name for name in sorted(written) if not same(EXAMPLES / name, tmp_path / name)] == []

@@ -44,9 +44,7 @@ def test_coupling__of_movers_on_a_frame__is_found(chain: tuple[Path, float, Coup
         tt.record(folder / "display.toml", together=True, channel="left")
 
 
-def test_crosstalk__under_the_designed_controller__is_felt_as_the_verdict_says_or_missed_without_coupling(
-    chain: tuple[Path, float, CoupledModels],
-) -> None:
+def test_crosstalk__under_the_designed_controller__is_felt_as_the_verdict_says_or_missed_without_coupling(chain):
     folder, mass, _ = chain
     errors, outcome = crosstalk.felt_errors(folder, mass, SEED)
     assert len(errors) == 3

@@ -18,11 +18,14 @@ from matplotlib.figure import Figure
 import tactuator as tt
 from tactuator.cli import main
 from tactuator.errors import BadInput
+from tactuator.io.csv_tables import write_curve
 from tactuator.io.reference import open_reference
 from tactuator.model.plant import Load
 from tactuator.paper.verb import PaperResult
+from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.verbs.controller import wordlength
 from tactuator.verbs.result import Result, plain
+from tactuator.verbs.start import curves
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
@@ -43,7 +46,6 @@ code = "S1"
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder of examples as the working folder, with a finished run in lab.db."""
     folder = tmp_path_factory.mktemp("examples")
     tt.examples(folder)
     with pytest.MonkeyPatch.context() as patch:
@@ -75,10 +77,7 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (
-            "identify(None)",
-            "identify: records is None; allowed: a Record or a JointRecord or a FrequencyResponse or the path of a",
-        ),
+        ("identify(None)", "identify: records is None; allowed: a Record or a JointRecord or a FrequencyResponse or"),
         ("identify(['a.csv', 5])", "identify: records is a list; allowed: "),
         ("design(5)", "design: display is 5; allowed: a Display or the path of a file"),
         ("design('display.toml', poles='4')", "design: poles is '4'; allowed: a whole number or None"),
@@ -143,7 +142,7 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
             assert axes.get_legend() is not None or len(axes.lines) == 1
 
 
-def test_measure_response__fingers_of_an_open_rig__are_the_load_or_refused(known: dict[str, object]):
+def test_measure_response_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(known: dict[str, object]):
     controller, rig = known["controller"], known["rig"]
     rig.finger("index").touch("finger")
     try:
@@ -155,10 +154,6 @@ def test_measure_response__fingers_of_an_open_rig__are_the_load_or_refused(known
     assert response.load == "finger"
     with pytest.raises(BadInput, match="channel 'ring' is not described; allowed: index, thumb, middle"):
         tt.measure_response(rig, controller, channel=["ring"])
-
-
-def test_measure_response_and_noise__open_rig_touched_by_what_no_loop_bears__refused(known: dict[str, object]):
-    controller = known["controller"]
     display = controller.display
     heavy = [replace(channel, loads=(Load("anvil", 400.0, 0.0, 0.0),)) for channel in display.channels]
     borne = replace(controller, display=replace(display, channels=tuple(heavy)))
@@ -190,9 +185,7 @@ def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[st
     assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 
-def test_result__without_table_or_figure_or_pandas_or_very_long__says_so(
-    known: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_result__without_table_or_figure_or_pandas_or_very_long__says_so(known, tmp_path, monkeypatch) -> None:
     with pytest.raises(tt.BadInput, match="is no table"):
         known["controller"].to_dataframe()
     with pytest.raises(tt.BadInput, match="nothing to draw"):
@@ -204,9 +197,7 @@ def test_result__without_table_or_figure_or_pandas_or_very_long__says_so(
     assert len(repr(Result())) < 500
 
 
-def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)[0]
     lines = [line for line in code.splitlines() if line]
@@ -234,3 +225,24 @@ def test_record__load_that_no_program_reaches__is_asked_of_the_person(place: Pat
     display = tt.read_display("display.toml")
     tt.record(display, duration_s=4.0, excitation="noise", load="finger", rig=Real(display, seed=1))
     assert "put the load 'finger' on index by hand now" in capsys.readouterr().err
+
+
+MINE = ThresholdCurve(
+    "mine", [1.0, 30.0, 300.0], [20.0, 10.0, -10.0], "measured", "me", [1.0] * 3, Contact("index fingertip", 50.0)
+)
+
+
+def test_curves__with_one_of_ones_own__stand_beside_each_other(tmp_path: Path, run) -> None:
+    mine = tmp_path / "mine.csv"
+    write_curve(mine, MINE)
+    last = run.json("curves", mine, "--figures", tmp_path / "drawn")["curves"][-1]
+    assert (last["name"], last["contact"]["site"], last["contact"]["area_mm2"]) == ("mine", "index fingertip", 50.0)
+    (table,) = curves([mine]).tables()  # a fingertip's is among them
+    assert curves().tables()[1] == "none of these was felt at a fingertip: measure your own"
+    assert table.rows[-1][:5] == ("mine", "measured", "1 to 300 Hz", "index fingertip", "50 mm²")
+    assert table.rows[-1][5] == "not stated"
+    assert [line.label for line in curves([mine]).chart().curves][-1] == "mine (index fingertip, measured)"
+    assert (tmp_path / "drawn" / "curves.svg").is_file()
+    listed = curves().curves
+    assert tuple(curve.name for curve in listed) == curve_names()
+    assert all(curve.contact.site for curve in listed)

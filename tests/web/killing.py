@@ -38,7 +38,6 @@ class Client:
         self._positions = [run.position for run in plan_runs(protocol, index)]
 
     def answers(self, until: int) -> None:
-        """Answer until so many are acknowledged, or the session is over; the connection may end at any moment."""
         with suppress(ConnectionClosed, InvalidMessage, OSError), connect(self._path) as socket:
             while len(self.acknowledged) < until and not self.done:
                 self._take(socket, json.loads(socket.recv(timeout=30.0)))
@@ -78,7 +77,6 @@ class Killing:
     versions: int = 1
 
     def __post_init__(self) -> None:
-        """Start the server."""
         self.server = started(self.folder, self.first, controller())
         self.client = Client(self.server, parse_protocol(self.first))
         self.link = self._link()
@@ -87,7 +85,6 @@ class Killing:
         return self.server.addresses["subject S1"].rsplit("/", 1)[1]
 
     def kill(self) -> None:
-        """Kill once: up to three answers on, then whatever goes on at a random instant of the next trial."""
         rng = random.Random(f"{self.seed}/{self.kills}")
         self.client.answers(len(self.client.acknowledged) + rng.randrange(1, 4))
         if not self.client.done:
@@ -105,7 +102,6 @@ class Killing:
             assert self._link() == self.link
 
     def compare(self) -> int:
-        """Hold the store against what was acknowledged and against the undisturbed session; S1's answers there."""
         stored = of_first(self.server.store)
         assert stored[:2] == (0, self.link)
         assert stored[2] == 1
@@ -132,7 +128,6 @@ def amended(text: str, number: int) -> tuple[str, tuple[str, ...]]:
 
 
 def of_first(path: Path) -> tuple[Any, ...]:
-    """What the store has of S1: link, number, versions, runs, trials and answers."""
     store = Store(path)
     with store.read() as connection:
         who = connection.execute(select(schema.subject).where(schema.subject.c.code == "S1")).one()
@@ -153,7 +148,6 @@ def of_first(path: Path) -> tuple[Any, ...]:
 
 
 def undisturbed(path: Path, text: str) -> list[tuple[Any, ...]]:
-    """S1's trials and answers of a session that nothing disturbs, made once in a folder."""
     if not path.exists():
         clock, store = ObedientClock(), Store(path)
         everything(begin(store, clock, text), clock)
@@ -162,7 +156,6 @@ def undisturbed(path: Path, text: str) -> list[tuple[Any, ...]]:
 
 
 def kills_across_amendments(folder: Path, text: str, kills: int, every: int, seed: int) -> tuple[int, Killing]:
-    """Kill until there were `kills` kills or the session is over, finish it, and compare. S1's answers there."""
     killing = Killing(folder, text, every, seed)
     try:
         while killing.kills < kills and not killing.client.done:

@@ -19,7 +19,6 @@ TOKEN = "the operator's own"
 
 @pytest.fixture
 def make_lab(tmp_path) -> Iterator[Callable[..., Lab]]:
-    """Makes a lab from a function of its store that opens a study; all of them closed at the end."""
     made: list[Lab] = []
 
     def lab(opened: Callable[[Store], Study], auto_start: bool = True, shown: str = "") -> Lab:
@@ -34,13 +33,11 @@ def make_lab(tmp_path) -> Iterator[Callable[..., Lab]]:
 
 @pytest.fixture
 def client(lab) -> Iterator[Client]:
-    """A client of the lab's server."""
     with served(build_app(lab, TOKEN)) as made:
         yield made
 
 
 def until(socket: Socket, kind: str, heard: list[dict] | None = None) -> dict:
-    """The next message of that kind; the others before it go to `heard`."""
     while True:
         message = socket.receive_json()
         if message["type"] == kind:
@@ -51,7 +48,6 @@ def until(socket: Socket, kind: str, heard: list[dict] | None = None) -> dict:
 
 @contextmanager
 def joined(client: Client, name: str) -> Iterator[Socket]:
-    """The connection of a subject's page, or of the operator's who has said the token."""
     path = "operator" if name == "operator" else f"subject/token-{name}"
     with client.websocket_connect(f"/ws/{path}") as socket:
         if name == "operator":
@@ -61,40 +57,34 @@ def joined(client: Client, name: str) -> Iterator[Socket]:
 
 @contextmanager
 def at_pages(lab: Lab, *names: str) -> Iterator[list[Socket]]:
-    """The connections of pages to the lab's server."""
     with served(build_app(lab, TOKEN)) as made, ExitStack() as closes:
         yield [closes.enter_context(joined(made, name)) for name in names]
 
 
 @contextmanager
 def at_page(lab: Lab) -> Iterator[Socket]:
-    """The connection of the first subject's page to the lab's server."""
     with at_pages(lab, "S1") as (socket,):
         yield socket
 
 
 def agreed(socket: Socket) -> None:
-    """Past consent, and ready for the first trial."""
     stage(socket, "consent")
     socket.send_json({"type": "consent"})
     go_on(socket, "trial")
 
 
 def begun(socket: Socket) -> dict:
-    """Past consent, to the first answer that is asked for."""
     agreed(socket)
     return until(socket, "answer-now")
 
 
 def response_count(lab: Lab) -> int:
-    """How many responses the lab's store has."""
     with lab.store.read() as connection:
         return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
 
 
 @pytest.fixture
 def make(make_lab):
-    """Makes a lab from the text of a protocol."""
 
     def lab(text=PROTOCOL, auto_start=True, shown=""):
         return make_lab(lambda store: opened_study(store, ObedientClock(), text), auto_start, shown)
@@ -103,19 +93,21 @@ def make(make_lab):
 
 
 def stage(socket: Socket, name: str) -> dict:
-    """The next message that the session stands at that stage."""
     while (found := until(socket, "stage"))["stage"] != name:
         pass
     return found
 
 
 def go_on(socket: Socket, name: str) -> None:
-    """Up to the stage, and on from it."""
     stage(socket, name)
     socket.send_json({"type": "ready", "stage": name})
 
 
 def answer(socket: Socket, stands: dict, response: str = "1") -> dict:
-    """The acknowledgement of an answer to the trial that stands."""
     socket.send_json({"type": "answer", "run": stands["run"], "number": stands["number"], "response": response})
     return until(socket, "ack")
+
+
+@pytest.fixture
+def lab(make):
+    return make()

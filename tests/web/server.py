@@ -25,8 +25,6 @@ class Answer:
 
 
 class Socket:
-    """One connection that speaks JSON."""
-
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
 

@@ -55,7 +55,6 @@ FORKS.set_forkserver_preload(
 
 
 def _serve(arguments: list[str], told: Connection) -> None:
-    """A process of its own: the command, its standard error going to the test."""
     os.dup2(told.fileno(), 2)
     sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115
     sys.exit(main(arguments))
@@ -100,7 +99,6 @@ class Server:
 
 
 def started(folder: Path, text: str, controller: Controller) -> Server:
-    """A server for that protocol, its files in `folder`."""
     (folder / "protocol.toml").write_text(text)
     write_controller(folder / "controller.json", controller)
     made = Server(folder / "protocol.toml", folder / "lab.db", folder / "controller.json")
@@ -110,7 +108,6 @@ def started(folder: Path, text: str, controller: Controller) -> Server:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[[str, Controller], Server]]:
-    """Starts a server for a protocol's text and a controller; killed at the end."""
     made: list[Server] = []
 
     def serve(text: str, controller: Controller) -> Server:
@@ -199,7 +196,6 @@ def finish(subject: Subject, limit_s: float = 60.0) -> None:
 
 
 def asked(page: Page) -> None:
-    """Wait until an answer is asked for."""
     page.locator(ASKED).first.wait_for(timeout=10_000)
 
 

@@ -1,4 +1,7 @@
-"""The pages in a real Chromium: a whole session by keyboard, a phone, two tabs, and a server that dies."""
+"""The pages in a real Chromium: a session by keyboard on any layout, a phone, two tabs, a server that dies, and Escape.
+
+How long an Escape takes is told by `witnesses.stop.escape`: a time on a machine that does other work tells nothing.
+"""
 
 import re
 import sqlite3
@@ -9,9 +12,10 @@ import pytest
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.trial import ForcedChoice
 from tests.experiment.session.apparatuses import PROTOCOL, controller
-from tests.experiment.session.test_yes_no import YES_NO
+from tests.experiment.session.test_session import YES_NO
 from tests.web.killing import of_first, undisturbed
-from tests.web.study import Subject, asked, kills_and_finish, page, start, started, visible, watch_errors  # noqa: F401
+from tests.web.study import Subject, asked, kills_and_finish, page, start, started, visible, watch_errors  # noqa: F401  # noqa: F401
+from witnesses.stop.escape import STATES, WATCHED_MS, escaped, subject_page
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 
@@ -155,3 +159,126 @@ def test_held_key__answers_every_burst_by_its_state(start, browser) -> None:
     with closing(sqlite3.connect(server.store)) as store:
         said = "".join(row[0] for row in store.execute("select response from response order by trial_id"))
     assert re.match("1{3,}0{3,}1{3,}", said)
+
+
+BOXES = """[...document.querySelectorAll("button, #sessions a")].filter((one) => one.checkVisibility())
+    .map((one) => one.getBoundingClientRect().toJSON())"""
+
+
+def test_keys__by_where_they_stand__answer_on_every_layout(start, page) -> None:
+    """What an AZERTY board sends for its unshifted digits, and a number pad with and without its lock."""
+    page.goto(start(ONE, controller()).addresses["subject S1"])
+    page.locator("#others button").first.wait_for()
+    page.locator("#go").click()
+    visible(page, "Which interval has the vibration")
+    page.keyboard.press("Enter")
+    asked(page)
+    page.evaluate("window.said = []; link.send = (message) => { said.push(message); }")
+    for key, code in (("&", "Digit1"), ("é", "Digit2"), ("1", "Digit1"), ("3", "Numpad3"), ("PageDown", "Numpad3")):
+        page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+        page.evaluate(
+            "([key, code]) => document.dispatchEvent(new KeyboardEvent('keydown', { key, code }))", [key, code]
+        )
+        assert page.evaluate("said.map((one) => one.response)") == [code[-1]], (key, code)
+    page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+    page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', { key: '4', code: 'Digit4' }))")
+    assert page.evaluate("said") == []
+
+
+# German has the longest words
+@pytest.mark.parametrize("language", ["de", *(pytest.param(each, marks=pytest.mark.slow) for each in ("en", "fr"))])
+def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen(start, page, language) -> None:
+    page.goto(start(ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"'), controller()).addresses["operator"])
+    page.locator("[data-start]").wait_for()
+    for wide in (390, 640, 720, 1024, 195):  # a phone, screens, and the phone at 200 %
+        page.set_viewport_size({"width": wide, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") <= wide
+        boxes = page.evaluate(BOXES)
+        assert len(boxes) == 11
+        assert all(box["x"] >= 0 and box["x"] + box["width"] <= wide for box in boxes)
+
+
+SOON_MS = 0.2 * WATCHED_MS  # far less than an interval and its gap
+
+
+MARKS = {
+    **dict.fromkeys(("going on", "interval 2", "feedback", "after a pause"), ()),
+    **dict.fromkeys(("interval 1", "interval 3"), pytest.mark.soak),  # as interval 2, but for the lamp
+}
+
+
+@pytest.mark.parametrize("state", [pytest.param(state, marks=MARKS.get(state, pytest.mark.slow)) for state in STATES])
+def test_escape__in_each_state__is_silence_until_the_subject_goes_on(browser, tmp_path, state) -> None:
+    with subject_page(browser, tmp_path) as (page, felt):
+        lasts_ms, stage, masked = escaped(page, felt, state)
+    assert lasts_ms < SOON_MS
+    assert stage == ("stopped" if state == "stopped for today" else "paused")
+    assert not masked  # the rig is at rest by then
+
+
+NAMED = (
+    PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace(
+        "[study]",
+        '[study]\nconsent_by = "name"\nconsent_witness = true\ninstructions = "Press the interval that you felt."',
+    )
+    + "[marks]\nchannel = 'thumb'\n"
+)
+
+
+def tree(page) -> list[tuple[str, str, dict]]:
+    """Role, name and properties of every node that is not ignored."""
+    session = page.context.new_cdp_session(page)
+    session.send("Accessibility.enable")
+    nodes = session.send("Accessibility.getFullAXTree")["nodes"]
+    session.detach()
+    return [
+        (
+            node.get("role", {}).get("value", ""),
+            node.get("name", {}).get("value", ""),
+            {one["name"]: one["value"].get("value") for one in node.get("properties", [])},
+        )
+        for node in nodes
+        if not node["ignored"]
+    ]
+
+
+def names(page, role: str) -> list[str]:
+    return [name for found, name, _ in tree(page) if found == role]
+
+
+def focused(page) -> list[tuple[str, str]]:
+    return [(role, name) for role, name, about in tree(page) if about.get("focused") and role != "RootWebArea"]
+
+
+def test_page__without_eyes__is_read_from_consent_to_answer(start, page) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(start(NAMED, controller()).addresses["subject S1"])
+    visible(page, "Before we begin")
+    assert page.evaluate("document.documentElement.lang") == "en"
+    assert focused(page) == [("region", "Before we begin")]  # the text is what is read first
+    assert "You may stop at any time." in names(page, "StaticText")
+    assert names(page, "textbox") == ["Your name", "Name of the witness"]
+    assert {"I agree (Enter)", "I do not agree"} <= set(names(page, "button"))
+    page.locator("#name").fill("Ada Example")
+    page.locator("#name").press("Enter")
+    assert page.evaluate("page.stage") == "consent"  # the witness is missing
+    page.locator("#witness").fill("Bob Example")
+    page.locator("#witness").press("Enter")
+    visible(page, "Which interval has the vibration?")
+    assert focused(page)[0][0] == "region"
+    page.keyboard.press("Enter")
+    asked(page)
+    status = next(about for role, name, about in tree(page) if role == "status")
+    assert status["live"] == "polite"
+    answers = [about for role, name, about in tree(page) if role == "button" and name in ("1", "2", "3")]
+    assert len(answers) == 3
+    assert not any(about.get("disabled") for about in answers)
+    assert "Responses" in names(page, "group")
+    assert "progressbar" in [role for role, _, _ in tree(page)] or "Progress" in str(tree(page))
+    for name in ("Pause", "Leave the study"):
+        assert name in names(page, "button")
+    assert all(name for role, name, _ in tree(page) if role in ("button", "textbox", "link"))
+    sizes = [page.locator(".choice").nth(number).bounding_box() for number in range(3)]
+    assert all(size["width"] >= 100 and size["height"] >= 70 for size in sizes)  # large enough without sight
+    page.locator(".choice").nth(1).click()
+    visible(page, "Which")

@@ -20,7 +20,7 @@ from tests.postgres import PostgresServer
 from tests.web.killing import LONG, Client
 from tests.web.study import Server
 
-pytestmark = pytest.mark.xdist_group("postgres")
+pytestmark = pytest.mark.slow
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 
 
@@ -90,9 +90,7 @@ def answering(client: Client, over: threading.Event) -> None:
         time.sleep(0.1)
 
 
-@pytest.mark.parametrize(
-    ("count", "kills"), [pytest.param(3, 8, marks=pytest.mark.slow), pytest.param(20, 1000, marks=pytest.mark.soak)]
-)
+@pytest.mark.parametrize(("count", "kills"), [(3, 8), pytest.param(20, 1000, marks=pytest.mark.soak)])
 def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, postgres, count, kills) -> None:
     """A station, each eighth time the server, is killed at a random instant after another answer, and started again."""
     place, rng, over = postgres.database("killed"), random.Random(7), threading.Event()

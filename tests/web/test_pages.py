@@ -1,4 +1,4 @@
-"""The server without a browser: who gets which page, what each connection may say, and what is acknowledged."""
+"""The server without a browser: who gets which page, what a connection may say, what is acknowledged, and kills."""
 
 import pytest
 from sqlalchemy import select
@@ -7,14 +7,10 @@ from websockets.exceptions import ConnectionClosed
 from tactuator.errors import StoreFault
 from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
-from tests.experiment.session.apparatuses import ObedientClock, opened_study, rows_of
+from tests.experiment.session.apparatuses import rows_of
 from tests.web.access.mutating import defects, hear_all
-from tests.web.labs import TOKEN, begun, client, joined, make_lab, response_count, until  # noqa: F401
-
-
-@pytest.fixture
-def lab(make_lab):
-    return make_lab(lambda store: opened_study(store, ObedientClock()))
+from tests.web.killing import LONG, ONE, kills_across_amendments
+from tests.web.labs import TOKEN, begun, client, joined, lab, make, make_lab, response_count, until  # noqa: F401
 
 
 def test_page__asked_for__is_given_or_not_and_every_part_comes_from_this_server(client, caplog, monkeypatch) -> None:
@@ -66,13 +62,6 @@ def test_connection__of_no_link_a_wrong_token_or_another_sites_page__is_closed(c
         assert closed.value.rcvd.code == code, (path, said)
 
 
-def _until(socket, wanted) -> bool:
-    for _ in range(50):
-        if wanted(until(socket, "snapshot")):
-            return True
-    return False
-
-
 def test_operator__second__looks_on_until_control_is_taken(client) -> None:
     with client.websocket_connect("/ws/operator") as first, client.websocket_connect("/ws/operator") as second:
         first.send_text(TOKEN)
@@ -82,26 +71,40 @@ def test_operator__second__looks_on_until_control_is_taken(client) -> None:
         second.send_json({"type": "pause"})
         assert "another operator has control" in until(second, "refused")["message"]
         second.send_json({"type": "take-control"})
-        assert _until(second, lambda shot: shot["control"])
-        assert _until(first, lambda shot: not shot["control"])
+        while not until(second, "snapshot")["control"] or until(first, "snapshot")["control"]:
+            pass
 
 
-def test_operator__nonsense__is_refused(client) -> None:
+def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, lab) -> None:
     with joined(client, "operator") as socket:
         for command, message in (
             ({"type": "start"}, "without a session"),
             ({"type": "start", "session": 99}, "not of this study"),
+            ({"type": "start", "session": 2**63}, "command"),
+            ({"type": "day", "session": 99}, "not of this study"),
+            ({"type": "day", "session": 1, "skin_temperature_c": 99.0}, "skin_temperature_c"),
+            ({"type": "enrol", "code": "S 9"}, "code"),
+            ({"type": "new-visit", "subject": "S8"}, "'S8' is not in the study"),
             ({"type": "give-up-run"}, "no session is at the rig"),
             ({"type": "explode"}, "command"),
         ):
             socket.send_json(command)
             assert message in until(socket, "refused")["message"]
-
-
-def test_operator__clock_jumps__is_noted(client, lab) -> None:
     with joined(client, "operator") as socket:
         until(socket, "snapshot")
         lab.clock.jump(3600.0)
         until(socket, "snapshot")
         until(socket, "snapshot")
     assert rows_of(lab.store, select(schema.event.c.detail)) == [("the wall clock moved by 3600.0 s",)]
+
+
+def test_session__server_killed_while_the_protocol_is_amended__is_the_undisturbed_one(tmp_path) -> None:
+    answers, killing = kills_across_amendments(tmp_path, ONE, kills=4, every=2, seed=5)
+    assert (answers > 30, killing.versions, killing.client.done) == (True, 3, True)
+
+
+@pytest.mark.soak
+def test_session__three_hundred_kills_across_amendments__loses_and_doubles_nothing(tmp_path) -> None:
+    answers, killing = kills_across_amendments(tmp_path, LONG, kills=300, every=10, seed=6)
+    assert answers > 600
+    assert (killing.kills, killing.versions) == (300, 31)

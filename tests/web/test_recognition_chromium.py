@@ -1,21 +1,26 @@
-"""Recognition in a real Chromium: from the first key to bits, through reloads and kills, on a phone and a laptop."""
+"""Tasks in a real Chromium: recognition from the first key to bits, through reloads and kills; and judging by keys."""
 
 import re
+import sqlite3
+from contextlib import closing
 from itertools import permutations
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
-from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.file import parse_any_protocol, parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.words import shipped_words
 from tests.browser import drawn
+from tests.experiment.session import apparatuses
 from tests.experiment.session.apparatuses import rows_of
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
-from tests.web.study import ASKED, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401
+from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, MATCHING, ORDER
+from tests.web.study import ASKED, STANDS, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401  # noqa: F401
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
 SIDES = (("x", "width"), ("y", "height"))
@@ -24,14 +29,12 @@ PHONE, LAPTOP = {"width": 360, "height": 640}, {"width": 1280, "height": 720}
 
 @pytest.fixture
 def serve(tmp_path, items, controller, start):
-    """Starts a server for a protocol text, the items beside it; killed at the end."""
     for path in Path(items).iterdir():
         (tmp_path / path.name).symlink_to(path)
     return lambda text: start(text, controller)
 
 
 def opened(page: Page, server: Server, text: str) -> Subject:
-    """A scripted subject whose keys are the protocol's; runs of the one subject count from 1."""
     protocol = parse_recognition(text)
     keys = {item.label: item.key for item in protocol.item} | {"A": "a", "B": "2"}
     page.goto(server.addresses["subject S1"])
@@ -49,7 +52,6 @@ def stored(path: Path) -> list[tuple[int, int, str, str]]:
 
 
 def planned(text: str) -> list[tuple[int, int, str, str]]:
-    """What an undisturbed session stores."""
     protocol = parse_recognition(text)
     return [
         (block, trial.number, trial.correct, scripted_answer(text, block, trial.number))
@@ -59,7 +61,6 @@ def planned(text: str) -> list[tuple[int, int, str, str]]:
 
 
 def begin(page: Page) -> None:
-    """From the introduction to the first answer that is asked for."""
     visible(page, "Which one was it?")
     page.keyboard.press("Enter")
     asked(page)
@@ -117,7 +118,6 @@ def test_keyboard__tab_and_arrows__reach_every_response_by_its_role_and_the_focu
 
 
 def many(count: int) -> str:
-    """A protocol with as many labels, of the same files."""
     text = protocol_text(training=0, test=1, labels=[f"word-{number}" for number in range(count)])
     return re.sub(r'file = "word-(\d+).wav"\nkey = "(\d+)"', _file_and_key, text)
 
@@ -201,3 +201,52 @@ def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -
     assert sum(right) == sum(correct == response for _, _, correct, response in planned(text))
     assert errors == []
     operator.close()
+
+
+TASKS = {"matching": MATCHING, "magnitude": ESTIMATION, "order": ORDER}
+
+
+def answered(page: Page, keys) -> int:
+    """Answer by keys until the session is over; how many answers were given."""
+    count, last = 0, None
+    for _ in range(5_000):
+        stands = page.evaluate(STANDS)
+        if stands["done"]:
+            return count
+        if stands["go"]:
+            page.keyboard.press("Enter")
+        elif stands["trial"] not in (None, last):
+            keys(page, count)
+            count, last = count + 1, stands["trial"]
+        page.wait_for_timeout(20)
+    raise AssertionError("the session does not end")
+
+
+def typed(page: Page, count: int) -> None:
+    """A number by the keyboard, with a point or a comma; the first time something else comes before it."""
+    if count == 0:
+        page.keyboard.type("0")
+        page.keyboard.press("Enter")
+        expect(page.locator(".number input")).to_have_attribute("aria-invalid", "true")
+        page.keyboard.press("Backspace")
+    page.keyboard.type(f"{count + 1},5" if count % 2 else f"{count + 1}.5")
+    page.keyboard.press("Enter")
+
+
+@pytest.mark.parametrize(("task", "language"), [("matching", "en"), ("magnitude", "de"), ("order", "fr")])
+def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: str, language: str) -> None:
+    text = HEAD.replace("seed = 3", f'seed = 3\nlanguage = "{language}"') + TASKS[task]
+    keys = parse_any_protocol(text).task
+    server = start(text, apparatuses.controller())
+    page.goto(server.addresses["subject S1"])
+    expect(page.locator("body")).to_contain_text(keys.asked(shipped_words(language)).prompt)
+    count = answered(
+        page, typed if task == "magnitude" else lambda page, count: page.keyboard.press(str(1 + count % 2))
+    )
+    with closing(sqlite3.connect(server.store)) as store:
+        given = [response for (response,) in store.execute("select response from response order by trial_id")]
+    assert len(given) == count == {"matching": 26, "magnitude": 6, "order": 8}[task]
+    if task == "magnitude":
+        assert given == ["1.5", "2,5", "3.5", "4,5", "5.5", "6,5"]
+    if task == "order":
+        assert set(given) == set(keys.fingers)

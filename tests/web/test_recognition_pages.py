@@ -18,7 +18,6 @@ from tests.web.server import served
 
 @pytest.fixture
 def make(make_lab, items, controller):
-    """Makes a lab of a protocol text."""
 
     def lab(text, auto_start=True):
         apparatus = opened_apparatus(controller)
@@ -31,7 +30,6 @@ def make(make_lab, items, controller):
 
 
 def begun(socket, heard=None):
-    """Past the introduction, to the first answer that is asked for."""
     go_on(socket, "introduction")
     go_on(socket, "trial")
     return until(socket, "answer-now", heard)
@@ -42,7 +40,6 @@ def respond(socket, asked, response):
 
 
 def block_answered(socket, asked, responses):
-    """Answer a block; what was told to be right of each."""
     told = []
     for response in responses:
         told.append(answer(socket, asked if not told else until(socket, "answer-now"), response)["right"])
@@ -71,28 +68,14 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
         assert shown == ([0, 0, 1, 1, 2, 2] if paradigm == "abx" else [])
 
 
-def test_subject__answer_that_is_no_choice_or_ready_for_what_cannot_be__is_refused(make) -> None:
-    lab = make(protocol_text("abx", training=0, test=1))
-    with at_page(lab) as socket:
-        until(socket, "stage")
+def test_subject__ready_for_what_cannot_be_or_said_twice__is_refused_or_skips_no_break(make) -> None:
+    with at_page(make(protocol_text(test=1))) as socket:
         for name in ("done", "consent", None):
             socket.send_json({"type": "ready", "stage": name})
             until(socket, "refused")
         socket.send_json({"type": "ready", "stage": "introduction"})
         go_on(socket, "trial")
         asked = until(socket, "answer-now")
-        for response in ("X", "a", "M-index"):
-            respond(socket, asked, response)
-            assert "allowed" in until(socket, "refused")["message"]
-        assert response_count(lab) == 0
-        answer(socket, asked, "A")
-        assert response_count(lab) == 1
-
-
-def test_subject__ready_said_twice__skips_no_break(make) -> None:
-    text = protocol_text(test=1)
-    with at_page(make(text)) as socket:
-        asked = begun(socket)
         for name in ("introduction", "trial", "trial"):
             socket.send_json({"type": "ready", "stage": name})
         block_answered(socket, asked, ["M-index"] * 3)

@@ -1,5 +1,7 @@
 """The subject's side: declining, pausing, stopping, leaving, breaks that the server keeps, practice to a criterion."""
 
+import json
+import time
 from itertools import pairwise
 
 import pytest
@@ -10,8 +12,23 @@ from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.web.study_pages import build_app
-from tests.experiment.session.apparatuses import PROTOCOL, response_of, rows_of
-from tests.web.labs import TOKEN, agreed, answer, at_page, at_pages, begun, go_on, make, make_lab, stage, until  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study, response_of, rows_of
+from tests.web.labs import (  # noqa: F401  # noqa: F401
+    TOKEN,
+    agreed,
+    answer,
+    at_page,
+    at_pages,
+    begun,
+    client,
+    go_on,
+    joined,
+    make,
+    make_lab,
+    response_count,
+    stage,
+    until,
+)
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
@@ -91,16 +108,12 @@ def test_interruption__after_an_answer__plays_nothing_more(make, monkeypatch, wa
     monkeypatch.setattr(lab.apparatus.rig, "stream", lambda blocks: streamed.append(1) or stream(blocks))
     with at_page(lab) as socket:
         stands = begun(socket)
-        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": response_of_first(lab)})
+        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
         until(socket, "ack")
         socket.send_json(way)
         heard = []
         until(socket, "stage", heard)
     assert ([message["type"] for message in heard], len(streamed)) == ([], 1)
-
-
-def response_of_first(lab):
-    return lab.opened(lab.sessions[0].id).session.task.question.choices[0].response
 
 
 @pytest.mark.parametrize(("keep", "how"), [(True, "withdrawn"), (False, "withdrawn-discard")])
@@ -226,14 +239,166 @@ def test_operator__enrols_plans_a_visit_and_writes_the_day(make) -> None:
             pass
         who = [(one["subject"], one["visit"]) for one in found["sessions"]]
         assert who == [("S1", 1), ("S1", 2), ("S2", 1), ("S9", 1)]
-        for amiss in (
-            {"type": "enrol", "code": "S 9"},
-            {"type": "enrol", "code": "S9"},
-            {"type": "new-visit", "subject": "S8"},
-            {"type": "day", "session": 99},
-            {"type": "day", "session": 1, "skin_temperature_c": 99.0},
-            {"type": "start", "session": 2**63},
-        ):
-            socket.send_json(amiss)
-            until(socket, "refused")
         assert client.get("/s/token-S9").status == 200
+
+
+PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
+
+
+def failed(lab, socket):
+    """Go through the practice of a subject who has read its introduction, with a wrong answer each time."""
+    socket.send_json({"type": "ready", "stage": "introduction"})
+    go_on(socket, "trial")
+    for _ in range(3):
+        stands = until(socket, "answer-now")
+        right = lab.opened(1).pending[0].trial.correct
+        answer(socket, stands, next(one for one in "123" if one != right))
+
+
+def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> None:
+    lab = make(PRACTISES, auto_start=False)
+    lab.start(1)
+    with at_page(lab) as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        assert "2 of 2 right" in stage(socket, "introduction")["introduction"]
+        failed(lab, socket)
+        assert lab.paused
+        assert "has not passed" in lab.calls[1]
+        stage(socket, "introduction")
+        lab.pause(False)
+        assert lab.calls == {}
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        go_on(socket, "trial")
+        for _ in range(2):
+            stands = until(socket, "answer-now")
+            answer(socket, stands, lab.opened(1).pending[0].trial.correct)
+        session = lab.opened(1).session
+    assert [one.state for one in session.tally][:1] == ["done"]
+    query = select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
+    assert rows_of(lab.store, query) == [(0, "restarted"), (1, "done")]
+
+
+def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_instead(make) -> None:
+    lab = make(PRACTISES, auto_start=False)
+    lab.start(1)
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        stage(socket, "introduction")
+        failed(lab, socket)
+        assert "ractice" in stage(socket, "introduction")["introduction"]
+        with joined(client, "operator") as operator:
+            operator.send_json({"type": "give-up-run"})
+            now = until(socket, "stage")
+        session = lab.opened(1).session
+    assert (now["stage"], now["introduction"]) == ("trial", "")
+    assert (session.held, session.upcoming.position) == (None, 1)
+
+
+class Running(ObedientClock):
+    """A clock whose seconds pass."""
+
+    def monotonic_s(self) -> float:
+        return time.monotonic()
+
+
+@pytest.fixture
+def lab(make_lab):
+    return make_lab(lambda store: opened_study(store, Running()))
+
+
+BAD = [
+    {"run": 2**63},
+    {"number": 2**63},
+    {"number": -1},
+    {"number": 7},
+    {"number": 0.5},
+    {"number": "0"},
+    {"run": True},
+    {"shown_ms": -1.0},
+    {"pressed_ms": 1e13},
+    {"shown_ms": 500.0, "pressed_ms": 100.0},
+    {"response": "x" * 201},
+    {"response": "9"},
+    {"response": ""},
+    {"lit_ms": [1.0] * 10},
+    {"lit_ms": [-1.0]},
+    {"type": "answers"},
+    {"more": 1},
+]
+RAW = ["", "[]", "{}", '{"type":"answer"', '{"type":"answer"}', '{"type":"start"}', "1" * 5000, "[" * 5000]
+
+
+def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_notices(client, lab) -> None:
+    """The other subject waits for the rig. All that its page is told meanwhile is read, up to a reply of its own."""
+    with (
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/subject/token-S2") as other,
+        client.websocket_connect("/ws/operator") as operator,
+    ):
+        stands = begun(socket)
+        agreed(other)
+        waits = until(other, "stage")
+        assert waits["waiting"]
+        operator.send_text(TOKEN)
+        until(operator, "snapshot")
+        times = {"shown_ms": 10.0, "pressed_ms": 400.0}
+        good = {"type": "answer", "run": stands["run"], "number": 0, "response": "1", **times}
+        texts = [json.dumps(good | change) for change in BAD] + RAW
+        texts += [json.dumps(good).replace("400.0", amiss) for amiss in ("Infinity", "1e999", "NaN", "-Infinity")]
+        for text in texts:
+            socket.send_text(text)
+            until(socket, "refused")
+        socket._connection.send(b"\x00\xff\x00")
+        assert "binary" in until(socket, "refused")["message"]
+        heard: list[dict] = []
+        other.send_json({"type": "nothing"})
+        until(other, "refused", heard)
+        assert all(message == waits for message in heard)  # the page is told every few seconds that it still waits
+        assert (response_count(lab), lab.active, lab.calls, lab.fault) == (0, 1, {}, None)
+        socket.send_json(good)
+        assert until(socket, "ack")["number"] == 0
+        assert (response_count(lab), lab.fault, lab.paused) == (1, None, False)
+        other.send_json({"type": "nothing"})
+        until(other, "refused", heard)
+        assert {message["type"] for message in heard} <= {"stage"}
+        while (snapshot := until(operator, "snapshot"))["sessions"][0]["trials"] != 1:
+            pass
+        assert snapshot["fault"] is None
+
+
+def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_again(client, lab, monkeypatch) -> None:
+    """The answer waits in the queue while the trial plays; what counts is when it arrived."""
+    stream = lab.apparatus.rig.stream
+
+    def slowly(blocks):
+        for trace in stream(blocks):
+            time.sleep(0.01)
+            yield trace
+
+    monkeypatch.setattr(lab.apparatus.rig, "stream", slowly)
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        agreed(socket)
+        until(socket, "interval")
+        early = {"type": "answer", "run": 1, "number": 0, "response": "1"}
+        socket.send_json(early)
+        assert "before its last interval had ended" in until(socket, "refused")["message"]
+        assert response_count(lab) == 0
+        socket.send_json(early)
+        assert until(socket, "ack")["number"] == 0
+
+
+def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(client, lab, monkeypatch) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        stands = begun(socket)
+        presented = lab.opened(1)
+        rested = []
+        monkeypatch.setattr(lab.apparatus.rig, "rest", lambda: rested.append(1))
+        with monkeypatch.context() as patched:
+            patched.setattr(presented.session, "answer", lambda *these: 1 / 0)
+            socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
+            until(socket, "fault")
+        assert (rested, lab.paused) == ([], False)
+        answer(socket, stands)
+        monkeypatch.undo()

@@ -51,20 +51,9 @@ def fake_sounddevice(error: str = "", outputs: int = 2, inputs: int = 2) -> Simp
 
 @pytest.fixture
 def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the display of two exciters on a card, in which commands are given."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sound.toml").write_text(toml_text(display_document(sound_display(latency_samples=0))))
     return tmp_path
-
-
-def stopped(run, room: Path, status: int, words: str, *command: str) -> None:
-    """The command ends with that status and one line, and has written nothing."""
-    before = sorted(room.iterdir())
-    ended = run(*command)
-    assert (ended.status, ended.out, ended.err.count("\n")) == (status, "", 1)
-    assert ended.err.startswith("tactuator: ")
-    assert words in ended.err
-    assert sorted(room.iterdir()) == before
 
 
 @pytest.mark.parametrize(
@@ -84,7 +73,7 @@ def test_calibrate_display__card_that_will_not_do__one_line_and_nothing_written(
     card: dict[str, Any], status: int, words: str, room, run, monkeypatch
 ):
     monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice(**card))
-    stopped(run, room, status, words, *CALIBRATE, "--rig", "sound:Card")
+    run.refused(*CALIBRATE, "--rig", "sound:Card", said=words, status=status)
 
 
 NEVER_LEAVES = """
@@ -144,7 +133,7 @@ def test_calibrate_display__amiss_on_the_way__one_line_output_at_rest_and_nothin
     card: dict[str, Any], status: int, words: str, room, run, monkeypatch
 ):
     opened = put_in(monkeypatch, **card)
-    stopped(run, room, status, words, *CALIBRATE, "--rig", "sound:", "--json")
+    run.refused(*CALIBRATE, "--rig", "sound:", "--json", said=words, status=status)
     (turned,) = opened
     assert turned.closed is not None
     if "stops_at" not in card:  # a card that is gone lets nothing be put out any more
@@ -202,12 +191,18 @@ def test_design__display_on_a_sound_card__is_not_refused_for_what_a_board_takes(
     assert words in finding["remark"]
 
 
-def test_sound_devices__a_card_or_none__is_listed_or_what_to_do(run, monkeypatch):
+def test_sound_devices_and_calibrate__are_listed_or_what_to_do_and_tell_the_volts_of_both(run, monkeypatch):
     monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice())
     (card,) = run.json("sound", "devices")["devices"]
     assert (card["device"], card["outputs"], card["rate_hz"]) == ("ALSA/Card", 2, 44100.0)
     monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice(outputs=0))
     assert "`aplay -l` lists" in run("sound", "devices").out
+    put_in(monkeypatch, answer=lambda out: (0.25 * out).astype(np.float32))
+    given = ("sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1")
+    volts = run.json(*given, "--duration-s", "2")
+    # 0.1 V rms of a tone of a tenth of full scale; of which a quarter comes back
+    assert volts["output_full_scale_v"] == pytest.approx(np.sqrt(2.0), rel=1e-6)
+    assert volts["input_full_scale_v"] == pytest.approx(4.0 * np.sqrt(2.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("given", ["latency", "calibrate --reading-v 0.1 --input 1 --duration-s 2"])
@@ -215,12 +210,3 @@ def test_sound_verbs__no_wire__are_refused(given: str, run, monkeypatch):
     put_in(monkeypatch, answer=_noise(1e-3))
     words = "what was put out does not come back at the input"
     run.refused("sound", *given.split(), "--device", "Card", "--rate-hz", "8000", said=words)
-
-
-def test_sound_calibrate__wire_and_reading__volts_of_both(run, monkeypatch):
-    put_in(monkeypatch, answer=lambda out: (0.25 * out).astype(np.float32))
-    given = ("sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1")
-    volts = run.json(*given, "--duration-s", "2")
-    # 0.1 V rms of a tone of a tenth of full scale; of which a quarter comes back
-    assert volts["output_full_scale_v"] == pytest.approx(np.sqrt(2.0), rel=1e-6)
-    assert volts["input_full_scale_v"] == pytest.approx(4.0 * np.sqrt(2.0), rel=1e-3)

@@ -82,7 +82,7 @@ def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> Non
     assert all(each.own_db_sl is not None for each in found)
 
 
-def test_simulate__foreign_procedure__is_judged_like_any_and_what_is_none_refused(install) -> None:
+def test_simulate__each_kind__is_judged_alike_by_its_own_rule_and_what_is_none_refused(install) -> None:
     quality = simulate_kind("weighted", Setting(60, lapse=0.0, seed=3), trials=200)
     assert quality.trials_mean == 200.0
     # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point
@@ -95,9 +95,6 @@ def test_simulate__foreign_procedure__is_judged_like_any_and_what_is_none_refuse
     install(GROUP, "number", "Keys = 4\n", "Keys", package="second_laboratory")
     with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from ProcedureKeys"):
         simulate_kind("number", Setting(10))
-
-
-def test_kinds_of_the_project__simulated_with_defaults__are_their_rules() -> None:
     paper, updown = (simulate_kind(kind, Setting(50, seed=2)) for kind in ("imece2004", "up-down"))
     assert dataclasses.asdict(paper) == dataclasses.asdict(updown)
     assert simulate_kind("quest-plus", Setting(20, seed=2), trials=25).trials_mean == 25.0

@@ -69,16 +69,13 @@ def test_whole_curve__before_any_trial__is_the_prior() -> None:
     assert read.sd == pytest.approx(1.3 * np.sqrt(expected), rel=0.02)  # bands are widened by that much
 
 
-def test_kind__drawn_curves__have_the_covariance_it_says() -> None:
+def test_kind__drawn_curves_and_values_between_points__have_the_covariance_it_says() -> None:
     kind = CurveKind("odd", 1.0, 3.0, 2.0, 1.0, 1.5, 0.3, 2.0, 0.2, 1.0, 1.0, "notch", 4.0, 20.0)
     asked = [1.0, 5.0, 20.0, 60.0]
     drawn = kind.draw(asked, 10.0, 20_000, np.random.default_rng(1))
     expected = kind.covariance(asked, asked, 10.0)
     assert np.cov(drawn.T) == pytest.approx(expected, abs=0.06 * expected.max())
     assert drawn.mean(axis=0) == pytest.approx(np.full(4, 3.0), abs=0.15)
-
-
-def test_kind__values_between_points__follow_by_their_covariance() -> None:
     kind, points = CurveKind("walk", walk_db=6.0), np.array([1.0, 10.0, 100.0])
     weights, left = kind.between(points, [10.0, 40.0], 10.0)
     assert weights[0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)

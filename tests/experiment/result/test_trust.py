@@ -57,9 +57,7 @@ def study(tmp_path_factory):
     store.close()
 
 
-def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_truth_and_censored_in_the_curve(
-    study,
-) -> None:
+def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_truth_and_censored_in_the_curve(study):
     store, observers = study
     found = thresholds(detection_runs(store))
     for one in found:
@@ -102,7 +100,7 @@ def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_t
         assert ends == {(">=", None)}
 
 
-def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
+def test_thresholds__on_a_simulated_rig__are_called_so_and_doubtful_or_censored_ones_are_crossed_and_have_arrows(study):
     store, _ = study
     found = thresholds(detection_runs(store))
     assert all(one.simulated for one in found)
@@ -124,10 +122,6 @@ def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
     felt = thresholds_plate(person_thresholds([replace(one, simulated=False) for one in found]), LIBRARY, None)
     assert "simulated" not in felt.svg() + felt.csv()
     assert sum(plate.table["trials"]) == sum(int(one.count.sum()) for one in plates["S1"])
-
-
-def test_figure__doubtful_and_censored_thresholds__are_crossed_have_arrows_and_are_told(study) -> None:
-    found = thresholds(detection_runs(study[0]))
     people = person_thresholds(found)
     plate = thresholds_plate(people, LIBRARY, None)
     doubtful, beyond = sum(bool(DOUBTFUL & set(one.flags)) for one in found), sum(bool(one.bound) for one in found)
@@ -144,7 +138,7 @@ def test_figure__doubtful_and_censored_thresholds__are_crossed_have_arrows_and_a
     assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
-def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
+def test_group_curve__of_two_studies_or_written__counts_people_and_is_read_back_with_its_circumstances(study, tmp_path):
     found = sorted(thresholds(detection_runs(study[0])), key=lambda one: one.frequency_hz)
     felt = [replace(one, simulated=False) for one in found if one.subject == "S1"]
     assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
@@ -154,6 +148,24 @@ def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
     assert both.curve.level_db_re_1um[1:4] == pytest.approx([one.level_db_re_1um + 4.0 for one in felt])
     assert [one.name for one in person_thresholds([*felt, *other])] == ["S1-1", "S1-2"]
     assert set(psychometric_trials(detection_runs(study[0]), felt)) == {"S1"}
+    store, _ = study
+    runs = detection_runs(store)
+    group = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
+    assert group.curve.covers(0.4, 300.0)
+    write_curve(tmp_path / "curve.csv", group.curve, circumstances(group, runs))
+    back = read_curve(tmp_path / "curve.csv")
+    assert back.provenance == back.name == "simulated"
+    assert "nobody felt it" in back.source
+    assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
+    lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
+    row = next(csv.DictReader(lines))
+    assert row["contact_area_mm2"] == "78.5"
+    assert row["subject_group"] == "hearing;hearing-impaired"
+    assert (row["finger"], row["experimenter"], row["masking_sound"], row["preload_n"]) == ("index", "EX", "pink", "")
+    with pytest.raises(BadInput, match="2 measured frequencies"):
+        group_curve([one for one in thresholds(runs) if one.frequency_hz < 100.0], LIBRARY, (0.4, 300.0))
+    with pytest.raises(BadInput, match="4 trials"):
+        refit(np.zeros(4), np.ones(4, dtype=bool))
 
 
 @pytest.mark.parametrize(("frequency_hz", "limit_db"), [(298.0, 0.2), (10.0, 1.0)])
@@ -251,24 +263,3 @@ def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     assert len(found) == 28  # every frequency at which trials may be put
     assert all(one.notch_trials is not None and one.notch_trials >= 0 for one in found)
     assert any(one.notch_trials for one in found)  # sixty trials cannot exclude a notch everywhere
-
-
-def test_group_curve__written__is_read_back_with_what_it_was_measured_under(study, tmp_path) -> None:
-    store, _ = study
-    runs = detection_runs(store)
-    group = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
-    assert group.curve.covers(0.4, 300.0)
-    write_curve(tmp_path / "curve.csv", group.curve, circumstances(group, runs))
-    back = read_curve(tmp_path / "curve.csv")
-    assert back.provenance == back.name == "simulated"
-    assert "nobody felt it" in back.source
-    assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
-    lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
-    row = next(csv.DictReader(lines))
-    assert row["contact_area_mm2"] == "78.5"
-    assert row["subject_group"] == "hearing;hearing-impaired"
-    assert (row["finger"], row["experimenter"], row["masking_sound"], row["preload_n"]) == ("index", "EX", "pink", "")
-    with pytest.raises(BadInput, match="2 measured frequencies"):
-        group_curve([one for one in thresholds(runs) if one.frequency_hz < 100.0], LIBRARY, (0.4, 300.0))
-    with pytest.raises(BadInput, match="4 trials"):
-        refit(np.zeros(4), np.ones(4, dtype=bool))

@@ -108,12 +108,10 @@ def begin(
 
 
 def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
-    """The study of the protocol in the store."""
     return open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, clock, token, amend)
 
 
 def rows_of(store: Store, query) -> list:
-    """What the store has to say to a query."""
     with store.read() as connection:
         return connection.execute(query).all()
 
@@ -130,7 +128,6 @@ def answers(place: str | Path) -> list[tuple[Any, ...]]:
 
 
 def token(code: str, visit: int) -> str:
-    """Of a subject's link, as tests know it."""
     return f"token-{code}" if visit == 1 else f"token-{code}-{visit}"
 
 
@@ -155,7 +152,6 @@ def answer_one(presented: PresentedSession, clock: ObedientClock) -> tuple[int, 
 
 
 def everything(presented: PresentedSession, clock: ObedientClock, answer=answer_one) -> None:
-    """Answer what is left of the session."""
     while presented.session.stage != "done":
         if presented.session.stage == "break":
             presented.session.end_break()

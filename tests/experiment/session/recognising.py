@@ -34,7 +34,6 @@ class Ticking(ObedientClock):
 
 
 def write_items(controller, folder):
-    """Every item, in one folder."""
     for one in (SET, LONGER):
         write_waveforms(one, controller, folder)
 
@@ -59,8 +58,6 @@ def protocol_text(paradigm="recognition", training=1, test=20, subjects=("S1",),
 
 
 class Opened:
-    """A study in a store, and its subjects' ways through it."""
-
     def __init__(self, protocol, text, items, place, store, clock=None):
         self.task, self.store, self.clock = RecognitionTask.load(protocol, items, place), store, clock or Ticking()
         self.study = open_study(store, self.task, text, self.clock, token, beside=items)
@@ -73,7 +70,6 @@ class Opened:
 
 
 def scripted_answer(text, block, number):
-    """What the scripted subject answers: right, but for every fourth trial."""
     trial = block_trials(parse_recognition(text), 0, block)[number]
     if number % 4 != 3:
         return trial.correct
@@ -94,7 +90,6 @@ def items(controller, tmp_path_factory):
 
 @pytest.fixture
 def opened(controller, items, tmp_path):
-    """Opens a study of a protocol text on a fresh rig and the test's store."""
 
     def make(text):
         rig = SimulatedRig(controller.display, 1)
@@ -118,7 +113,6 @@ def answer(presented, response=None, watch=nobody):
 
 
 def go_on(presented, trials):
-    """Through consent, breaks and introductions; so many answers."""
     session = presented.session
     steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while trials and session.stage != "done":

@@ -1,20 +1,233 @@
-"""Recognition experiments: plans, a scripted run from items to bits through engine and store, refusals."""
+"""Recognition: plans, sessions of blocks and breaks, what is played and asked, a scripted run from items to bits."""
+
+import json
 
 import numpy as np
 import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
+from tactuator.experiment.export import export
 from tactuator.experiment.protocol.recognition import plan_trials
 from tactuator.experiment.result.confusion import recognition_results
+from tactuator.experiment.session.presented_session import Respondent
 from tactuator.experiment.simulated.sitting import ErringRespondent
-from tactuator.experiment.store import schema
+from tactuator.experiment.store import records, schema
+from tactuator.rig.rig import require_finger_ports
+from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
-from tests.experiment.session.apparatuses import rows_of
-from tests.experiment.session.recognising import SET, controller, items, opened, protocol_text  # noqa: F401
+from tests.experiment.session.apparatuses import nobody, rows_of
+from tests.experiment.session.recognising import SET, THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
+
+TRIALS = ["trial"] * 3
 
 
-def test_plan__of_each_paradigm__has_every_item_equally_often_and_the_seed_decides():
+@pytest.mark.parametrize(
+    ("rules", "stages"),
+    [
+        ("", ["introduction", *TRIALS, "break", "introduction", *TRIALS]),
+        ("break_between_blocks = false", ["introduction", *TRIALS, "introduction", *TRIALS]),
+        (
+            "break_after_trials = 2",
+            ["introduction", *TRIALS[:2], "break", "trial", "break", "introduction", *TRIALS[:2], "break", "trial"],
+        ),
+    ],
+)
+def test_session__stages__are_those_of_its_blocks_and_break_rules(opened, rules, stages) -> None:
+    study, _, _ = opened(protocol_text(test=1, consent="Agreed?", extra=f"[session]\n{rules}\n"))
+    with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
+        study.presented("S9")
+    session = (presented := study.presented()).session
+    seen, introduced = [], []
+    steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
+    while session.stage != "done":
+        seen.append(session.stage)
+        if session.stage == "introduction":
+            introduced.append(session.upcoming.introduction)
+            with pytest.raises(BadInput, match="'introduction'"):
+                presented.present(nobody)
+        steps.get(session.stage, lambda: answer(presented))()
+    assert seen == ["consent", *stages]
+    assert introduced[0] == "Block 1 of 2: training, 3 trials.\nAfter each answer you are told which was right."
+    assert introduced[1].startswith("Block 2 of 2: test, 3 trials.\nYou are not told")
+    assert (session.upcoming, session.progress) == (None, 1.0)
+
+
+def test_session__feedback__only_in_its_block(opened) -> None:
+    study, _, _ = opened(protocol_text(test=1))
+    presented = study.presented()
+    go_on(presented, 2)
+    following = presented.session.next_trial()
+    wrong = next(one for one in following.trial.responses if one != following.trial.correct)
+    told = answer(presented, wrong)
+    assert (told.correct, told.right) == (False, following.trial.correct)
+    assert presented.session.already(told.run, told.number).right == following.trial.correct
+    presented.session.end_break()
+    presented.session.introduce()
+    told = answer(presented)
+    assert (told.correct, told.right) == (True, None)
+    assert presented.session.already(told.run, told.number).right is None
+
+
+def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
+    study, _, store = opened(protocol_text(training=0, test=2).replace("[[subject]]", BLOCK + "[[subject]]", 1))
+    presented = study.presented()
+    go_on(presented, 4)
+    presented.give_up_run()
+    go_on(presented, 6)
+    (result,), _ = recognition_results(store, np.random.default_rng(0))
+    assert result.counts.sum() == 6
+    assert [one.state for one in presented.session.tally] == ["stopped", "done"]
+    assert [(one.answered, one.correct) for one in presented.session.tally] == [(4, 4), (6, 6)]
+
+
+BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
+
+
+def test_session__opened_again_years_later__goes_on_in_the_same_block_with_the_tally_that_it_had(opened) -> None:
+    text = protocol_text()
+    study, _, store = opened(text)
+    presented = study.presented()
+    go_on(presented, 5)
+    answer(presented, "MC-index")
+    before = [(one.state, one.answered, one.correct) for one in presented.session.tally]
+    store.close()
+    study, _, store = opened(text)
+    study.clock.jump(3e8)
+    again = study.presented()
+    assert [(one.state, one.answered, one.correct) for one in again.session.tally] == before
+    assert again.session.course.picture()["counts"] == presented.session.course.picture()["counts"]
+    assert answer(again).number == 3
+    assert [run.attempt for run in rows_of(store, select(schema.run))] == [0, 0]
+
+
+class Listener:
+    """Keeps what was played, and how much of it before each event."""
+
+    def __init__(self, rig):
+        self.rows, self.events, self._play = np.zeros((0, len(rig.channels))), [], type(rig).play
+        rig.play = lambda reference: self.play(rig, reference)
+
+    def play(self, rig, reference):
+        self.rows = np.concatenate([self.rows, reference])
+        return self._play(rig, reference)
+
+    def watch(self, interval, begins):
+        self.events.append((interval, begins, len(self.rows)))
+
+
+@pytest.mark.parametrize(
+    ("paradigm", "prompt", "responses", "intervals"),
+    [
+        ("recognition", "Which one was it?", THREE, ()),
+        ("middle-of-three", "Which one was in the middle?", THREE, ()),
+        ("abx", "Was X like A or like B?", ("A", "B"), ("A", "B", "X")),
+    ],
+)
+def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played_and_asks_the_same(
+    opened, paradigm, prompt, responses, intervals
+) -> None:
+    study, rig, _ = opened(protocol_text(paradigm, training=0, test=3, labels=THREE))
+    presented, question = study.presented(), study.task.question
+    assert (question.prompt, question.intervals) == (prompt, intervals)
+    assert tuple(choice.response for choice in question.choices) == responses
+    keys = [key for choice in question.choices for key in choice.keys]
+    assert len(set(keys)) == len(keys)
+    presented.session.introduce()
+    lengths, onsets, durations = set(), set(), set()
+    for _ in range(9):
+        listener = Listener(rig)
+        following = presented.present(listener.watch)
+        durations.add(sum(study.task.items[label].duration_s for label in following.trial.stimuli))
+        lengths.add(len(listener.rows))
+        start, longest = 0, max(len(item.reference) for item in study.task.items.values())
+        for label in following.trial.stimuli:
+            reference = study.task.items[label].reference
+            assert np.array_equal(listener.rows[start : start + len(reference)], reference)
+            start += round(0.05 * rig.rate_hz) + (longest if paradigm == "abx" else len(reference))
+        onsets.add(tuple(listener.events))
+        presented.answer(records.Answer(following.trial.correct, study.clock.utc()))
+    assert len(durations) > 1
+    assert len(lengths) == 1
+    if paradigm == "abx":  # the only one whose intervals are shown
+        assert len(onsets) == 1
+
+
+def test_results__of_a_session__are_matrix_and_information(opened) -> None:
+    study, _, store = opened(protocol_text(test=4))
+    presented = study.presented()
+    go_on(presented, 3)
+    with pytest.raises(BadInput, match="no answers yet"):
+        study.task.results(store, presented.session.id)
+    go_on(presented, 12)
+    matrix, information = study.task.results(store, presented.session.id)
+    assert matrix.columns[1:] == ("M-index", "C-index", "MC-index")
+    assert [row[1:] for row in matrix.rows] == [("4", "0", "0"), ("0", "4", "0"), ("0", "0", "4")]
+    assert information.rows[0][:2] == ("plug in", f"{np.log2(3):.2f}")
+    assert any("100.0 % correct" in note for note in information.notes)
+
+
+def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> None:
+    study, _, store = opened(protocol_text("abx", training=0, test=1, subjects=("S1", "S2")))
+    presented = study.presented("S2")
+    go_on(presented, 12)
+    (table,) = study.task.results(store, presented.session.id)
+    assert (table.rows, "simulated: nobody felt this" in table.notes) == ((("12", "100.0"),), True)
+
+
+def test_export__recognition__is_under_its_own_task(opened, tmp_path) -> None:
+    study, _, store = opened(protocol_text(test=1))
+    go_on(study.presented(), 6)
+    of_bids = [f"sub-S1/beh/sub-S1_task-recognition_run-0{run}_beh.{end}" for run in (1, 2) for end in ("tsv", "json")]
+    for form, names in (
+        ("tidy", ["trials.csv"]),
+        ("psych-ds", ["data/subject-S1_task-recognition_description-trials_data.csv"]),
+        ("bids", of_bids),
+    ):
+        assert export(store, tmp_path / form, form) == 6
+        written = {str(path.relative_to(tmp_path / form)) for path in (tmp_path / form).rglob("*") if path.is_file()}
+        assert set(names) <= written
+        assert not any("detection" in name for name in written)
+    assert json.loads((tmp_path / "bids" / of_bids[1]).read_text())["TaskName"] == "recognition"
+
+
+def test_run_session__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
+    told, agreed = [], []
+
+    class Telling(Respondent):
+        def agree(self, consent):
+            assert consent == "Agreed?"
+            return bool(agreed)
+
+        def pause(self):
+            told.append("break")
+
+        def begin(self, following):
+            told.append(following.planned.title)
+
+        def respond(self, trial):
+            told.append("?")
+            return trial.correct
+
+        def learn(self, trial, acknowledged):
+            told.append(acknowledged.right == trial.correct)
+
+    study, _, store = opened(protocol_text(test=1, consent="Agreed?", subjects=("S1", "S2")))
+    assert study.run("S1", Telling()) == 0
+    assert rows_of(store, select(schema.run)) == []
+    assert rows_of(store, select(schema.session.c.consented_utc, schema.session.c.ended))[0] == (None, "declined")
+    agreed.append(True)
+    assert study.run("S2", Telling()) == 6
+    training = [item for _ in range(3) for item in ("?", True)]
+    assert told == ["Block 1 of 2: training", *training, "break", "Block 2 of 2: test", "?", "?", "?"]
+
+
+def test_finger_ports_and_plans__of_each_paradigm__are_required_and_have_every_item_equally_often(controller) -> None:
+    rig = SimulatedRig(controller.display)
+    require_finger_ports(rig, "simulated")
+    rig._fingers = ()
+    with pytest.raises(BadInput, match="subjects at board:COM3; allowed: at a rig whose display is simulated"):
+        require_finger_ports(rig, "board:COM3")
     labels = ("a", "b", "c")
     trials = plan_trials("recognition", labels, 4, np.random.default_rng(1))
     assert sorted(trial.correct for trial in trials) == sorted(labels * 4)

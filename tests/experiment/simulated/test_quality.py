@@ -1,22 +1,30 @@
-"""The procedures' quality against the table of facts, section 5 (20,000 runs there, another program)."""
+"""The procedures' quality against the table of facts, section 5; observers; the plan of a study against an integral."""
 
 import dataclasses
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import integrate, stats
+from scipy.stats import norm
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.simulated.planning import PlannedStudy, measured_spread, plan_study
 from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
+from tactuator.experiment.simulated.sitting import Observer
+from tactuator.perception.curve import curve
+from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
+from tests.experiment.result.test_tables import ONE
 
 
 def tracks(rule, setting):
-    """Tracks of many runs, and the errors of their estimates, dB."""
     done, truth = run_procedure(rule, setting, np.random.default_rng(setting.seed))
     return done, done.estimates_db_sl - truth.threshold
 
@@ -31,9 +39,7 @@ TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
 
 
 @pytest.mark.parametrize(("slope", "lapse", "bias", "sd", "trials", "low", "high"), TABLE)
-def test_imece2004__four_thousand_runs__reproduce_the_table(
-    slope: float, lapse: float, bias: float, sd: float, trials: float, low: float, high: float
-) -> None:
+def test_imece2004__four_thousand_runs__reproduce_the_table(slope, lapse, bias, sd, trials, low, high) -> None:
     found, errors = tracks(IMECE2004, Setting(4000, (slope, slope), lapse, seed=4))
     assert errors.mean() == pytest.approx(bias, abs=0.06)
     assert errors.std(ddof=1) == pytest.approx(sd, rel=0.05)
@@ -124,7 +130,7 @@ def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
 
 
 def test_simulate__what_people_do__is_flagged_with_every_procedure() -> None:
-    """The figures are judged by another generator (logistic people, loud trials after the run): test_run_flags."""
+    """The figures are judged by another generator (logistic people, loud trials after the run): test_procedures."""
     often = simulate(IMECE2004, Setting(80, lapse=0.15, seed=1, loud_share=0.2)).flags
     assert often["lapses"] >= 0.6
     assert often["attention"] > 0.3
@@ -161,3 +167,108 @@ def test_with_loud_trials__any_runs__keep_every_trial_of_the_procedure_in_its_or
         assert (levels[run][loud] == order.placed[run][loud] + 20.0).all()
         assert not loud[order.there[run].sum() - 1]  # a run ends with its procedure
         assert np.isnan(levels[run][~order.there[run]]).all()
+
+
+CURVE = curve("bolanowski-1988")
+
+
+@pytest.mark.parametrize(("level_db", "lapse"), [(-6.0, 0.05), (0.0, 0.0), (12.0, 0.05)])
+def test_observer__many_trials__follows_psi_about_its_own_curve(level_db: float, lapse: float) -> None:
+    """Of 2000 trials a share that is 0.045 off is seen (four standard errors)."""
+    model, rng = Psychometric(Weibull(2.5), lapse=lapse), np.random.default_rng(2)
+    observer, threshold, hits = Observer("x", CURVE, model), float(CURVE.level_db_re_1um_at(10.0)), 0
+    for _ in range(2000):
+        felt, target = np.full(3, -200.0), rng.integers(3)
+        felt[target] = threshold + level_db
+        hits += observer.respond(felt, 10.0, rng) == target
+    assert hits / 2000 == pytest.approx(float(model.probability(level_db)), abs=0.045)
+    picks = [observer.respond(np.full(3, -200.0), 10.0, rng) for _ in range(1500)]  # nothing is felt
+    assert np.bincount(picks, minlength=3) / 1500 == pytest.approx(np.full(3, 1.0 / 3.0), abs=0.05)
+
+
+def test_max_of_m__two_intervals__is_the_textbook_d_prime_over_root_two() -> None:
+    # Green & Swets: P(correct) in 2AFC = Phi(d'/sqrt 2).
+    model = Psychometric(MaxOfM(2, exponent=1.0), guess=0.5, target=0.75)
+    level = np.array([-10.0, 0.0, 6.0])
+    d_prime = model.shape.d_prime(level, model.at_threshold)  # type: ignore[attr-defined]
+    assert model.probability(level) == pytest.approx(norm.cdf(d_prime / np.sqrt(2.0)), abs=1e-4)
+
+
+@pytest.mark.parametrize("shape", [Weibull(1.5), MaxOfM(3)])
+@pytest.mark.parametrize("lapse", [0.0, 0.03])
+def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: Weibull, lapse: float) -> None:
+    model = Psychometric(shape, lapse=lapse)
+    assert float(model.probability(0.0)) == pytest.approx(model.target, abs=1e-4)
+    assert float(model.probability(60.0)) == pytest.approx(1.0 - lapse, abs=1e-4)
+    assert float(model.probability(-80.0)) == pytest.approx(1.0 / 3.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("settings", [{"lapse": 0.3}, {"lapse": -0.1}, {"guess": 0.9}, {"guess": -0.1}])
+def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(BadInput, match=rf"{next(iter(settings))} .*allowed: 0 "):
+        Psychometric(Weibull(), **settings)
+    for shape, amiss in ((Weibull, (0.0,)), (MaxOfM, (1,)), (MaxOfM, (3, 0.0))):
+        with pytest.raises(BadInput):
+            shape(*amiss)
+
+
+GROUPS = {"between": 2, "within": 1, "norm": 1}
+DIFFERENCES = {"between": 2.0, "within": 2.0, "norm": 1.0}
+
+
+def power_by_integral(design: str, effect_db: float, sd_db: float, subjects: int, alpha: float) -> float:
+    """Power of the t test as an integral over the estimated spread: given it, the mean difference is normal."""
+    freedom = GROUPS[design] * (subjects - 1)
+    shift = effect_db / (sd_db * math.sqrt(DIFFERENCES[design] / subjects))
+    critical = stats.t.ppf(1.0 - alpha / 2.0, freedom)
+
+    def density(ratio: float) -> float:
+        beyond = stats.norm.sf(critical * ratio - shift) + stats.norm.cdf(-critical * ratio - shift)
+        return float(beyond * 2.0 * ratio * freedom * stats.chi2.pdf(freedom * ratio**2, freedom))
+
+    return float(integrate.quad(density, 0.0, 8.0, limit=200)[0])
+
+
+@pytest.mark.parametrize("design", GROUPS)
+@pytest.mark.parametrize(("effect_db", "subjects"), [(1.0, 40), (3.0, 12), (6.0, 5), (9.0, 3)])
+def test_power__each_design__is_the_integral_over_the_spread(design: str, effect_db: float, subjects: int) -> None:
+    study = PlannedStudy(effect_db, 4.0, design, alpha=0.02)
+    variance = study.variance(error_db=2.0, repeats=2)
+    assert variance == pytest.approx(18.0)
+    expected = power_by_integral(design, effect_db, math.sqrt(18.0), subjects, 0.02)
+    assert float(study.power_of(subjects, variance)) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("design", GROUPS)
+def test_plan__of_each_design__is_the_smallest_that_finds_the_effect_in_the_time_there_is(design: str) -> None:
+    study = PlannedStudy(3.0, 3.0, design, minutes=60.0, conditions=4, comparisons=2)
+    found = plan_study(study, error_db=1.5, run_trials=60.0)
+    assert found.repeats == int(60.0 * 60.0 / (4 * (2 if design == "within" else 1) * 60 * study.trial_s))
+    sd_db, counts = math.sqrt(3.0**2 + 1.5**2 / found.repeats), (found.subjects - 1, found.subjects)
+    fewer, power = (power_by_integral(design, 3.0, sd_db, count, 0.025) for count in counts)
+    assert found.power == pytest.approx(power, abs=1e-6)
+    assert fewer < 0.8 <= power
+    assert found.subjects_in_all == GROUPS[design] * found.subjects
+
+
+def test_plan__too_little_time_effect_or_pilot__is_refused_and_a_pilots_spread_is_without_its_errors() -> None:
+    with pytest.raises(BadInput, match="8 runs of 60 trials take 34 min; allowed: 20 min or less"):
+        plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 60.0)
+    with pytest.raises(BadInput, match=r"effect of 0\.01 dB"):
+        plan_study(PlannedStudy(0.01, 9.0), 1.0, 48.0)
+    assert plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 150.0, whole_curve=True).repeats == 1
+    for effect_db in (0.1, 1.0, 8.0, 40.0):
+        power = PlannedStudy(effect_db, 4.5).power_of(np.arange(2, 3000, 7), 20.0)
+        assert np.all((power >= 0.05 - 1e-9) & (power <= 1.0))
+        assert np.all(np.diff(power) >= -1e-9)
+    levels = np.random.default_rng(2).normal(5.0, math.hypot(4.0, 3.0), (3, 400))  # people of 4 dB, errors of 3
+    pilot = [
+        replace(ONE, subject=f"S{number}", frequency_hz=hertz, level_db_re_1um=level, sd_db=3.0)
+        for hertz, row in zip((10.0, 50.0, 250.0), levels, strict=True)
+        for number, level in enumerate(row)
+    ]
+    spread, people = measured_spread(pilot)
+    assert people == 400
+    assert spread == pytest.approx(4.0, rel=0.06)
+    with pytest.raises(BadInput, match="no two were measured alike"):
+        measured_spread(pilot[::400])

@@ -34,7 +34,6 @@ def recorder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def recorded(recorder: Path, folder: Path, durable: str) -> list[Asked]:
-    """What two sessions ask of the disk, or one where nothing waits for it."""
     folder.mkdir()
     (folder / "lab").mkdir()
     log = folder / "log"
@@ -74,7 +73,6 @@ def lost_or_doubled(asked: list[Asked], folder: Path, share: float, rng: np.rand
 
 
 def cut(asked: list[Asked], folder: Path, count: int) -> list[str]:
-    """What a number of power cuts at random moments do."""
     rng, found = np.random.default_rng(13), []
     folder.mkdir()
     for index in range(count):

@@ -1,19 +1,40 @@
-"""The store's file: made, refused."""
+"""The store's file; the chain over its rows, by which plain SQL is found; and stores merged and shared by stations."""
 
 import errno
+import hashlib
+import json
 import os
+import shutil
+import socket
 import sqlite3
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from sqlalchemy import inspect
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault
+from tactuator.experiment.export import export
+from tactuator.experiment.result.store_results import store_results
+from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store import schema
+from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
-from tests.experiment.session.apparatuses import answer_one, begin, opened_study
+from tactuator.verbs.store import backup, merge, verify
+from tests.experiment.session.apparatuses import (
+    PROTOCOL,
+    ObedientClock,
+    answer_one,
+    answers,
+    begin,
+    everything,
+    opened_study,
+)
+from tests.postgres import PostgresServer
 
 
 @pytest.mark.parametrize(("durable", "waits"), [(True, 2), (False, 0)])
@@ -27,7 +48,7 @@ def test_store__new__has_the_latest_schema_in_wal_mode_and_waits_for_the_disk_or
     store.close()
 
 
-def test_store__that_is_not_there_or_of_something_else__is_refused(tmp_path) -> None:
+def test_store__that_is_not_there_of_something_else_or_damaged__is_refused(tmp_path) -> None:
     for name in ("nowhere/lab.db", "lab.db"):
         with pytest.raises(BadInput, match="is not there"):
             Store(tmp_path / name, must_exist=True)
@@ -50,9 +71,6 @@ def test_store__that_is_not_there_or_of_something_else__is_refused(tmp_path) -> 
             plain.execute(f"UPDATE schema_version SET version = {version}")
         with pytest.raises(BadInput, match=f"version {version}"):
             Store(tmp_path / f"{version}.db")
-
-
-def test_store__damaged__is_refused(tmp_path) -> None:
     path = tmp_path / "lab.db"
     store = Store(path)
     with store.begin() as connection:
@@ -89,7 +107,9 @@ def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_pa
     assert not caplog.records
 
 
-def test_lock__second_holder__is_refused_in_one_line_and_let_in_after_the_first_or_its_kill(tmp_path) -> None:
+def test_lock__second_holder_or_no_room_for_its_name__is_refused_in_one_line_until_the_first_has_ended(
+    tmp_path, monkeypatch
+) -> None:
     store = tmp_path / "lab.db"
     held = subprocess.Popen(
         [sys.executable, "-c", f"from tactuator.experiment.store.store import sessions_of\n"
@@ -110,10 +130,6 @@ def test_lock__second_holder__is_refused_in_one_line_and_let_in_after_the_first_
             pass
     with sessions_of(store):
         pass
-
-
-def test_lock__disk_without_room_for_its_name__holds_and_leaves_nothing(tmp_path, monkeypatch):
-    """Found on a full disk: the refusal named no file, and the lock stayed behind."""
     store = tmp_path / "lab.db"
 
     def full(*given):
@@ -134,9 +150,7 @@ def test_lock__disk_without_room_for_its_name__holds_and_leaves_nothing(tmp_path
         (BadInput, "an answer"),
     ],
 )
-def test_opened_store__that_ends_with_an_error__is_taken_away_where_nothing_was_begun(
-    tmp_path, clock, error, before
-) -> None:
+def test_opened_store__that_ends_with_an_error__is_taken_away_where_nothing_was_begun(tmp_path, clock, error, before):
     path = tmp_path / "lab.db"
     if before == "a store":
         path.touch()
@@ -150,3 +164,295 @@ def test_opened_store__that_ends_with_an_error__is_taken_away_where_nothing_was_
     with opened_store(tmp_path / "other.db"):
         pass
     assert not (tmp_path / "other.db").exists()
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """A store of one session: a run that is over, another that goes on, and events."""
+    path, clock = tmp_path_factory.mktemp("chain") / "lab.db", ObedientClock()
+    with opened_store(path) as store:
+        begin(store, clock, trials=20).session.end_break()
+        begin(store, clock, trials=5)
+    return path
+
+
+def dicts(cursor):
+    return [dict(zip([column[0] for column in cursor.description], row, strict=True)) for row in cursor]
+
+
+def test_verify__as_it_was_written_or_cut_off_at_its_end__holds_but_for_the_head_that_was_kept(sound, tmp_path) -> None:
+    result = verify(sound)
+    assert (result.holds, result.altered) == (True, ()), result.altered
+    assert result.rows > 25 * 4
+    assert verify(sound, result.head).holds
+    for head in ("12", "12:", "x:12", ":"):
+        with pytest.raises(BadInput, match="NUMBER:SHA256"):
+            verify(sound, head)
+    with pytest.raises(BadInput, match="the store itself"):
+        backup(sound, sound)
+    with closing(sqlite3.connect(sound)) as plain:
+        assert {who for (who,) in plain.execute("SELECT who FROM event")} == {"subject S1"}
+    copy, kept = Path(shutil.copy(sound, tmp_path / "copy.db")), verify(sound).head
+    with closing(sqlite3.connect(copy)) as plain, plain:
+        plain.execute("DELETE FROM response WHERE trial_id = 25")
+        plain.execute("DELETE FROM interval WHERE trial_id = 25")
+        plain.execute("DELETE FROM trial WHERE id = 25")
+        plain.execute("DELETE FROM chain WHERE of_table IN ('trial', 'response') AND of_row = 25")
+        plain.execute("DELETE FROM chain WHERE id > (SELECT max(id) FROM chain WHERE of_table = 'response')")
+    assert verify(copy).holds
+    assert [each.what for each in verify(copy, kept).altered] == ["taken away"]
+
+
+@pytest.fixture(scope="module")
+def stations(tmp_path_factory) -> Path:
+    """The store of a station that shares a study: it remembers how far the shared store was merged."""
+    folder, clock = tmp_path_factory.mktemp("shared"), ObedientClock()
+    for name, subject in (("one", 0), ("two", 1)):
+        with opened_store(folder / f"{name}.db") as store, closing(Shared(store, str(folder / "all.db"))) as shared:
+            presented = begin(store, clock, PROTOCOL, subject)
+            for _ in range(4):
+                answer_one(presented, clock)
+                shared.exchange()
+    return folder / "two.db"
+
+
+def test_exchange__that_has_nothing_to_bring__writes_nothing(stations, tmp_path) -> None:
+    """Where another store's chain stands leaves a link, which must not make the other store write in its turn."""
+    paths = [Path(shutil.copy(stations.with_name(name), tmp_path / name)) for name in ("two.db", "all.db")]
+    heads = []
+    with closing(Store(paths[0])) as store, closing(Shared(store, str(paths[1]))) as shared:
+        for _ in range(4):
+            assert shared.exchange().rows == 0
+            heads.append([verify(path).head for path in paths])
+    assert heads[1:] == heads[:1] * 3
+
+
+@pytest.mark.parametrize("of", ["sound", "stations"])
+def test_verify__any_column_of_any_table_altered__is_found(request, tmp_path, of) -> None:
+    sound, copy = request.getfixturevalue(of), tmp_path / "copy.db"
+    with closing(sqlite3.connect(sound)) as plain:
+        names = [each["name"] for each in dicts(plain.execute("SELECT name FROM sqlite_master WHERE type = 'table'"))]
+        tables = {name: dicts(plain.execute(f"SELECT * FROM {name}")) for name in names if name != "schema_version"}
+    last = {name: rows[-1] for name, rows in tables.items() if rows}
+    for place in range(max(map(len, last.values()))):  # of every table that has so many
+        shutil.copy(sound, copy)
+        with closing(sqlite3.connect(copy)) as plain, plain:
+            plain.execute("PRAGMA ignore_check_constraints = 1")
+            there = {table: [*row.items()][place] for table, row in last.items() if len(row) > place}
+            for table, (column, old) in there.items():
+                number, (key, row) = isinstance(old, int | float), next(iter(last[table].items()))
+                new = old + (700 if isinstance(old, int) else 1e-12 * max(1.0, abs(old))) if number else f"{old or ''}0"
+                plain.execute(f"UPDATE {table} SET {column} = ? WHERE {key} = ?", (new, row))
+        assert {each.table for each in verify(copy).altered} == {*there}, place
+    assert len(last) > 5
+
+
+@pytest.mark.parametrize(
+    ("statement", "first"),
+    [
+        ("UPDATE response SET correct = 1 - correct WHERE trial_id = 9", ("response", 9, "changed")),
+        ("DELETE FROM response WHERE trial_id = 9", ("response", 9, "taken away")),
+        ("INSERT INTO event (id, at_utc, who, kind, detail) VALUES (99, '', '', '', '')", ("event", 99, "put in")),
+        ("UPDATE response SET correct = 2 WHERE trial_id = 9 AND correct", ("response", 9, "changed")),
+        ("UPDATE chain SET content_sha256 = sha256 WHERE id = 30", ("chain", 30, "changed")),
+        ("DELETE FROM chain WHERE id = 30", ("chain", 30, "taken away")),
+        ("UPDATE trial SET level_db_sl = level_db_sl + 4 WHERE id > 6", ("trial", 7, "changed")),
+    ],
+)
+def test_verify__altered_row__is_told_as_the_first(sound, tmp_path, statement, first) -> None:
+    copy = Path(shutil.copy(sound, tmp_path / "copy.db"))
+    with closing(sqlite3.connect(copy)) as plain, plain:
+        assert plain.execute(statement).rowcount
+    told = verify(copy).altered[0]
+    assert (told.table, told.row, told.what) == first
+
+
+def test_chain__by_the_words_of_the_page__is_what_another_program_computes(sound) -> None:
+    """docs/files.md says how: an independent reading of it, with sqlite3 and json alone."""
+
+    def sha256(content) -> str:
+        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    with closing(sqlite3.connect(sound)) as plain:
+        (previous,) = plain.execute("SELECT uid FROM schema_version").fetchone()
+        truths = {"practice", "rig_simulated", "saturated", "correct"}
+        links = dicts(plain.execute("SELECT * FROM chain ORDER BY id"))
+        last = {(link["of_table"], link["of_row"]): link["content_sha256"] for link in links}
+        for number, link in enumerate(links, 1):
+            parts = (link["of_table"], link["of_row"], link["content_sha256"], link["origin"])
+            assert link["id"] == number
+            assert link["sha256"] == sha256([previous, number, *parts])
+            previous = link["sha256"]
+        for table in ("study", "run", "trial", "interval", "response", "event", "session"):
+            for row in dicts(plain.execute(f"SELECT * FROM {table}")):
+                values = {n: bool(v) if n in truths and v is not None else v for n, v in row.items()}
+                assert last[table, row.get("id", row.get("trial_id"))] == sha256(values)
+
+
+WRITER = """
+import sys
+from tactuator.experiment.store.store import opened_store, sessions_of
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
+clock = ObedientClock()
+with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[1])) as store:
+    presented = begin(store, clock, PROTOCOL.replace("[conditions]", "[conditions]\\nrepeats = 500"))
+    while True:
+        if presented.session.stage == "break":
+            clock.wait(300.0)
+            presented.session.end_break()
+        answer_one(presented, clock)
+        print(presented.session.trials, flush=True)
+"""
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(100, marks=pytest.mark.soak)])
+def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, count) -> None:
+    path = tmp_path / "lab.db"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True)
+    try:
+        for _ in range(count):
+            before = int(writer.stdout.readline())
+            result = backup(path, tmp_path / "copy.db")
+            assert result.holds
+            with closing(Store(tmp_path / "copy.db", must_exist=True)) as copy, copy.read() as connection:
+                stored = connection.exec_driver_sql("SELECT count(*) FROM response").scalar_one()
+            assert stored >= before
+        alone = Path(shutil.copy(path, tmp_path / "alone.db"))
+        with pytest.raises(BadInput, match=r"alone.db was copied.*alone.db-wal is not beside it; it holds \d+ answers"):
+            Store(alone, must_exist=True)
+        assert backup(alone, tmp_path / "mended.db").holds
+        Store(tmp_path / "mended.db", must_exist=True).close()
+    finally:
+        writer.kill()
+        writer.communicate()
+    with closing(Store(path, must_exist=True)):  # its program was killed: nothing lacks
+        pass
+    assert not Path(f"{path}-wal").exists()
+    Store(path, must_exist=True).close()
+
+
+SHORT = PROTOCOL.replace("frequencies_hz = [30, 90, 210]", "frequencies_hz = [90]").replace("practice_trials = 2\n", "")
+
+
+def site(path: Path, subject: int, trials: int) -> Path:
+    clock = ObedientClock()
+    with opened_store(path) as store:
+        presented = begin(store, clock, SHORT, subject)
+        for _ in range(trials):
+            answer_one(presented, clock)
+    return path
+
+
+def test_merge__of_two_sites__has_every_answer_once_however_often(tmp_path) -> None:
+    sites = [str(site(tmp_path / f"{name}.db", subject, 5)) for subject, name in enumerate("ab")]
+    alone = shutil.copy(sites[1], tmp_path / "alone.db")
+    out = tmp_path / "c.db"
+    result = merge(sites, str(out))
+    assert (result.holds, min(result.rows.values()) > 5 * 4) == (True, True)
+    assert sorted(answers(out)) == sorted([*answers(sites[0]), *answers(sites[1])])
+    assert len(answers(out)) == 10
+    assert set(merge([*sites, *sites], str(out)).rows.values()) == {0}
+    assert len(answers(out)) == 10
+    assert verify(out).holds
+    with closing(Store(sites[1])) as store:
+        opened_study(store, ObedientClock(), SHORT).correct("S1", Correction(group="unknown"), "wrong", "Ada")
+    (conflict,) = merge(sites, str(tmp_path / "d.db")).conflicts
+    assert conflict.what == "subject S1: subject_group is 'hearing' there and 'unknown' here"
+    with closing(sqlite3.connect(alone)) as plain, plain:
+        plain.execute("UPDATE subject SET subject_group = 'unknown' WHERE code = 'S1'")
+    with pytest.raises(BadInput, match=r"alone.db: row 1 of subject was altered; allowed: a sound store"):
+        merge([alone], str(tmp_path / "e.db"))
+    assert not (tmp_path / "e.db").exists()
+
+
+def test_merge__of_a_store_that_went_on__brings_what_is_new(tmp_path) -> None:
+    path, out, clock = tmp_path / "a.db", tmp_path / "c.db", ObedientClock()
+    with opened_store(path) as store:
+        for trials in (9, 9):
+            begin(store, clock, SHORT, trials=trials)
+            merge([str(path)], str(out))
+        everything(begin(store, clock, SHORT), clock)
+        opened_study(store, clock, SHORT).correct("S1", Correction(group="unknown"), "typing error", "Ada")
+    merge([str(path)], str(out))
+    assert sorted(answers(out)) == sorted(answers(path))
+    assert store_results(out).document() == store_results(path).document()
+    with closing(sqlite3.connect(out)) as plain:
+        assert plain.execute("SELECT subject_group FROM subject WHERE code = 'S1'").fetchone() == ("unknown",)
+        assert plain.execute("SELECT who, count(*) FROM event WHERE kind = 'correction'").fetchone() == ("Ada", 1)
+
+
+def test_merge__of_what_contradicts__is_told_and_the_first_stays_or_is_refused(tmp_path) -> None:
+    sites = [str(site(tmp_path / f"{name}.db", 0, count)) for name, count in (("a", 5), ("b", 3))]
+    result = merge(sites, str(tmp_path / "c.db"))
+    assert [conflict.what for conflict in result.conflicts] == ["subject S1, visit 1 was begun in two stores"]
+    assert not result.holds
+    assert sorted(answers(tmp_path / "c.db")) == sorted(answers(sites[0]))
+    path, out, clock = tmp_path / "a.db", tmp_path / "c.db", ObedientClock()
+    site(path, 0, 3)
+    older = Path(shutil.copy(path, tmp_path / "older.db"))
+    with opened_store(path) as store:
+        answer_one(begin(store, clock, SHORT), clock)
+    merge([str(path)], str(out))
+    with pytest.raises(BadInput, match="older copy"):
+        merge([str(older)], str(out))
+    with pytest.raises(BadInput, match="or a copy of it"):
+        merge([str(older)], str(path))
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PostgresServer]:
+    made = PostgresServer()
+    yield made
+    made.close()
+
+
+def test_stations__server_lost_in_between__share_every_answer_once(tmp_path, server) -> None:
+    place, clock = server.database("lost"), ObedientClock()
+    paths = [tmp_path / "one.db", tmp_path / "two.db"]
+    with opened_store(paths[0]) as one, opened_store(paths[1]) as two:
+        first, second = Shared(one, place), Shared(two, place)
+        presented = [begin(one, clock, SHORT, 0)]
+        first.exchange()
+        second.exchange()
+        presented.append(begin(two, clock, SHORT, 1))
+        for each in presented:
+            answer_one(each, clock)
+        second.exchange()
+        server.kill()
+        for each in presented:
+            answer_one(each, clock)
+        with pytest.raises(StoreFault):
+            first.exchange()
+        server.start()
+        assert first.exchange().conflicts == second.exchange().conflicts == ()
+        with pytest.raises(BadInput, match="goes on at another station"):
+            begin(two, clock, SHORT, 0).session.next_trial()
+        with pytest.raises(BadInput, match="goes on at another station"):
+            begin(one, clock, SHORT, 1).session.next_trial()
+        for sharing in (first, second):
+            sharing.close()
+    assert sorted(answers(place)) == sorted([*answers(paths[0]), *answers(paths[1])])
+    assert len(answers(place)) == 4
+    assert verify(place).holds
+    with closing(Store(place)) as store:
+        assert export(store, tmp_path / "out", "tidy") == 4
+
+
+@pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])
+def test_server__that_is_not_there_or_another_program_or_an_echo__is_refused_in_one_line(answer: bytes) -> None:
+    with pytest.raises(BadInput, match="allowed: a PostgreSQL database that is there and lets one in"):
+        Store("postgresql://lab@127.0.0.1:9/nothing")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+
+        def speak() -> None:
+            talking, _ = other.accept()
+            with talking:
+                talking.sendall(answer)
+                while talking.recv(999):  # as long as it is listened to
+                    pass
+
+        speaking = threading.Thread(target=speak)
+        speaking.start()
+        with pytest.raises(BadInput, match="is no PostgreSQL server; allowed: "):
+            Store(f"postgresql://lab@127.0.0.1:{other.getsockname()[1]}/study")
+        speaking.join()

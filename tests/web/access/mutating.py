@@ -37,7 +37,6 @@ def hear_all(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def defects(caplog: pytest.LogCaptureFixture) -> list[str]:
-    """What was logged as a defect."""
     return [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
@@ -80,7 +79,6 @@ def mutated(rng: np.random.Generator, message: dict) -> str | bytes:
 
 
 def _key(rng: np.random.Generator, place: Any) -> Any:
-    """One of the keys of a table, or of the places of a list."""
     keys = list(place) if isinstance(place, dict) else range(len(place))
     return keys[int(rng.integers(len(keys)))]
 

@@ -19,7 +19,6 @@ NASTY = (
 
 
 def heads(paths: list[str], token: str) -> list[bytes]:
-    """Sound requests for the paths of a server."""
     lines = [f"GET {path} HTTP/1.1\r\nHost: localhost\r\nX-Token: {token}\r\n" for path in paths]
     lines += [line + UPGRADE + "Sec-WebSocket-Version: 13\r\n" for line in lines if "/ws" in line]
     lines += [f"{verb} {paths[0]} HTTP/1.1\r\nHost: localhost\r\n" for verb in ("HEAD", "OPTIONS", "PUT", "DELETE")]

@@ -21,7 +21,6 @@ class Asked:
 
 
 def requests(log: Path) -> list[Asked]:
-    """All requests, in their order."""
     whole, at, found = log.read_bytes(), 0, []
     while at < len(whole):
         kind, length, place, count = _HEAD.unpack_from(whole, at)

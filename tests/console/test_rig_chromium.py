@@ -1,20 +1,26 @@
-"""The scope in a real Chromium, by keyboard alone: a simulated rig is begun, driven, touched, looked at and stopped."""
+"""The rig in a real Chromium, by keyboard alone: driven, touched, looked at, stopped; killed while it measures."""
 
 import os
 import signal
+import socketserver
+import subprocess
+import sys
 import threading
+from contextlib import contextmanager, suppress
+from types import SimpleNamespace
 
 import pytest
 
-from tactuator.io.controller import read_controller
+from tactuator.io.controller import read_controller, write_controller
 from tactuator.io.record import read_record
-from tests.console.pages import address_of, opened_page, pressed, tab_to
+from tactuator.rig.board.link import Mode
+from tactuator.rig.transport import InProcess
+from tests.console.pages import ONE, address_of, opened_page, pressed, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
-from tests.console.test_still_chromium import ASLANT, NEAR_PX, pulled
+from tests.console.test_drags_chromium import ASLANT, NEAR_PX, pulled
 
 
 def opened(browser, client):
-    """Return the context of a console's scope in a page of its own."""
     return opened_page(browser, f"{address_of(client)}&view=scope", "scope")
 
 
@@ -25,7 +31,6 @@ def page(browser, console):
 
 
 def begun(page, console):
-    """Load the controller of the file and begin, by keyboard but for the choice of the file."""
     page.set_input_files("#controller-file", console.file)
     page.wait_for_selector("#live:not([disabled])")
     page.locator("#live").focus()
@@ -43,13 +48,11 @@ def until(page, expression):
 
 
 def frames_past(page, count=3):
-    """Wait until so many more frames have been drawn."""
     before = page.evaluate("window.scopeFrames.length")
     until(page, f"window.scopeFrames.length >= {before + count}")
 
 
 def still_but_for_the_cursor(page):
-    """Pull each cursor by 40 px one way: it follows sideways, and nothing else moves."""
     for nth, (along, down) in enumerate(ASLANT):
         by, moved = pulled(page, f".cursor >> nth={nth}", along, down, lambda: frames_past(page, 1))
         assert (by, moved) == (pytest.approx((along, 0.0), abs=NEAR_PX), []), (nth, along, down)
@@ -136,3 +139,60 @@ def test_rig__of_two_pages__is_one_pages_waits_for_its_controller_and_is_opened_
     pressed(page, "#reopen", "#rig-mode:has-text('at rest')")
     begun(page, console)
     frames_past(page)
+
+
+PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
+
+
+@contextmanager
+def board_at_port():
+    """A board of this process behind a socket: its address, its transport, and an event while no client is there."""
+
+    class Client(socketserver.BaseRequestHandler):
+        def handle(self):
+            board.gone.clear()  # a measurement opens the rig anew: the first client goes before it
+            with suppress(OSError):
+                while content := self.request.recv(1 << 16):
+                    board.transport.send(content)
+                    self.request.sendall(board.transport.receive(0.0))
+            board.gone.set()
+
+    with socketserver.TCPServer(("127.0.0.1", 0), Client) as server:
+        url = f"socket://127.0.0.1:{server.server_address[1]}"
+        board = SimpleNamespace(transport=InProcess(), gone=threading.Event(), url=url)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield board
+        server.shutdown()
+
+
+@pytest.mark.slow
+def test_server__killed_in_mid_measurement__board_rests_page_says_so_and_its_points_can_be_saved(browser, tmp_path):
+    from tactuator.io.display import read_display
+    from tactuator.synthesis.design import design_controller
+
+    (display := tmp_path / "display.toml").write_text(ONE)
+    write_controller(tmp_path / "controller.json", design_controller(read_display(display)))
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with board_at_port() as board, watched_page(browser, 60.0, also_logged=False) as page:
+        command = [sys.executable, "-c", PROGRAM, "console", str(display), "--rig", f"board:{board.url}", "--port", "0"]
+        server = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+        try:
+            page.goto(server.stderr.readline().split()[1] + "&view=response")
+            page.wait_for_selector("#controller-file")
+            page.set_input_files("#controller-file", tmp_path / "controller.json")
+            page.wait_for_selector("#measure:not([disabled])")
+            page.locator("#frequencies").fill(",".join(str(hertz) for hertz in range(70, 110)))
+            page.locator("#confidence").fill("0.02")
+            pressed(page, "#measure", "#save-response:not([hidden])")
+            assert board.transport.board.mode == Mode.RUNNING
+            os.kill(server.pid, signal.SIGKILL)
+            page.wait_for_selector("#banner:has-text('Its rig goes to rest by itself')")
+            assert board.gone.wait(timeout=30.0)
+        finally:
+            server.kill()
+            server.wait()
+            server.stderr.close()
+        assert board.transport.board.mode == Mode.ARMED
+        saved = saved_by(page, "#save-response", tmp_path / "response.csv").read_text()
+    assert len(saved.splitlines()) >= 2
+    assert saved.startswith("channel")
