@@ -75,7 +75,6 @@ class Doubt:
         return f"{check.what} is {self.value:.3g}{unit}, expected {side} {self.bound:.3g}{unit}: {self.slip}"
 
 
-_SENSOR, _COMMAND = "volts of the sensor", "volts of command"
 EXPECTED: Mapping[str, Plausible] = {
     "rate": Plausible(
         "the sampling rate", "Hz", 20.0, HIGHEST_RATE_HZ,
@@ -83,12 +82,12 @@ EXPECTED: Mapping[str, Plausible] = {
         "time in seconds where milliseconds are read, or a rate in mHz", impossible=True,
     ),
     "position": Plausible(
-        f"half the span of the position, {_SENSOR},", "V", 5e-3, 100.0,
+        "half the span of the position (volts of the sensor)", "V", 5e-3, 100.0,
         "metres or millimetres where volts are read, or a position that hardly moves",
         "millivolts, or counts of a converter, where volts are read",
     ),
     "command": Plausible(
-        f"half the span of the command, {_COMMAND},", "V", 5e-3, 2000.0,
+        "half the span of the command (volts)", "V", 5e-3, 2000.0,
         "kilovolts where volts are read, or a command that hardly moves",
         "millivolts, or counts of a converter, where volts are read",
     ),

@@ -221,7 +221,7 @@ def observe(
         list[str] | None, Option("A subject's law of strength, where tones are judged.", metavar="SUBJECT=LAW")
     ] = None,
     lsl: Lsl = False,
-    seed: Seed = 0,
+    seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
     """Let simulated subjects go through the study. They feel what the loop of the simulated display makes of it. With
     --lsl they wait for a recorder.

@@ -56,7 +56,7 @@ class WaveformsResult(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple(
-            (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "untouched")
+            (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "not needed")
             for item in self.waveforms
         )
         table = ResultTable("Waveforms", ("waveform", "limiter"), rows)
@@ -163,7 +163,7 @@ class SpokenResult(Result):
 
 def _limited(entry: Any) -> str:
     if entry.max_reduction_db == 0.0:
-        return "untouched"
+        return "not needed"
     reason = max(entry.reasons, key=entry.reasons.get)
     return f"up to {entry.max_reduction_db:.1f} dB for {entry.reduced_s:.2f} s ({reason})"
 
