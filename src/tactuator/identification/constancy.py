@@ -141,11 +141,11 @@ _SEEN_FLAT, _AT_READ = 0.05, 0.99
 """Share of steps that are none, where samples were filled up; power of the steps at the others."""
 
 
-def read_at(record: Record) -> tuple[float, slice]:
-    """Return the share of the position's samples that repeat those before them or lie straight between others under a
-    command that moves, and which were read: all, or every so-manyth where a slower logger's were filled up.
+def read_at(record: Record) -> slice:
+    """Return which of the position's samples were read: all, or every so-manyth where the others repeat those before
+    them, or lie straight between them, as where a slower logger's were filled up. Codes of a converter do so anywhere.
     """
-    share, read, moved = 0.0, slice(0, None, 1), np.flatnonzero(np.diff(record.command))
+    read, moved = slice(0, None, 1), np.flatnonzero(np.diff(record.command))
     for order in (1, 2):
         step = np.abs(np.diff(record.position, order))
         step[step < 1e-13 * float(np.max(np.abs(record.position)))] = 0.0
@@ -162,8 +162,7 @@ def read_at(record: Record) -> tuple[float, slice]:
         is_own = order == 2 and float(at_steps.max()) > _AT_READ * moved.size
         if many > 1 and float(power.max()) > _AT_READ * float(power.sum()) and not is_own:
             read = slice(int(np.argmax(power)), None, many)
-        share = max(share, float(np.mean(flat) / np.mean(seen))) if 2 * moved.size > step.size else share
-    return share, read
+    return read
 
 
 def without_images(record: Record, *, held: bool, read: slice | None = None) -> Record:

@@ -144,7 +144,7 @@ def identify(
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
-        read = [read_at(each)[1] for each in records]
+        read = [read_at(each) for each in records]
         if asked.method == "refined" and min(each.step for each in read) > 1:
             return judged(*_at_those_read(records, read, asked, note))
         common = prepared(records, asked)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.identification.constancy import read_at, running_together
+from tactuator.identification.constancy import running_together
 from tactuator.identification.lines import Spectrum
-from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, FILLED, INTEGRATOR
+from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
 from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
 from tactuator.signals.record import Record
@@ -38,9 +38,7 @@ def check_record(record: Record, where: str = "") -> tuple[Weighed, ...]:
     clipped = clipped_share(record.position)
     if clipped > 0.2:
         raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped", "20 % at most")
-    filled, _ = read_at(record)
-    rows = CLIPPED.of(100.0 * clipped, where), FILLED.of(100.0 * filled, where or "a record of those read will do")
-    return tuple(row for row in rows if row.value > 0.0)
+    return (CLIPPED.of(100.0 * clipped, where),) if clipped > 0.0 else ()
 
 
 def clipped_share(values: FloatArray) -> float:

@@ -44,7 +44,6 @@ BAND_DB = Standard("widest band inside the valid range", "dB", 3.0, "narrows the
 BAND_DEG = Standard("widest phase band inside the valid range", "deg", 20.0, "narrows the valid range")
 COHERENT = Standard("coherence of command and position where it is greatest", "", 0.5, least=True)
 CLIPPED = Standard("clipped samples of the position", "%", 1.0)
-FILLED = Standard("filled-up samples of the position", "%", 10.0)
 KNOCK = Standard("greatest jump of the residual over its usual size", "", 20.0)
 SKEW = Standard("clocks of command and position apart", "ppm", 3.0)
 DRIFT = Standard("change of the gain along the record", "dB", 1.0)
