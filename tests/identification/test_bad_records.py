@@ -59,11 +59,12 @@ def test_read_record__that_is_amiss__is_refused_in_one_line(tmp_path, make, reas
     ("record", "reason"),
     [
         (replace(GOOD, command=np.ones(TIME.size)), "the command is constant"),
+        (replace(GOOD, command=np.ones(TIME.size), position=np.interp(TIME, TIME[::4], POSITION[::4])), "constant"),
         (replace(GOOD, position=np.clip(GOOD.position, -0.8 * SPREAD, 0.8 * SPREAD)), "of the position is clipped"),
         (replace(GOOD, command=np.sin(2.0 * np.pi * 20.0 * TIME)), "excites order"),
         (replace(GOOD, position=TIME), "no model can be told from it"),
     ],
-    ids=["constant command", "clipped sensor", "one sinusoid", "time for the position"],
+    ids=["constant command", "constant and filled up", "clipped sensor", "one sinusoid", "time for the position"],
 )
 def test_identify__record_that_tells_nothing__is_refused(record: Record, reason: str) -> None:
     with pytest.raises(BadInput, match=reason):
@@ -112,7 +113,6 @@ def test_identify__position_of_a_slower_logger_filled_up__is_read_where_it_was()
 
 
 def test_read_at__codes_of_a_converter_rounded_in_a_file__are_all_of_them_read() -> None:
-    """They repeat themselves and run straight for a seventh of the samples."""
     bench = np.genfromtxt(Path(tactuator.__file__).parent / "io" / "examples" / "bench.csv", delimiter=",", names=True)
     assert read_at(Record(2000.0, bench["drive"], bench["encoder"])) == slice(0, None, 1)
 

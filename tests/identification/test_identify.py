@@ -156,6 +156,7 @@ def short(count: int) -> Record:
     [
         (Record(RATE_HZ, np.random.default_rng(0).standard_normal(5000), np.zeros(5000)), "position is constant"),
         (Record(RATE_HZ, np.zeros(10), np.zeros(10)), "100 or more"),
+        (Record(RATE_HZ, np.zeros(2), np.zeros(2)), "100 or more"),
         (short(800), "time constant"),
     ],
 )

@@ -222,8 +222,7 @@ def test_record__load_that_no_program_reaches__is_asked_of_the_person(place: Pat
     class Real(tt.SimulatedRig):
         has_finger_ports = False
 
-    display = tt.read_display("display.toml")
-    tt.record(display, duration_s=4.0, excitation="noise", load="finger", rig=Real(display, seed=1))
+    tt.record("display.toml", duration_s=4.0, load="finger", rig=Real(tt.read_display("display.toml"), seed=1))
     assert "put the load 'finger' on index by hand now" in capsys.readouterr().err
 
 

@@ -146,7 +146,7 @@ def read_at(record: Record) -> slice:
     them, or lie straight between them, as where a slower logger's were filled up. Codes of a converter do so anywhere.
     """
     read, moved = slice(0, None, 1), np.flatnonzero(np.diff(record.command))
-    for order in (1, 2):
+    for order in (1, 2) if moved.size and record.position.size > _AROUND else ():
         step = np.abs(np.diff(record.position, order))
         step[step < 1e-13 * float(np.max(np.abs(record.position)))] = 0.0
         around = np.lib.stride_tricks.sliding_window_view(np.pad(step, _AROUND // 2, mode="edge"), _AROUND).max(axis=1)
