@@ -152,7 +152,8 @@ def identify(
             if row.refuses:
                 warn(f"{row.name}, {row.where.partition(':')[0]}".rstrip(", "))
         if asked.method == "rls":
-            return judged(recursive(common), common)
+            refined = identify(records, note=note, hold=asked.hold, quantity=asked.quantity)
+            return judged(recursive(common, refined.model), common)
         common, result = _without_knocks(common, _refined(common, note), note)
         if common.ppm:  # in a chirp a delay that changes with frequency looks like clocks apart
             plain = prepared(records, asked, clocks=False)

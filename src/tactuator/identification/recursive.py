@@ -31,7 +31,7 @@ from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.plant_model import Excess
+from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.runtime._core import ffi, lib
 from tactuator.signals.systems import ContinuousSystem
 
@@ -39,8 +39,11 @@ _PASSES = 3
 """How often E is replaced by the estimate before."""
 
 
-def recursive(common: Prepared) -> Identification:
-    """Return the paper's estimate, judged by the same tests."""
+def recursive(common: Prepared, refined: PlantModel) -> Identification:
+    """Return the paper's estimate, judged by the same tests; its band holds the refined model, whose doubts are its.
+
+    By itself it has neither friction nor dead time, and does not see that it needs them.
+    """
     (command, position), rate_hz, asked, record = common.signals[0], common.rate_hz, common.asked, common.records[0]
     order, integrated = asked.order or 2, DERIVATIVES[asked.quantity]
     if integrated >= order:
@@ -61,8 +64,10 @@ def recursive(common: Prepared) -> Identification:
     tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
     tests = replace(tests, feedback=None if tests.is_misfit else feedback_seen(rest, fit.grid.hold))
     model = model.judged(*check_length(np.roots(estimate.den), 0.0, record.duration_s))
-    if not tests.uncorrelated_with_input:
-        model = replace(model, excess=_departure(common, estimate.num, estimate.den))
+    table = refined.excess.frequency_hz
+    none = Excess(table, np.zeros(table.size), np.zeros(table.size))
+    model = replace(model, excess=none).holding(refined)
+    model = model.judged(*(row for row in refined.trust if row.refuses and row not in model.trust))
     offset = float(record.position.mean())
     return Identification(
         model=replace(model, valid_hz=valid_range(model, moved_range([taken]))),
@@ -77,18 +82,6 @@ def recursive(common: Prepared) -> Identification:
         measured=taken.measured * common.scale[1] + offset,
         remarks=common.remarks,
     )
-
-
-def _departure(common: Prepared, num: FloatArray, den: FloatArray) -> Excess:
-    """Return how far the record's own response, with its error, is from the model, as a standard deviation: friction
-    bends that response as well, to the same side.
-    """
-    shown = common.response
-    s = 2j * np.pi * shown.frequency_hz
-    apart = np.log(shown.value * np.polyval(den, s) / np.polyval(num, s))
-    size = np.abs(apart.real) + 1j * np.abs(apart.imag)
-    none = Excess(shown.frequency_hz, np.zeros(s.size), np.zeros(s.size))
-    return none.joined(size).joined(shown.relative_error * (1.0 + 1.0j))
 
 
 @dataclass(frozen=True)
