@@ -276,6 +276,8 @@ def test_kind__of_what_is_none__is_not_guessed(tmp_path: Path) -> None:
         assert kind_of(tmp_path / name) is None
     assert kind_of(tmp_path) is None
     assert kind_of(tmp_path / "nothing") is None
+    (sound := tmp_path / "sound.json").write_bytes(b"OggS")
+    assert kind_of(sound) == "sound"
 
 
 PALM = Contact("thenar", 290.0, "rigid, gap 1 mm", 0.5, (20.0, 31.5))

@@ -94,7 +94,7 @@ def _kind(path: Path, head: bytes) -> str | None:
         return _kind_of_hdf5(path)
     if head.startswith(_SOUNDS):
         beside = path.with_suffix(".json")
-        is_ours = b"tactuator reference" in head or kind_of(beside) == "reference"
+        is_ours = b"tactuator reference" in head or (beside != path and kind_of(beside) == "reference")
         return "reference" if is_ours else "sound"
     if head.lstrip().startswith(b"{"):
         named = _FORMAT.search(head)
