@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.perception.curve import ThresholdCurve, curve, curve_names
+from tactuator.perception.curve import RelativeCurve, ThresholdCurve, curve, curve_names
 
 BOLANOWSKI = curve("bolanowski-1988")
 
@@ -51,6 +51,8 @@ def test_curve__of_unknown_name_or_provenance__is_refused_with_what_is_allowed()
         curve("tadoma")
     with pytest.raises(BadInput, match="provenance is 'heard'; allowed: \"measured"):
         ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
+    with pytest.raises(BadInput, match="a level beyond 200 dB"):
+        RelativeCurve(np.array([10.0]), np.array([1e300]))
 
 
 def test_content_hash__same_points__is_the_same() -> None:

@@ -220,12 +220,16 @@ def level_from_acceleration(
     return np.asarray(20.0 * np.log10(peak_m / 1e-6))
 
 
+_MOST_DB = 200.0
+"""No person's level is further from 0 dB SL."""
+
+
 @dataclass(frozen=True, eq=False)
 class RelativeCurve:
     """Level level_db_sl at ascending frequency_hz, shape (n,), n >= 1: linear in log frequency between, held beyond.
 
     Two points with the same level are a flat loss; one is enough for that. Raises BadInput for frequencies that are not
-    positive and strictly ascending, or numbers that are not finite.
+    positive and strictly ascending, numbers that are not finite, or levels beyond 200 dB.
     """
 
     frequency_hz: NDArray[np.float64]
@@ -236,8 +240,9 @@ class RelativeCurve:
         frequency, level = self.frequency_hz, self.level_db_sl
         if frequency.ndim != 1 or frequency.shape != level.shape or frequency.size < 1:
             raise BadInput(f"curve {self.name!r}: {frequency.size} frequencies, {level.size} levels", "as many")
-        if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
-            raise BadInput(f"curve {self.name!r}: a number is not finite", "finite frequencies and levels")
+        if not (np.all(np.isfinite(frequency)) and np.all(np.abs(level) <= _MOST_DB)):
+            got = f"curve {self.name!r}: a number is not finite, or a level beyond {_MOST_DB:g} dB"
+            raise BadInput(got, "frequencies in Hz and levels in dB SL")
         if frequency[0] <= 0.0 or np.any(np.diff(frequency) <= 0.0):
             raise BadInput(f"curve {self.name!r}: frequencies are not in order", "positive, strictly ascending")
 
