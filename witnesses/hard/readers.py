@@ -116,12 +116,12 @@ READERS = (
     Reader("recognition.toml", read_any_protocol),
     Reader("journal.jsonl", _journal),
     Reader("lab.db", thresholds, "experiment thresholds --store {}"),
-    Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out rendered.wav"),
+    Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out s.wav"),
     Reader("environment.json", _environment),
     Reader("token.txt", _operator_token),
     Reader("pair.pem", _certificate),
     *(
-        Reader(f"speech.{kind}", scan_speech, "render {} --controller controller.json --out rendered.wav" * (kind != "rf64"))
+        Reader(f"speech.{kind}", scan_speech, "render {} --controller controller.json --out s.wav" * (kind != "rf64"))
         for kind in _SPEECH
     ),
 )

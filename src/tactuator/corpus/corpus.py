@@ -134,7 +134,7 @@ def _run(
         kept = {item.source for item in items if _is_done(item, folder, out, before.get(item.source))}
         todo = _tasks([item for item in items if item.source not in kept], folder, out, job)
         for path in (out / item.out for item in items if item.source in before.keys() - kept and ending == ".wav"):
-            path.with_suffix(".json").unlink(missing_ok=True)  # of an earlier run, and too damaged to be known by itself
+            path.with_suffix(".json").unlink(missing_ok=True)  # an earlier run's, perhaps too damaged to tell
         failures, done = {}, 0
         progress(len(kept), len(items))
         for outcome in workers.outcomes(todo):
