@@ -181,6 +181,8 @@ def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[st
         assert len(repr(noun)) < 250
         assert "\n" not in repr(noun)
         assert " object at 0x" not in repr(noun)
+    assert repr(tt.check(controller)).startswith("<Verdict ")
+    assert all(f"{finger}: felt within" in repr(heard) for finger in ("index", "thumb", "middle"))
     assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 
