@@ -305,7 +305,9 @@ def worst_case(lifted: int | None, stopped: int | None, tick: int) -> tuple[Cour
     ],
 )
 @pytest.mark.parametrize("number_format", ["float32", pytest.param("q31", marks=pytest.mark.soak)])
-def test_comfort__worst_reference_there_is__is_not_passed_by_1_db(lifted, stopped, tick, number_format):
+def test_comfort__worst_reference_there_is__is_not_passed_by_1_db(
+    lifted: int | None, stopped: int | None, tick: int, number_format: str
+) -> None:
     course, reference, expected_db_sl = worst_case(lifted, stopped, tick)
     guarded = Guarded(designed(), number_format=number_format)
     rows = np.zeros((course.length, 3))
