@@ -126,6 +126,7 @@ _INTEGRATION = (
     "experiment/session/",
     "speech/test_render",
     "pages/",
+    "test_processors",
 )
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.

@@ -38,13 +38,13 @@ def begun(page, console):
     page.wait_for_selector("#rig-mode:has-text('live')")
 
 
-def until(page, expression):
-    """Wait until an expression is true; the page's own policy lets no string be waited for in it."""
+def until(page, reached):
+    """Wait until a function or an expression of the page says so; its own policy lets no string be waited for in it."""
     for _ in range(300):
-        if page.evaluate(expression):
+        if reached() if callable(reached) else page.evaluate(reached):
             return
         page.wait_for_timeout(50)
-    raise AssertionError(expression)
+    raise AssertionError(reached)
 
 
 def frames_past(page, count=3):
@@ -184,7 +184,7 @@ def test_server__killed_in_mid_measurement__board_rests_page_says_so_and_its_poi
             page.locator("#frequencies").fill(",".join(str(hertz) for hertz in range(70, 110)))
             page.locator("#confidence").fill("0.02")
             pressed(page, "#measure", "#save-response:not([hidden])")
-            assert board.transport.board.mode == Mode.RUNNING
+            until(page, lambda: board.transport.board.mode == Mode.RUNNING)  # between two points it is armed
             os.kill(server.pid, signal.SIGKILL)
             page.wait_for_selector("#banner:has-text('Its rig goes to rest by itself')")
             assert board.gone.wait(timeout=30.0)

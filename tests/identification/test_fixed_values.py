@@ -1,20 +1,24 @@
-"""Fixed values: recovered, exact, no wider than free, as an outside optimiser has them, told where they are wrong."""
+"""Fixed values: recovered, exact, told where they are wrong; and between which frequencies a model holds."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import optimize, signal
 
 from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
-from tactuator.identification.identify import identify
+from tactuator.identification.identify import identify, judged
+from tactuator.identification.prepared import ExcitationReport, prepared, valid_range
 from tactuator.identification.result import Identification
+from tactuator.identification.trust import FOLLOWING, VALID
 from tactuator.model.plant_model import Excess
 from tactuator.report.tables import identification_rows
 from tactuator.signals.record import FrequencyResponse, Record
 from tests.identification.others import Plant, band_limited, held
+from tests.identification.plants import PAPER
+from tests.identification.plants import RATE_HZ as SAMPLED_HZ
 
 MASS, RESONANCE_HZ, Q, FILTER_HZ, RATE_HZ, DELAY_S, SECONDS = 0.02, 60.0, 4.0, 150.0, 600.0, 5e-4, 2.0
 OMEGA = 2.0 * np.pi * RESONANCE_HZ
@@ -123,3 +127,64 @@ def test_identify_response__value_a_fifth_wrong__is_not_trusted() -> None:
     for plant, text in ((MOTION, "mass=0.024"), (FILTERED, "pole=100")):
         made = identify_response(response(plant), Asked(fixed=(Fixed.parse(text),)))
         assert any("off the record's own" in reason for reason in made.distrust), text
+
+
+TOP_HZ, LATE = 60.0, 20
+
+
+def simulated(command: np.ndarray) -> np.ndarray:
+    num, den, _ = signal.cont2discrete((PAPER.num, PAPER.den), 1.0 / SAMPLED_HZ, "zoh")
+    return np.asarray(signal.lfilter(num.ravel(), den, command))
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """The paper's plant, simulated by scipy, moved below 60 Hz alone."""
+    rng = np.random.default_rng(5)
+    source = rng.standard_normal(round(6.0 * SAMPLED_HZ))
+    command = signal.sosfiltfilt(signal.butter(8, TOP_HZ, output="sos", fs=SAMPLED_HZ), source)
+    position = simulated(command)
+    noise = 1e-3 * position.std() * rng.standard_normal(position.size)
+    return Record(SAMPLED_HZ, command, position + noise)
+
+
+@pytest.fixture(scope="module", params=["refined", "rls"])
+def found_by(record: Record, request: pytest.FixtureRequest) -> Identification:
+    return identify(record, method=request.param, order=2)
+
+
+def test_identify__command_without_power_above_a_frequency__claims_nothing_above(found_by: Identification) -> None:
+    low, high = found_by.model.valid_hz
+    assert low < 2.0
+    assert 0.7 * TOP_HZ < high < 2.0 * TOP_HZ
+
+
+def test_identify__record_s_own_response__is_in_the_model_s_units(found_by: Identification) -> None:
+    """The figure draws both: in samples of unit size the dots stood decibels away from the curve."""
+    shown = found_by.empirical.trusted(0.9)
+    beside = shown.frequency_hz < 0.7 * TOP_HZ
+    ratio = np.abs(shown.value / found_by.model.response(shown.frequency_hz))[beside]
+    assert np.median(np.abs(np.log(ratio))) < 0.02
+
+
+def test_judged__band_wide_everywhere__is_a_reason(record: Record) -> None:
+    found_by = identify(record, method="rls", order=2)
+    wide = replace(found_by.model, valid_hz=(1.0, 1.05))
+    common = replace(prepared([record], Asked()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
+    reasons = judged(replace(found_by, model=wide), common).distrust
+    assert any(VALID.name in one for one in reasons)
+
+
+def test_valid_range__band_narrow_nowhere__is_two_neighbours(record: Record) -> None:
+    found_by = identify(record, method="rls", order=2)
+    model = replace(found_by.model, covariance=1e12 * found_by.model.covariance)
+    low, high = valid_range(model, (1.0, 60.0))
+    assert low < high < 1.1 * low
+
+
+def test_identify__least_squares_of_a_plant_with_dead_time__is_not_trusted() -> None:
+    command = np.random.default_rng(8).standard_normal(6000)
+    late = Record(SAMPLED_HZ, command[LATE:], simulated(command)[:-LATE])
+    assert any(FOLLOWING.name in one for one in identify(late, method="rls", order=2).distrust)
+    prompt = Record(SAMPLED_HZ, command, simulated(command))
+    assert not identify(prompt, method="rls", order=2).distrust

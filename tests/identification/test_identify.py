@@ -1,13 +1,15 @@
-"""Simulate, estimate, recover: independent simulation (scipy), many plants, open and closed loop, friction."""
+"""Simulate, estimate, recover: many plants, open and closed loop, friction; what is said of disputed fixed values."""
 
 import numpy as np
 import pytest
 from scipy import optimize, signal
 
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked
+from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.recursive import identify_recursively
+from tactuator.identification.standing import FixedAgainstOwn, weighed_against_own
+from tactuator.model.plant_model import PlantModel
 from tactuator.signals.excitation import log_chirp, prbs, steps
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ, closed_loop, open_loop
@@ -193,3 +195,19 @@ def test_model_family__covariance__spreads_like_the_band() -> None:
     assert len(members) == 200
     levels = [20.0 * np.log10(abs(one.response(5.0) / model.response(np.array([5.0]))[0])) for one in members]
     assert 1.96 * np.std(levels) == pytest.approx(float(model.band_db(np.array([5.0]))[0]), rel=0.35)
+
+
+def model(num: list[float], den: list[float]) -> PlantModel:
+    free = len(num) + len(den) - 1
+    return PlantModel(np.array(num), np.array(den), 0.0, np.eye(free + 1), band_hz=(0.2, 300.0))
+
+
+def test_said__gain_that_a_pole_near_0_hz_evades__pole_is_named() -> None:
+    free, slow = model([2740.0], [1.0, 97.0, 305.0]), 1e-6
+    evading = model([2740.0, 3.0 * 305.0 * slow], np.polymul([1.0, 97.0, 305.0], [1.0, slow]).tolist())
+    known = [FixedAgainstOwn(Fixed.parse("gain=3"), (9.0, 0.03))]
+    off, apart = weighed_against_own(known, evading, free)
+    assert off.refuses
+    assert off.value == pytest.approx(200.0)
+    assert apart.where == "a pole at 1.6e-07 Hz evades a value at 0 Hz"
+    assert not any("evades" in row.where for same in (free, evading) for row in weighed_against_own(known, same, same))

@@ -1,17 +1,30 @@
-"""One table says what a model is trusted by; lost samples and two clocks are found and mended."""
+"""What a model is trusted by: lost samples, clocks, the best of several fits, residuals and what they tell of the hold.
+
+What SciPy has too, beside it: filters of residuals to the last bit, tails, filters of loops, fast lengths.
+"""
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import fft, linalg, signal, special
 
 from tactuator.identification.constancy import losses, resampled, without_images
+from tactuator.identification.form import Form, Known
+from tactuator.identification.friction import _REACH, _uphill
+from tactuator.identification.hold import Grid
 from tactuator.identification.identify import identify
+from tactuator.identification.likelihood import SpectralProblem
+from tactuator.identification.lines import Spectrum, fast_length, points, spectrum
+from tactuator.identification.residual import Residual, _solutions, explained_by_loop
+from tactuator.identification.residual_tests import _time_scales, apply_filter, check_residual, chi_squared_tail
+from tactuator.identification.search import Choice, _best, simplest
 from tactuator.identification.trust import DISTORTION, GROWING, LASTING, STANDARDS
 from tactuator.model.plant_model import reasons
 from tactuator.signals.record import Record
+from tests.identification.others import Plant, band_limited, held
 from witnesses.trust.spoilt import RECORDS, judge, none
 
 PAGE = Path(__file__).parents[2] / "docs" / "identification.md"
@@ -126,3 +139,168 @@ def test_identify__resonance__is_trusted_where_it_dies_out_within_the_record(dec
     position = signal.lfilter(b[0], a, command)
     position += 1e-3 * position.std() * rng.standard_normal(command.size)
     assert identify(Record(1000.0, command, position), friction=False).model.distrust == why
+
+
+def test_best__whatever_the_costs__is_one_of_them():
+    """Found with a threefold integrator: beside a cost of 1e17 a tie's width is nothing."""
+    problem = SimpleNamespace(given=SimpleNamespace(total=1000))
+    nan, inf = np.nan, np.inf
+    for costs, best in (((100.0, 50.0), 3), ((nan, 1e5), 3), ((1e5, nan), 2), ((1e20, 1e20), 2), ((inf, nan), 2)):
+        forms = [SimpleNamespace(poles=n, count=n) for n in (2, 3)]
+        fits = [SimpleNamespace(cost=cost, form=form) for cost, form in zip(costs, forms, strict=True)]
+        assert _best(problem, dict(enumerate(fits))).form.poles == best
+
+
+def through_a_card(plant: Plant, top_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return command and position at 16 kHz without noise, band-limited, at rest at both ends, in single precision."""
+    rate_hz, count = 16000.0, 32000
+    rng = np.random.default_rng(1)
+    lines, place = np.fft.rfft(rng.standard_normal(count)), np.fft.rfftfreq(count, 1.0 / rate_hz)
+    burst = np.fft.irfft(np.where((place > 2.0) & (place < top_hz), lines, 0.0), count) * np.sqrt(np.hanning(count))
+    command = np.concatenate([np.zeros(700), burst, np.zeros(count)])
+    answer = plant.response(np.fft.rfftfreq(command.size, 1.0 / rate_hz))
+    position = np.fft.irfft(np.fft.rfft(command) * answer, command.size)
+    return tuple(one[: count + 8000].astype(np.float32).astype(np.float64) for one in (command, position))
+
+
+@pytest.mark.parametrize(
+    ("top_hz", "delay_s", "hertz", "q"),
+    [(2000.0, 0.0, 60.0, 2.0), (5e3, 2.88e-3, 102.0, 19.0), (5e3, 2.88e-3, 60.0, 2.0)],
+)
+def test_identify__noise_free_through_a_card__simplest_form_and_trusted(top_hz, delay_s, hertz, q) -> None:
+    """Each was refused for a pole at millions of hertz, or one in the right half plane with a zero on it."""
+    pole = 2.0 * np.pi * hertz * (1.0j - 0.5 / q)
+    plant = Plant(np.zeros(0), np.array([pole, np.conj(pole)]), 2.0, delay_s)
+    found = identify(Record(16000.0, *through_a_card(plant, top_hz)), hold="band-limited")
+    assert (found.order, found.model.num.size - 1) == (2, 0)
+    assert not found.distrust
+    place = np.geomspace(*found.model.valid_hz, 200)
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(place) / plant.response(place))))) < 1e-5
+
+
+def test_simplest__what_stands_out_of_the_band__is_kept() -> None:
+    pole, weak = -80.0 + 900.0j, -15.0 + 1500.0j
+    zero = 1.01 * weak
+    poles, zeros = ([*pair, *np.conj(pair)] for pair in ((pole, weak), (zero,)))
+    plant = Plant(np.array(zeros), np.array(poles), 1.0, 0.0)
+    found = identify(Record(2000.0, *band_limited(plant, np.random.default_rng(2), 2000.0, 8.0, 50.0)), friction=False)
+    assert (found.order, found.model.num.size - 1) == (4, 2)
+    place = np.geomspace(1.0, 600.0, 100)
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(place) / plant.response(place))))) < 0.2
+
+
+def test_simplest__simpler_form_that_leaves_less__is_taken_though_it_can_be_told_apart() -> None:
+    """A record of a levitated magnet had six poles and a seventh at 1e17 Hz: without that one, they fitted better."""
+    place = np.geomspace(1.0, 300.0, 60)
+    s = 2j * np.pi * place / 100.0
+    grid, answer = Grid(place, 2000.0, 100.0, "band-limited"), 3.0 / (s * s + 2.0 * s + 5.0)
+    problem = SpectralProblem(points(place, answer, 2000.0), 1e3 / np.abs(answer), grid, with_transient=False)
+    fit = problem.descend(Form(3, 0), np.array([2.5, 6.0, -1e9]), 0.0, most=0)
+    chosen, missed = simplest(Choice("band-limited", fit, {fit.form: fit}, problem), Known(), lambda _: False)
+    assert (missed, chosen.fit.form) == (True, Form(2, 0))
+    np.testing.assert_allclose(chosen.fit.theta, [2.0, 5.0], rtol=1e-6)
+
+
+RATE_HZ, COUNT = 1000.0, 8000
+
+
+def lines_of(command: np.ndarray, residual: np.ndarray) -> tuple[Spectrum, Residual]:
+    taken = spectrum(command, residual, RATE_HZ)
+    ones = np.ones(taken.position.size)
+    return taken, Residual(taken.position, ones, ones[1:] + 0j, taken)
+
+
+def noises(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    first, second = np.random.default_rng(seed).standard_normal((2, COUNT))
+    return signal.lfilter([1.0], [1.0, -0.9], first), second
+
+
+def test_explained_by_loop__command_apart_from_the_residual_or_ahead_of_it__is_nothing() -> None:
+    for seed in range(5):
+        own, noise = noises(seed)
+        ahead = signal.lfilter([1.0, -0.9], [1.0], own) + np.roll(noise, -20)
+        for command in (own, ahead):
+            assert explained_by_loop(*lines_of(command, noise), 470.0, filtered=True) == 0.0
+
+
+def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regression() -> None:
+    own, noise = noises(6)
+    # white innovations, so that the regression's sum of squares is the likelihood
+    white = signal.lfilter([1.0, -0.9], [1.0], own)
+    command = white - 0.5 * noise - 0.25 * np.roll(noise, 1)
+    found = explained_by_loop(*lines_of(command, noise), 500.0, filtered=False)
+    expected = COUNT * np.log(np.var(command) / np.var(white)) - 2.0 * np.log(COUNT)
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_identify__held_loop_whose_noise_a_prompt_model_would_take__is_told_or_left_open() -> None:
+    """The command answers the noise within its sample: read as band-limited the position alone is likelier."""
+    plant = Plant(np.zeros(0), np.array([-315.0 + 774.0j, -315.0 - 774.0j, -650.0]), 0.6, 0.0)
+    record = Record(600.0, *held(plant, np.random.default_rng(13), 600.0, 10.0, 22.0, closed=True))
+    found = identify(record, order=3)
+    assert found.between.hold == "zero-order"
+    frequency = np.geomspace(1.0, 180.0, 100)
+    off = np.log(found.model.response(frequency) / plant.response(frequency))
+    assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
+
+
+@pytest.mark.parametrize("taps", [1, 2, 3, 9, 41])
+@pytest.mark.parametrize("count", [41, 60, 100, 217, 2000, 50_001])
+def test_apply_filter__any_length__is_scipys_overlapping_convolution(count: int, taps: int) -> None:
+    random = np.random.default_rng(count + taps)
+    coefficients, values = random.standard_normal(taps), random.standard_normal(count)
+    wanted = signal.oaconvolve(values, coefficients)[:count]
+    assert np.array_equal(apply_filter(coefficients, values), wanted)
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
+def test_time_scales__noise__are_scipys_filters_of_first_order(rate_hz: float) -> None:
+    command = np.random.default_rng(5).standard_normal(3000)
+    late = np.concatenate([[0.0], command[:-1] - command.mean()])
+    corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
+    for passed, decay in zip(_time_scales(command, rate_hz), np.exp(-2.0 * np.pi * corners / rate_hz), strict=True):
+        assert np.array_equal(passed, signal.lfilter([1.0 - decay], [1.0, -decay], late))
+
+
+@pytest.mark.parametrize("degrees", [1, 2, 3, 14, 40])
+def test_chi_squared_tail__any_value__is_scipys(degrees: int) -> None:
+    values = np.geomspace(1e-6, 1200.0, 50)
+    found = [chi_squared_tail(degrees, value) for value in values]
+    np.testing.assert_allclose(found, special.chdtrc(degrees, values), rtol=1e-12)
+    assert (chi_squared_tail(degrees, 0.0), chi_squared_tail(degrees, np.inf)) == (1.0, 0.0)
+
+
+def test_solutions__every_length__are_scipys_of_toeplitz_equations() -> None:
+    row, goal = 0.8 ** np.arange(43.0) * np.cos(np.arange(43)), np.random.default_rng(0).standard_normal(43)
+    lengths = [
+        np.testing.assert_allclose(taps, linalg.solve_toeplitz(row[: taps.size], goal[: taps.size]), atol=1e-12)
+        for taps in _solutions(row, goal)
+    ]
+    assert len(lengths) == 43
+
+
+def test_fast_length__any_count__is_scipys() -> None:
+    for count in (*range(1, 400), 239_999, 999_983):
+        assert fast_length(count) == fft.next_fast_len(count, real=True)
+        assert fast_length(count, up=False) == fft.prev_fast_len(count, real=True)
+        assert fast_length(count, primes=(2, 3, 5, 7, 11)) == fft.next_fast_len(count)
+
+
+@pytest.mark.parametrize("step", [1, 8])
+def test_uphill__one_summit_within_reach__is_found_in_few_trials(step: int) -> None:
+    for summit in range(-_REACH, _REACH + 1):
+        tried: set[int] = set()
+        found = _uphill(lambda at, summit=summit, tried=tried: tried.add(at) or -abs(at - summit), step)
+        assert found == summit
+        assert len(tried) <= 12
+
+
+@pytest.mark.parametrize("amiss", [np.inf, np.nan, 1e200])
+def test_residual__slopes_that_overflow__speak_for_no_model(amiss):
+    """Found with a record of a plant that runs away: the eigenvalues of what was no number did not converge."""
+    random = np.random.default_rng(1)
+    slopes = random.standard_normal((4000, 2))
+    slopes[17, 1] = amiss
+    with np.errstate(all="ignore"):
+        found = check_residual(random.standard_normal(4000), random.standard_normal(4000), slopes, 1000.0)
+    assert found.uncorrelated_p == 0.0

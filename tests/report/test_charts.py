@@ -251,39 +251,28 @@ def test_chart__that_nobody_felt__says_so_in_axes_figure_and_table(simulated: bo
     assert plate.csv().splitlines()[1].endswith(",simulated") is simulated
 
 
-REPORT = {
-    "margins": {
-        "crossover_hz": 21.23456,
-        "phase_margin_deg": 44.999,
-        "gain_margin_db": None,
-        "least_gain": 0.0372,
-        "sensitivity_peak": 1.7049,
-        "complementary_peak": 1.2,
-        "disk_margin": 0.5051,
-        "delay_margin_samples": 23.0,
-        "command_noise_gain": 12.345,
-    },
-    "rejection_db": {"mean": -12.3449},
-    "prefilter": {"poles": 6, "max_error_db": 0.2951, "rms_error_db": 0.1},
-    "mains_db": {"120": -9.005, "60": -3.14159},
-}
+MARGINS = {
+    "crossover_hz": "crossover (Hz)", "phase_margin_deg": "phase margin (deg)", "gain_margin_db": "gain margin (dB)",
+    "least_gain": "unstable below this gain (1: as designed)", "sensitivity_peak": "max|S|",
+    "complementary_peak": "max|T|", "disk_margin": "disk margin", "delay_margin_samples": "delay margin (samples)",
+    "command_noise_gain": "command noise gain",
+}  # fmt: skip
 
 
 def test_design_rows__of_a_report__print_two_digits_after_the_point():
-    assert list(design_rows([SimpleNamespace(report=REPORT)])) == [
-        ("crossover (Hz)", "21.23"),
-        ("phase margin (deg)", "45.00"),
-        ("gain margin (dB)", "—"),
-        ("unstable below this gain (1: as designed)", "0.04"),
-        ("max|S|", "1.70"),
-        ("max|T|", "1.20"),
-        ("disk margin", "0.51"),
-        ("delay margin (samples)", "23.00"),
-        ("command noise gain", "12.35"),
-        ("mean |S| over the rejection band (dB)", "-12.34"),
-        ("prefilter: poles", "6"),
-        ("prefilter: greatest error (dB)", "0.30"),
-        ("prefilter: rms error (dB)", "0.10"),
+    report = paper_controller().channels[0].report
+    report = report | {
+        "margins": report["margins"] | {"gain_margin_db": None},
+        "mains_db": {"120": -9.005, "60": -3.14159},
+    }
+    poles, greatest, rms = (report["prefilter"][name] for name in ("poles", "max_error_db", "rms_error_db"))
+    margins = {MARGINS[name]: f"{report['margins'][name] or 0.0:.2f}" for name in MARGINS} | {"gain margin (dB)": "—"}
+    assert list(design_rows([SimpleNamespace(report=report)])) == [
+        *margins.items(),
+        ("mean |S| over the rejection band (dB)", f"{report['rejection_db']['mean']:.2f}"),
+        ("prefilter: poles", f"{poles}"),
+        ("prefilter: greatest error (dB)", f"{greatest:.2f}"),
+        ("prefilter: rms error (dB)", f"{rms:.2f}"),
         ("|T| at 60 Hz (dB)", "-3.14"),
         ("|T| at 120 Hz (dB)", "-9.01"),
     ]

@@ -1,4 +1,4 @@
-"""The house: what a room may hold, where the walks lead, names that say something, and the tree of errors."""
+"""The house: what a room may hold, where the walks lead, and names that say something."""
 
 import ast
 import re
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import tactuator.errors
 from tools import floors
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,19 +81,3 @@ def test_picture_and_walks__are_drawn_from_the_contract_and_lead_where_they_say(
         text = (ROOT / path).read_text(encoding="utf-8")
         assert re.search(pattern, text, flags=re.MULTILINE) is not None, (path, name)
     assert len(HOPS) >= 30
-
-
-def below(parent: str, bases: dict[str, set[str]]) -> set[tuple[str, str]]:
-    names = {name for name, parents in bases.items() if parent in parents}
-    return {(name, parent) for name in names}.union(*(below(name, bases) for name in names))
-
-
-def test_errors__picture_at_the_head_of_the_file__is_the_tree_of_the_classes():
-    text = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
-    classes = re.findall(r"^ *class (\w+)\(([^)]*)\):", text, re.MULTILINE)
-    above, drawn = {0: "TactuatorError"}, set()
-    for lines, name in re.findall(r"^    ([ │├└─]+)(\w+)", tactuator.errors.__doc__, re.MULTILINE):
-        above[len(lines) // 4] = name  # four columns are a step down
-        drawn.add((name, above[len(lines) // 4 - 1]))
-    assert drawn == below("TactuatorError", {name: set(re.findall(r"\w+", bases)) for name, bases in classes})
-    assert len(drawn) > 8

@@ -1,5 +1,6 @@
 """What docs/porting.md says that a period costs, against a count, by which this program writes it anew."""
 
+import re
 import struct
 from pathlib import Path
 
@@ -45,12 +46,22 @@ def main() -> None:
     DOCS.write_text(before + BEGIN + "\n" + table() + "\n" + END + after, encoding="utf-8")
 
 
-COUNTS = [int(cell) for cell in documented().splitlines()[2].split("|")[2:-1]]
+def counts(of: str) -> list[list[int]]:
+    return [[int(cell) for cell in line.split("|")[2:-1]] for line in of.splitlines()[2:]]
+
+
+COUNTS = counts(documented())
+NEAR = 0.02
+"""The last bits of a design differ between processors, and with them which of a run's ticks takes the most."""
+
+
+def is_kept(usual: int, *others: int) -> bool:
+    """Whether these counts are what a period in float32 may cost."""
+    return usual <= 672 and max(others) <= 2500
 
 
 def test_cost_table__as_documented__keeps_what_a_period_may_cost() -> None:
-    assert COUNTS[0] <= 672
-    assert max(COUNTS) <= 2500
+    assert is_kept(*COUNTS[0])
 
 
 def test_count__asked_for_again__is_told_and_no_period_passes() -> None:
@@ -67,14 +78,18 @@ def test_count__asked_for_again__is_told_and_no_period_passes() -> None:
 
 
 @pytest.mark.slow
-def test_cost_table__float32_as_designed__is_what_a_run_gives_and_reshaping_takes_no_more() -> None:
-    assert row("float32", designed(), "float32") in documented()
-    assert all(np.array(list(counted(reshaped(designed()), "float32").values())) <= COUNTS)
+def test_cost_table__float32_as_designed__is_near_what_a_run_gives_and_reshaping_takes_no_more() -> None:
+    run, of_reshaped = (list(counted(each, "float32").values()) for each in (designed(), reshaped(designed())))
+    assert run == pytest.approx(COUNTS[0], rel=NEAR)
+    assert is_kept(*run)
+    assert all(np.array(of_reshaped) <= (1.0 + NEAR) * np.array(run))
 
 
 @pytest.mark.soak
-def test_cost_table__whole__is_what_a_run_gives() -> None:
-    assert table() == documented()
+def test_cost_table__whole__is_near_what_a_run_gives() -> None:
+    anew = table()
+    assert re.sub(r"\d+ ", "", anew) == re.sub(r"\d+ ", "", documented())
+    assert np.array(counts(anew)) == pytest.approx(np.array(COUNTS), rel=NEAR)
 
 
 if __name__ == "__main__":

@@ -28,14 +28,12 @@ PAPER_LIMITS = FeedbackRequirements(
 )
 """What the paper's C keeps, sampled at 4 kHz with a sample of delay (facts, section 1)."""
 
-FINGER_LIMITS = FeedbackRequirements(
-    phase_margin_deg=50.0,
+FINGER_LIMITS = replace(
+    PAPER_LIMITS,
     sensitivity_peak=1.45,
-    mains_hz=(60.0, 120.0, 180.0),
     mains_max_db=(-11.0, -23.0, -30.0),
     rejection_hz=(1.0, 5.0, 10.0),
     rejection_max_db=(-23.5, -10.0, -4.4),
-    command_noise_gain_max=30.0,
 )
 
 

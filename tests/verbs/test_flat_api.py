@@ -28,7 +28,6 @@ from tactuator.verbs.result import Result, plain
 from tactuator.verbs.start import curves
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 PROTOCOL = """
 [study]
 name = "one"
@@ -182,6 +181,8 @@ def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[st
         assert len(repr(noun)) < 250
         assert "\n" not in repr(noun)
         assert " object at 0x" not in repr(noun)
+    assert repr(tt.check(controller)).startswith("<Verdict ")
+    assert all(f"{finger}: felt within" in repr(heard) for finger in ("index", "thumb", "middle"))
     assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 
@@ -195,18 +196,6 @@ def test_result__without_table_or_figure_or_pandas_or_very_long__says_so(known, 
         tt.read_curve("bolanowski-1988").to_dataframe()
     monkeypatch.setattr(Result, "headline", lambda result: {"x": "y" * 1000})
     assert len(repr(Result())) < 500
-
-
-def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)[0]
-    lines = [line for line in code.splitlines() if line]
-    assert len(lines) <= 10
-    assert sum("import" in line for line in lines) == 1
-    exec(compile(code, PAGE.name, "exec"), {})
-    verdict, response = capsys.readouterr().out.splitlines()
-    assert verdict.startswith("<Verdict ")
-    assert all(f"{name}: felt within" in response for name in ("index", "thumb", "middle"))
 
 
 def test_record__motor_stronger_than_its_file__is_told_to_leave_the_travel(place: Path) -> None:

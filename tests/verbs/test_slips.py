@@ -1,7 +1,7 @@
 """Files with one slip in them, and right ones, as a person would bring them (`witnesses.slips`, which prints both).
 
 Tried always: one slip of each field of a file, and a sixth of the right files; among the slow tests one of each way of
-writing it, and a third; in the soak all of them. Bounds are tried on both sides in `tests/model/test_plausibility.py`.
+writing it, and a third; in the soak all of them. Bounds are tried on both sides in `tests/model/test_description.py`.
 """
 
 from collections.abc import Sequence
