@@ -293,6 +293,7 @@ def test_findings_loads_and_remarks__are_printed_in_few_digits_plain_words_and_o
     found = Finding("iv", "index", "finger", Outcome.NOT_MET, "felt hum", 3.14159, 0.5, "dB SL", 59.99951)
     shown = ("iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger")
     assert finding_row(found) == shown
+    assert finding_row(replace(found, side=-1.0))[3] == "felt hum -3.14 dB SL"
     bare = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
     assert finding_row(bare) == ("build", "thumb", "not judged", "float32", "", "", "free")
     assert [load_words(name) for name in ("none", "finger", "none, model 2", "finger, model 3")] == [

@@ -98,7 +98,7 @@ def _tile(finding: Finding) -> dict[str, str]:
     unit = f" {finding.unit}" if finding.unit else ""
     return {
         "name": finding.quantity,
-        "value": "—" if finding.value is None else f"{finding.value:.2f}{unit}",
+        "value": finding.figure,
         "allowed": "" if finding.allowed is None else f"{finding.allowed:g}{unit} or less",
         "outcome": finding.outcome.value,
     }

@@ -53,7 +53,7 @@ def design_rows(channels: Sequence[ChannelController]) -> Iterator[tuple[str, ..
 def finding_row(finding: Finding) -> tuple[str, ...]:
     """Return a finding as the cells of `FINDING_COLUMNS`."""
     unit = f" {finding.unit}" if finding.unit else ""
-    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.value:.2f}{unit}"
+    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.figure}"
     allowed = "" if finding.allowed is None else f"{finding.allowed:g}{unit}"
     at = "" if finding.frequency_hz is None else f"{finding.frequency_hz:.4g} Hz"
     return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, load_words(finding.load)
