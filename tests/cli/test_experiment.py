@@ -35,12 +35,13 @@ def test_simulate__json__is_one_object(run, arguments, keys) -> None:
 
 def test_simulate_and_observe__truth_that_ends_within_the_band__tell_that_its_ends_are_held(desk, run) -> None:
     (desk / "protocol.toml").write_text(SHORT)
-    simulate = "experiment simulate --procedure curve --runs 2 --trials 20 --truth loss.csv".split()
-    observe = "experiment observe protocol.toml --store lab.db --truth S1=loss.csv".split()
+    simulate = "simulate --procedure curve --runs 2 --trials 20 --truth loss.csv"
+    observe = "observe protocol.toml --store lab.db --truth S1=loss.csv"
     for rows, told in (("0.4,0\n250,30\n", True), ("0.4,0\n300,30\n", False)):
         (desk / "loss.csv").write_text(f"frequency_hz,level_db_sl\n{rows}")
         for verb in (simulate, observe):
-            assert ("loss.csv covers 0.4 to 250 Hz of 0.4 to 300 Hz: beyond, the level" in run(*verb).err) == told
+            err = run("experiment", *verb.split()).err
+            assert ("loss.csv covers 0.4 to 250 Hz of 0.4 to 300 Hz: beyond, the level" in err) == told
 
 
 def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -> None:
