@@ -10,6 +10,7 @@ from sqlalchemy import select
 
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
+from tactuator.experiment.simulated import sitting
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.reference import open_reference
@@ -58,6 +59,16 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -
     assert (desk / "figures" / "fig11.svg").exists()
     assert run.json("experiment", "export", *STORE, "--format", "bids", "--out", "bids")["trials"] > 50
     run.refused(*thresholds, "--group", "unknown", said="unknown")
+
+
+def test_observe__interrupted__says_where_the_trials_until_then_are(desk, run, monkeypatch) -> None:
+    def stop(at: int, share: float) -> None:
+        raise KeyboardInterrupt
+
+    (desk / "protocol.toml").write_text(SHORT)
+    monkeypatch.setattr(sitting, "run_study", lambda *given, of=sitting.run_study: of(*given[:-1], stop))
+    ended = run("experiment", "observe", "protocol.toml", *STORE)
+    assert (ended.status, ended.err) == (130, "tactuator: interrupted; written: lab.db\n")
 
 
 def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(desk, run) -> None:
