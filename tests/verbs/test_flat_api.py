@@ -182,6 +182,8 @@ def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[st
         assert len(repr(noun)) < 250
         assert "\n" not in repr(noun)
         assert " object at 0x" not in repr(noun)
+    assert "prefilter within 0." in repr(controller)
+    assert " dB without friction" in repr(controller)  # friction may take 12 dB
     assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 
