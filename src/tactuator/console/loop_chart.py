@@ -99,7 +99,9 @@ def _tile(finding: Finding) -> dict[str, str]:
     return {
         "name": finding.quantity,
         "value": finding.figure,
-        "allowed": "" if finding.allowed is None else f"{finding.allowed:g}{unit} or less",
+        "allowed": finding_row(finding)[4]
+        if finding.side or finding.allowed is None
+        else f"{finding.allowed:g}{unit} or less",
         "outcome": finding.outcome.value,
     }
 
