@@ -95,13 +95,11 @@ def _tiles(verdict: Verdict) -> list[dict[str, str]]:
 
 
 def _tile(finding: Finding) -> dict[str, str]:
-    unit = f" {finding.unit}" if finding.unit else ""
+    allowed = finding_row(finding)[4]
     return {
         "name": finding.quantity,
         "value": finding.figure,
-        "allowed": finding_row(finding)[4]
-        if finding.side or finding.allowed is None
-        else f"{finding.allowed:g}{unit} or less",
+        "allowed": allowed if finding.side or not allowed else f"{allowed} or less",
         "outcome": finding.outcome.value,
     }
 

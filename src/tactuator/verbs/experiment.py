@@ -279,10 +279,10 @@ def _truth(path: Place, band_hz: tuple[float, float]) -> "RelativeCurve":
     from tactuator.io.csv_tables import read_relative_curve
 
     curve = read_relative_curve(Path(path))
-    low_hz, high_hz = curve.frequency_hz[0], curve.frequency_hz[-1]
-    if band_hz[0] < low_hz or high_hz < band_hz[1]:
-        covers, band = f"{low_hz:g} to {high_hz:g} Hz", f"{band_hz[0]:g} to {band_hz[1]:g} Hz"
-        say(f"{path} covers {covers} of {band}: beyond, the level at its end is taken")
+    (low_hz, high_hz), (lowest_hz, highest_hz) = curve.frequency_hz[[0, -1]], band_hz
+    if lowest_hz < low_hz or high_hz < highest_hz:
+        band = f"{low_hz:g} to {high_hz:g} Hz of {lowest_hz:g} to {highest_hz:g} Hz"
+        say(f"{path} covers {band}: beyond, the level at its end is taken")
     return curve
 
 

@@ -127,8 +127,7 @@ class IdentificationResult(_FittedResult, Identification):
 
     def notices(self) -> Sequence[str]:
         unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name) for row in self.model.trust)
-        helps = unlikely or (self.tests.feedback is True and bool(self.model.distrust))
-        return [*super().notices(), *([_HELPS] if helps else [])]
+        return [*super().notices(), *([_HELPS] if unlikely or (self.tests.feedback and not self.holds) else [])]
 
     def chart(self) -> Chart:
         hertz, value, error = self.shown()
