@@ -294,9 +294,9 @@ def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
     marks = {mark: run.at(mark) for mark in _MARKS_HZ if run.frequency_hz[0] <= mark <= run.frequency_hz[-1]}
     seen = {mark: at for mark, at in marks.items() if axes.get_ylim()[0] < at[1] < axes.get_ylim()[1]}
     points = axes.transData.transform(list(seen.values())) * 72.0 / axes.figure.dpi if seen else np.empty((0, 2))
-    for (mark, at), own in zip(seen.items(), points, strict=True):
+    for (mark, at), middle in zip(seen.items(), points, strict=True):
         axes.plot(*at, "o", color=BLUE, markersize=4, zorder=6)
-        apart = [np.hypot(*(own + offset - points).T).min() + 1e-6 >= np.hypot(*offset) for offset in offsets]
+        apart = [np.hypot(*(middle + offset - points).T).min() + 1e-6 >= np.hypot(*offset) for offset in offsets]
         nearest = [offset for offset, is_own in zip(offsets, apart, strict=True) if is_own]  # its mark, no other's
         placer.place(f"{mark:g} Hz", [at], nearest, fontsize=7.5, color=BLUE)
 

@@ -178,8 +178,8 @@ def rendering(
             raise BadInput(f"{path}: no room to work in ({error.strerror})", "a disk with room") from None
         level, least = meter.level_db(), max(QUIETEST_DB, float(db(speech.peak)) + LEAST_DB)
         if level < least:
-            left = f"coding {coding.kind!r} leaves {level:.0f} dB re full scale of it"
-            raise BadInput(f"{path}: nothing of this sound lies in the band: {left}", f"{least:.0f} dB or more")
+            said = f"coding {coding.kind!r} leaves {level:.0f} dB re full scale of it"
+            raise BadInput(f"{path}: nothing of this sound lies in the band: {said}", f"{least:.0f} dB or more")
         gain = float(10.0 ** ((level_db_sl - level) / 20.0))
         yield Rendering(speech, controller, level_db_sl, gain, frames, coded, placement, Limiter(controller))
 
