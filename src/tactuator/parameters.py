@@ -121,7 +121,8 @@ def require_known(values: Mapping[str, Any], keys: Mapping[str, Any], *where: st
     """Raise BadInput for a key of a table that is none of `keys`."""
     for key in values:
         if key not in keys:
-            raise BadInput(f"not a key that is known{likely(key, keys)}", ", ".join(keys), where=where, key=key)
+            meant = likely(key, keys)
+            raise BadInput(f"not a key that is known{meant}", "" if meant else ", ".join(keys), where=where, key=key)
 
 
 @cache

@@ -10,6 +10,7 @@ from sqlalchemy import select
 
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.protocol.recognition import block_trials
+from tactuator.experiment.simulated import sitting
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.reference import open_reference
@@ -33,6 +34,17 @@ def test_simulate__json__is_one_object(run, arguments, keys) -> None:
     assert keys | {"simulated"} <= set(answer)
 
 
+def test_simulate_and_observe__truth_that_ends_within_the_band__tell_that_its_ends_are_held(desk, run) -> None:
+    (desk / "protocol.toml").write_text(SHORT)
+    simulate = "simulate --procedure curve --runs 2 --trials 20 --truth loss.csv"
+    observe = "observe protocol.toml --store lab.db --truth S1=loss.csv"
+    for rows, told in (("0.4,0\n250,30\n", True), ("0.4,0\n300,30\n", False)):
+        (desk / "loss.csv").write_text(f"frequency_hz,level_db_sl\n{rows}")
+        for verb in (simulate, observe):
+            err = run("experiment", *verb.split()).err
+            assert ("loss.csv covers 0.4 to 250 Hz of 0.4 to 300 Hz: beyond, the level" in err) == told
+
+
 def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -> None:
     (desk / "protocol.toml").write_text(SHORT)
     observe = ("experiment", "observe", "protocol.toml", *STORE, "--seed", "4")
@@ -47,6 +59,16 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -
     assert (desk / "figures" / "fig11.svg").exists()
     assert run.json("experiment", "export", *STORE, "--format", "bids", "--out", "bids")["trials"] > 50
     run.refused(*thresholds, "--group", "unknown", said="unknown")
+
+
+def test_observe__interrupted__says_where_the_trials_until_then_are(desk, run, monkeypatch) -> None:
+    def stop(at: int, share: float) -> None:
+        raise KeyboardInterrupt
+
+    (desk / "protocol.toml").write_text(SHORT)
+    monkeypatch.setattr(sitting, "run_study", lambda *given, of=sitting.run_study: of(*given[:-1], stop))
+    ended = run("experiment", "observe", "protocol.toml", *STORE)
+    assert (ended.status, ended.err) == (130, "tactuator: interrupted; written: lab.db\n")
 
 
 def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(desk, run) -> None:

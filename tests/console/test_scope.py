@@ -121,6 +121,17 @@ def test_spectrum__of_two_tones__stands_at_their_levels_over_the_threshold(contr
     assert found.level_db_sl == pytest.approx(10.0 * np.log10(10.0**2.0 + 10.0**-0.5), abs=0.05)
 
 
+def test_peak__of_a_tone_between_the_lines__is_its_frequency_and_level(controller):
+    """The middle of the stretch it fell into was told: 98.5 Hz for 100, and 217 for 220."""
+    levels, channel, time = Levels(controller.display), controller.display.channels[2], np.arange(RATE) / RATE + 0.003
+    for hertz in (1.0, 2.0, 3.3, 7.5, 20.0, 43.21, 100.0, 157.5, 220.0, 299.9):
+        rows = np.zeros((RATE, 9), np.float32)
+        rows[:, 8] = 10.0 * float(channel.threshold_voltage(hertz)) * np.sin(2.0 * np.pi * hertz * time)
+        rows[:, 8] += 1e-6 * np.random.default_rng(1).standard_normal(RATE)
+        found = levels.of_rows(rows)[2]
+        assert (found.peak_hz, found.peak_db_sl) == (pytest.approx(hertz, abs=0.05), pytest.approx(20.0, abs=0.05))
+
+
 def test_levels__of_nothing__are_the_floor_and_of_less_than_a_second_or_with_a_gap_none(controller):
     rows, levels = np.zeros((RATE, 9), np.float32), Levels(controller.display)
     rows[:, 3:6] = [0.1, -0.2, 0.3]

@@ -55,6 +55,7 @@ def finding(errors_db: list[float], confidence_db: list[float], load: str = "non
 def test_response_verdict__errors_with_confidence__the_point_that_decides(errors, confidence, outcome, at_hz) -> None:
     one = finding(errors, confidence)
     assert (one.outcome.value, one.frequency_hz) == (outcome, at_hz)
+    assert one.figure == f"{dict(zip(FREQUENCY_HZ, errors, strict=True))[at_hz]:+.2f} dB"
     assert f"differences of 1.65 dB; {'confidence 0.0023 dB' if outcome == 'met' else 'confidence 0.'}" in one.remark
 
 

@@ -100,6 +100,7 @@ def test_speech_and_objectives__of_the_study__are_felt_as_asked_and_met_in_the_f
     ]
     assert {one.channel for objective in study.verdict.objectives for one in objective.findings} == set(CHANNELS)
     told = {one.quantity for objective in study.verdict.objectives for one in objective.findings}
+    assert {finding.figure[0] for finding in study.verdict.objectives[0].findings} <= set("+-")
     assert told == {"felt minus asked", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
     heard = noise_verdict(study.noise.designed.channels, study.plan.display)
     own = {one.number: one.findings for one in study.verdict.objectives}

@@ -37,11 +37,12 @@ from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.record import Record
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
+from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.table import Chart, ChartLine
 from tactuator.verbs.nouns import RecordResult
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
-from tests.synthesis.displays import channel, paper_controller, three_finger_controller
+from tests.synthesis.displays import channel, paper_controller, three_finger_controller, three_fingers
 
 
 @cache
@@ -51,6 +52,12 @@ def paper_chart() -> Plate:
     loops = [FeedbackLoop(c, one.sampled) for one in family]
     continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
     return nichols_plate(loops[0], paper.PLANT, continuous, loops[1:], name="fig07")
+
+
+@cache
+def default_chart() -> Plate:
+    made = design_controller(three_fingers())
+    return next(plate for plate in design_plates(made, "index") if plate.name == "nichols-index")
 
 
 def boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:
@@ -90,7 +97,7 @@ def designed_charts(finger: str) -> dict[str, Plate]:
     return {plate.name: plate for plate in design_plates(three_finger_controller(), finger)}
 
 
-@pytest.mark.parametrize("chart", [paper_chart, lambda: designed_charts("thumb")["nichols-thumb"]])
+@pytest.mark.parametrize("chart", [paper_chart, default_chart])
 def test_nichols__labels__neither_collide_nor_lie_under_curves_nor_leave_the_frame(chart: Callable[[], Plate]) -> None:
     made = chart()
     axes = made.figure.axes[0]
@@ -101,6 +108,11 @@ def test_nichols__labels__neither_collide_nor_lie_under_curves_nor_leave_the_fra
     x, y = np.concatenate([axes.transData.transform(curve) for curve in curves if len(curve) > 2]).T
     for name, (x0, y0, x1, y1) in boxes(made).items():
         assert not np.any((x > x0) & (x < x1) & (y > y0) & (y < y1)), f"{name} lies under a curve"
+    marks = [one for one in axes.lines if one.get_marker() == "o"]
+    points = np.concatenate([axes.transData.transform(one.get_xydata()) for one in marks])
+    middles = {name: np.array([x0 + x1, y0 + y1]) / 2.0 for name, (x0, y0, x1, y1) in boxes(made).items()}
+    nearest = [np.hypot(*(points - middle).T).argmin() for name, middle in middles.items() if name.endswith(" Hz")]
+    assert nearest == sorted(set(nearest))  # 50 Hz stood beside the mark of 100 Hz
 
 
 def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end() -> None:
@@ -282,6 +294,7 @@ def test_findings_loads_and_remarks__are_printed_in_few_digits_plain_words_and_o
     found = Finding("iv", "index", "finger", Outcome.NOT_MET, "felt hum", 3.14159, 0.5, "dB SL", 59.99951)
     shown = ("iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger")
     assert finding_row(found) == shown
+    assert finding_row(replace(found, side=-1.0))[3] == "felt hum -3.14 dB SL"
     bare = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
     assert finding_row(bare) == ("build", "thumb", "not judged", "float32", "", "", "free")
     assert [load_words(name) for name in ("none", "finger", "none, model 2", "finger, model 3")] == [

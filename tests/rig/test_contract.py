@@ -20,7 +20,7 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.simulated import PacedRig, SimulatedRig
 from tests.rig.every_rig import BOARDS, RIGS, begin, tones
-from tests.rig.guard.guarded import designed
+from tests.rig.guard.guarded import adaptive, designed
 from tests.runtime import paper_display
 from tests.runtime.paper_display import controller, display
 from tests.strength import reshaped
@@ -177,6 +177,15 @@ def test_load__controller_that_reshapes_its_reference__is_played_so_or_refused(r
         return
     with pytest.raises(BadInput, match=r"'index': its reference is reshaped .* without \[strength\] blended"):
         rig.load(reshaped(designed()))
+    assert len(rig.play(tones(20))) == 20
+
+
+def test_load__controller_that_feeds_a_finger_forward__is_played_so_or_refused(rig: Rig) -> None:
+    if rig.feeds_forward:
+        rig.load(adaptive())
+    else:
+        with pytest.raises(BadInput, match=r"'index': what a finger takes is fed forward.* without \[touch\] adaptive"):
+            rig.load(adaptive())
     assert len(rig.play(tones(20))) == 20
 
 

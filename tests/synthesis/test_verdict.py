@@ -92,6 +92,8 @@ def test_judge__more_than_is_to_be_felt__not_met(environment: Environment, not_m
     if not_met == ["i"]:
         rubbed = only(verdict, "i", "index", "none", AT_LOWEST)
         assert (rubbed.value, rubbed.remark.endswith("from_db_sl = 20")) == (pytest.approx(1.03, abs=0.05), True)
+        assert rubbed.figure == f"-{rubbed.value:.2f} dB"  # weaker, as the remark says
+        assert "side" not in rubbed.document()
         guessed = judged(channel(loads=(), environment=replace(environment, assumed=("presliding",))))
         rubbed = only(guessed, "i", "index", "none", AT_LOWEST)
         assert (rubbed.outcome.value, "presliding is assumed" in rubbed.remark) == ("not judged", True)

@@ -23,6 +23,7 @@ from tactuator.io.reference import open_reference
 from tactuator.model.plant import Load
 from tactuator.paper.verb import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
+from tactuator.signals.record import Record
 from tactuator.verbs.controller import wordlength
 from tactuator.verbs.result import Result, plain
 from tactuator.verbs.start import curves
@@ -164,6 +165,17 @@ def test_measure_response_and_noise__fingers_of_an_open_rig__are_the_load_or_ref
             verb(rig, borne)
 
 
+def test_identify__chirp_through_a_loop__picks_poles_that_cannot_be_and_says_what_would_help(known):
+    rig, time_s = tt.SimulatedRig(known["controller"].display, seed=5), np.arange(20000) / 4000.0
+    rig.load(known["controller"])
+    chirp = 100.0 * np.sin(2.0 * np.pi * 0.5 * (600.0 ** (time_s / 5.0) - 1.0) * 5.0 / np.log(600.0))
+    played = rig.play(np.repeat(chirp[:, None], len(rig.channels), axis=1))
+    record = Record(rig.rate_hz, played.command_v[:, 0], played.position_v[:, 0])
+    for order, helps in ((None, True), (2, False)):
+        found = tt.identify(record, order=order)
+        assert (bool(found.distrust), "--order with the number" in " ".join(found.notices())) == (helps, helps)
+
+
 def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[str, object]):
     controller, rig = known["controller"], known["rig"]
     display = controller.display
@@ -183,6 +195,8 @@ def test_nouns__each_that_a_user_holds__says_in_a_line_what_it_is(known: dict[st
         assert " object at 0x" not in repr(noun)
     assert repr(tt.check(controller)).startswith("<Verdict ")
     assert all(f"{finger}: felt within" in repr(heard) for finger in ("index", "thumb", "middle"))
+    assert "prefilter within 0." in repr(controller)
+    assert " dB without friction" in repr(controller)  # friction may take 12 dB
     assert repr(rig) == "<SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, a controller runs>"
 
 

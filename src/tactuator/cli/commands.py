@@ -144,11 +144,12 @@ def command_of(verb: Verb) -> Callable[..., None]:
             if result is None:
                 return
             answer(result, as_json, [place for place in places if place.exists() and result.ending is None])
-        except KeyboardInterrupt:
-            if not places:
+        except KeyboardInterrupt as error:
+            written = [str(place) for place in places if _changed_ns(place) != before[place]]
+            written += getattr(error, "__notes__", ())
+            if not (places or written):
                 raise
-            written = ", ".join(str(place) for place in places if _changed_ns(place) != before[place])
-            raise Interrupted(f"interrupted; written: {written or 'nothing'}") from None
+            raise Interrupted(f"interrupted; written: {', '.join(written) or 'nothing'}") from None
         if result.ending is not None:
             raise result.ending
         if not result.holds:

@@ -95,11 +95,11 @@ def _tiles(verdict: Verdict) -> list[dict[str, str]]:
 
 
 def _tile(finding: Finding) -> dict[str, str]:
-    unit = f" {finding.unit}" if finding.unit else ""
+    allowed = finding_row(finding)[4]
     return {
         "name": finding.quantity,
-        "value": "—" if finding.value is None else f"{finding.value:.2f}{unit}",
-        "allowed": "" if finding.allowed is None else f"{finding.allowed:g}{unit} or less",
+        "value": finding.figure,
+        "allowed": allowed if finding.side or not allowed else f"{allowed} or less",
         "outcome": finding.outcome.value,
     }
 

@@ -34,13 +34,16 @@ class ChannelLevel:
     """Levels of one channel over the last second. spectrum_db_sl: at Levels.frequency_hz, the greatest line of each
     stretch, as a sinusoid of that amplitude; level_db_sl: of the sinusoid with the power of all lines of the band, each
     weighted by the threshold curve; the hum and noise of the sensor itself are among them. tone_db_sl: of the tone that
-    is played, if one is. command_mean_v: what the command holds against.
+    is played, if one is. command_mean_v: what the command holds against. peak_hz, peak_db_sl: of the strongest
+    sinusoid, between the lines.
     """
 
     spectrum_db_sl: FloatArray
     level_db_sl: float
     tone_db_sl: float | None
     command_mean_v: float
+    peak_hz: float
+    peak_db_sl: float
 
 
 class Levels:
@@ -71,33 +74,39 @@ class Levels:
         position = rows[:, SIGNALS.index("position") * count :].astype(np.float64)
         command = rows[:, SIGNALS.index("command") * count :][:, :count]
         windowed = (position - position.mean(axis=0)) * self._window[:, None]
-        spectra = np.abs(scipy.fft.rfft(windowed, axis=0))
-        tones = [None] * count if tone_hz is None else self._tones(windowed, tone_hz)
-        return [
-            self._level(weight, spectra[:, index], tones[index], float(command[:, index].mean()))
-            for index, weight in enumerate(self._channels)
-        ]
+        means = command.mean(axis=0, dtype=np.float64).tolist()
+        return [self._level(index, windowed[:, index], tone_hz, means[index]) for index in range(count)]
 
-    def _tones(self, windowed: FloatArray, tone_hz: float) -> list[float]:
-        """Return the level of a sinusoid of that frequency on every channel, dB SL."""
+    def _tone(self, index: int, windowed: FloatArray, tone_hz: float) -> float:
+        """Return the level of a sinusoid of that frequency on a channel, dB SL."""
         turns = tone_hz / self._display.rate_hz * np.arange(self._length)
         volts = np.abs(np.exp(-2j * np.pi * turns) @ windowed) * 2.0 / (_HANN_SUM * self._length)
-        thresholds = [float(channel.threshold_voltage(tone_hz)) for channel in self._display.channels]
         with np.errstate(divide="ignore"):
-            levels: list[float] = np.maximum(db(volts / np.array(thresholds)), _FLOOR_DB_SL).tolist()
-        return levels
+            return max(float(db(volts / self._display.channels[index].threshold_voltage(tone_hz))), _FLOOR_DB_SL)
 
-    def _level(
-        self, weight: "_Weight", spectrum: FloatArray, tone_db_sl: float | None, command_mean_v: float
-    ) -> ChannelLevel:
+    def _peak_hz(self, spectrum: FloatArray, units: FloatArray) -> float:
+        """Return the frequency of the strongest sinusoid: the greater neighbour of a Hann window's line tells how far
+        it stands from the line (Rife & Vincent 1970).
+        """
+        line = int(self._edges[0]) + int(np.argmax(units[self._edges[0] : self._last]))
+        side = 1 if spectrum[line + 1] > spectrum[line - 1] else -1
+        ratio = float(spectrum[line + side] / max(spectrum[line], np.finfo(float).tiny))
+        return (line + side * min((2.0 * ratio - 1.0) / (ratio + 1.0), 1.0)) / SECONDS
+
+    def _level(self, index: int, windowed: FloatArray, tone_hz: float | None, command_mean_v: float) -> ChannelLevel:
         # in threshold units: amplitude of a sinusoid at each line
+        weight, spectrum = self._channels[index], np.abs(scipy.fft.rfft(windowed))
         units = spectrum * 2.0 / (_HANN_SUM * self._length) * weight.per_volt
         most = np.maximum.reduceat(units[: self._last], self._edges)
         # a sinusoid's power is spread over three lines: the window's mean square against its squared mean
         power = float(np.sum(units[weight.band] ** 2)) * _HANN_SUM**2 / _HANN_POWER
         with np.errstate(divide="ignore"):
             level = max(float(db(np.sqrt(power))), _FLOOR_DB_SL)
-            return ChannelLevel(np.maximum(db(most), _FLOOR_DB_SL), level, tone_db_sl, command_mean_v)
+            stretches = np.maximum(db(most), _FLOOR_DB_SL)
+        tone_db_sl = None if tone_hz is None else self._tone(index, windowed, tone_hz)
+        peak_hz = self._peak_hz(spectrum, units)
+        peak_db_sl = self._tone(index, windowed, peak_hz)
+        return ChannelLevel(stretches, level, tone_db_sl, command_mean_v, peak_hz, peak_db_sl)
 
 
 @dataclass(frozen=True, eq=False)

@@ -189,10 +189,9 @@ class RigSession:
         felt = self.rig.felt()
         if felt is None:
             return None
-        strongest = [int(np.argmax(level.spectrum_db_sl)) for level in felt]
         return {
-            "peak_hz": [round(float(self.rig.levels.frequency_hz[place]), 1) for place in strongest],
-            "peak_db_sl": [round(float(np.max(level.spectrum_db_sl)), 1) for level in felt],
+            "peak_hz": [round(level.peak_hz, 2) for level in felt],
+            "peak_db_sl": [round(level.peak_db_sl, 1) for level in felt],
             "spectrum_db_sl": [np.round(level.spectrum_db_sl, 1).tolist() for level in felt],
             "level_db_sl": [round(level.level_db_sl, 2) for level in felt],
             "tone_db_sl": [None if level.tone_db_sl is None else round(level.tone_db_sl, 2) for level in felt],

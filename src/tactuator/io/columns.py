@@ -259,10 +259,11 @@ def read_columns(path: Path) -> Columns:
         ".wav": _read_sound, ".flac": _read_sound, ".h5": _read_hdf5, ".hdf5": _read_hdf5,
     }  # fmt: skip
     reader = readers.get(path.suffix.lower())
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "there is no such file"
+        raise BadInput(f"record {path}: {what}", "one that can be read")
     if reader is None:
         raise BadInput(f"record {path}: ending {path.suffix!r}", f"{', '.join(readers)}")
-    if not path.is_file():
-        raise BadInput(f"record {path}: there is no such file", "one that can be read")
     try:
         columns = reader(path)
     except BadInput as error:

@@ -105,7 +105,9 @@ def parse_toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it tells
-        raise BadInput(reason or place, where=(place,) if reason else ()) from None
+        number = re.match(r"line (\d+)", place)
+        line = f"{text.splitlines()[int(number[1]) - 1].strip()[:60]!r}: " if number else ""
+        raise BadInput(line + (reason or place), where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
         raise BadInput("it is not TOML") from None
 

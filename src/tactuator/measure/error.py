@@ -316,13 +316,15 @@ def response_verdict(responses: Sequence[Response], display: Display) -> Verdict
 
 def _finding(response: Response, display: Display) -> Finding:
     """Return the finding on the point that decides: one that surely passes what is allowed before one that may."""
-    error, allowed = np.abs(error_db(response, display)), display.objectives.flatness_db
+    signed_db, allowed = error_db(response, display), display.objectives.flatness_db
+    error = np.abs(signed_db)
     doubt = response.confidence_db
     surely, perhaps = error > allowed + doubt, error + doubt > allowed
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
     finding = unread(compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at))
+    finding = replace(finding, side=float(np.sign(signed_db[worst])))
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark, counts=False)

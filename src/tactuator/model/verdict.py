@@ -45,7 +45,8 @@ class Finding:
 
     value and allowed in `unit`; frequency_hz: where the value was found. remark: why it was not judged, what it rests
     on, or what to change. counts: whether an objective stays open if this was not judged; what is told for
-    information only does not. model: whose plant it is about, where a display was measured several times.
+    information only does not. model: whose plant it is about, where a display was measured several times. side: the
+    sign of what `value` is the size of (felt minus asked), for those who read it; 0 where it is a value of its own.
     """
 
     objective: str
@@ -60,6 +61,7 @@ class Finding:
     remark: str = ""
     counts: bool = True
     model: str = ""
+    side: float = 0.0
 
     __repr__ = brief
 
@@ -70,9 +72,16 @@ class Finding:
             return float("-inf")
         return self.value - self.allowed
 
+    @property
+    def figure(self) -> str:
+        """Return the value as it is read, with the sign of its side and its unit; "—" where there is none."""
+        shown = "—" if self.value is None else f"{self.side * self.value:+.2f}" if self.side else f"{self.value:.2f}"
+        return shown if self.value is None else f"{shown} {self.unit}".rstrip()
+
     def document(self) -> dict[str, Any]:
         """Return plain figures, as `--json` prints them."""
-        return {**vars(self), "outcome": self.outcome.value}
+        plain = {name: value for name, value in vars(self).items() if name != "side"}
+        return {**plain, "outcome": self.outcome.value}
 
 
 def compared(
@@ -164,11 +173,10 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """Return the verdict in one sentence."""
-        by_outcome = {
-            outcome: [objective.number for objective in self.objectives if objective.outcome is outcome]
-            for outcome in Outcome
-        }
-        parts = [f"{', '.join(numbers)}: {outcome}" for outcome, numbers in by_outcome.items() if numbers]
+        numbers: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
+        for objective in self.objectives:
+            numbers[objective.outcome].append(objective.number)
+        parts = [f"{', '.join(of)}: {outcome}" for outcome, of in numbers.items() if of]
         return f"{self.outcome} ({'; '.join(parts)})"
 
     def document(self) -> dict[str, Any]:
@@ -189,11 +197,6 @@ class Verdict:
 
 def verdict_of(findings: Sequence[Finding], assumptions: Sequence[str] = ()) -> Verdict:
     """Return the verdict of findings on any of the objectives, in the order of `OBJECTIVES`."""
-    numbers = [number for number in OBJECTIVES if any(finding.objective == number for finding in findings)]
-    return Verdict(
-        tuple(
-            Objective(number, OBJECTIVES[number], tuple(finding for finding in findings if finding.objective == number))
-            for number in numbers
-        ),
-        tuple(dict.fromkeys(assumptions)),
-    )
+    sorted_out = {number: tuple(each for each in findings if each.objective == number) for number in OBJECTIVES}
+    objectives = (Objective(number, OBJECTIVES[number], of) for number, of in sorted_out.items() if of)
+    return Verdict(tuple(objectives), tuple(dict.fromkeys(assumptions)))

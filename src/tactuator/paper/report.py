@@ -275,7 +275,7 @@ def _worded(finding: Finding) -> str:
     unit = f" {finding.unit}" if finding.unit else ""
     at = "" if finding.frequency_hz is None else f" at {finding.frequency_hz:.3g} Hz"
     remark = f"; {finding.remark}" if finding.remark else ""
-    value = f"{finding.quantity} {finding.value:.3g}{unit}{at}, {finding.channel}"
+    value = f"{finding.quantity} {finding.figure}{at}, {finding.channel}"
     return f"{value} (allowed {finding.allowed:g}{unit}){remark}"
 
 

@@ -72,14 +72,15 @@ def _follows(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:
     """Judge objective i of every channel: the greatest error of a measured point against the curve."""
     for channel in plan.display.channels:
         errors = [
-            (abs(float(db(point.measured_v / point.target_v))), point)
+            (float(db(point.measured_v / point.target_v)), point)
             for point in responses
             if (point.channel, point.load) == (channel.name, UNLOADED)
         ]
-        value, worst = max(errors, key=lambda pair: pair[0])
+        error, worst = max(errors, key=lambda pair: abs(pair[0]))
         allowed = plan.display.objectives.flatness_db
-        finding = compared("i", channel.name, UNLOADED, FELT_MINUS_ASKED, value, allowed, "dB", worst.frequency_hz)
-        yield replace(finding, remark=f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB")
+        finding = compared("i", channel.name, UNLOADED, FELT_MINUS_ASKED, abs(error), allowed, "dB", worst.frequency_hz)
+        remark = f"measured at {JUDGED_AT_DB_SL:g} dB SL, confidence {worst.ci_db:.2f} dB"
+        yield replace(finding, side=float(np.sign(error)), remark=remark)
 
 
 def _bears_load(plan: Plan, responses: list[ResponsePoint]) -> Iterator[Finding]:

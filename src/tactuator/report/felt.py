@@ -224,12 +224,15 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     if not runs:
         raise BadInput(f"no runs of {subject}", "one or more")
     rows = -(-len(runs) // _COLUMNS)
-    drawing, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=0.9 + 1.8 * rows, squeeze=False, sharey=True)
+    drawing, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=1.1 + 1.8 * rows, squeeze=False, sharey=True)
     panels = list(grid.flat)
     for panel, run in zip(panels, runs, strict=False):
         _panel(panel, run)
     for spare in panels[len(runs) :]:
         spare.set_axis_off()
+    labels = ("fit", _ANSWERS, "threshold, 95 %", "procedure's own")
+    shown = {line.get_label(): line for panel in panels for line in panel.lines if line.get_label() in labels}
+    drawing.legend(shown.values(), shown, loc="outside lower center", ncols=4, fontsize=7.5, frameon=False)
     for row in grid:
         row[0].set_ylabel("share correct", fontsize=8)
     for panel, run in list(zip(panels, runs, strict=False))[-_COLUMNS:]:
@@ -257,18 +260,23 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table, simulated)
 
 
+_ANSWERS = "answers (larger: more trials)"
+
+
 def _panel(axes: Axes, run: PsychometricTrials) -> None:
     fit = run.threshold
-    axes.plot(run.grid_db_sl, run.psi, color=BLUE, linewidth=1.2)
+    axes.plot(run.grid_db_sl, run.psi, color=BLUE, linewidth=1.2, label="fit")
     most = run.count.max()
     for level, share, count in zip(run.level_db_sl, run.share, run.count, strict=True):
         size = _SMALLEST + (_LARGEST - _SMALLEST) * (count / most) ** 0.5
-        axes.plot([level], [share], "o", color=INK, markersize=size, fillstyle="none", markeredgewidth=0.7)
+        axes.plot(
+            [level], [share], "o", color=INK, markersize=size, fillstyle="none", markeredgewidth=0.7, label=_ANSWERS
+        )
     ends = np.clip([fit.refit_low_db_sl, fit.refit_high_db_sl], *axes.get_xlim())  # an open end leaves the panel
-    axes.plot(ends, [fit.point] * 2, color=RED, linewidth=2.0, scalex=False)
+    axes.plot(ends, [fit.point] * 2, color=RED, linewidth=2.0, scalex=False, label="threshold, 95 %")
     axes.plot([fit.refit_db_sl], [fit.point], "|", color=RED, markersize=9)
     if fit.own_db_sl is not None:
-        axes.plot([fit.own_db_sl], [fit.point - 0.05], "^", color=RED, markersize=4)
+        axes.plot([fit.own_db_sl], [fit.point - 0.05], "^", color=RED, markersize=4, label="procedure's own")
     bound = {"": "", ">=": " (≥)", "<=": " (≤)"}[fit.bound]
     flags = f"\n{', '.join(fit.flags)}" if fit.flags else ""
     where = "whole curve" if run.whole_curve else f"{fit.frequency_hz:.4g} Hz"

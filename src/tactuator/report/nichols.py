@@ -44,10 +44,11 @@ class LabelPlacer:
         text: str,
         anchors: Sequence[tuple[float, float]],
         offsets: Sequence[tuple[float, float]] = ((0.0, 0.0),),
-        clear_of_lines: bool = True,
+        clear: float = 1.0,
         **style: object,
     ) -> bool:
-        """Write `text` centred at the first free place: an anchor (data coordinates) and an offset (points).
+        """Write `text` centred at the first free place, `clear` pixels from all lines: an anchor (data coordinates) and
+        an offset (points).
 
         Returns whether there was one; nothing is written if not.
         """
@@ -70,7 +71,7 @@ class LabelPlacer:
             for offset in offsets:
                 x, y = at[0] + offset[0] * per_point, at[1] + offset[1] * per_point
                 box = Bbox.from_bounds(x - size.width / 2.0, y - size.height / 2.0, size.width, size.height)
-                if self._is_free(box, frame, clear_of_lines):
+                if self._is_free(box, frame, clear):
                     self._taken.append(box.padded(4.0))
                     label.xy = anchor
                     label.set_position(offset)
@@ -82,14 +83,15 @@ class LabelPlacer:
         """Take a rectangle (display coordinates): a legend, say."""
         self._taken.append(box)
 
-    def _is_free(self, box: Bbox, frame: Bbox, clear_of_lines: bool) -> bool:
+    def _is_free(self, box: Bbox, frame: Bbox, clear: float) -> bool:
         inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
         if not inside or any(box.overlaps(other) for other in self._taken):
             return False
-        if not clear_of_lines or self._points.size == 0:
+        if self._points.size == 0:
             return True
         x, y = self._points.T
-        return not bool(np.any((x > box.x0 - 1) & (x < box.x1 + 1) & (y > box.y0 - 1) & (y < box.y1 + 1)))
+        around = box.padded(clear)
+        return not bool(np.any((x > around.x0) & (x < around.x1) & (y > around.y0) & (y < around.y1)))
 
 
 def _dense(points: FloatArray, step: float = 3.0) -> FloatArray:
@@ -289,14 +291,14 @@ def _margin_marks(axes: Axes, placer: LabelPlacer, arrows: Mapping[str, FloatArr
 def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
     far, around = (11.0, 15.0, 20.0, 26.0, 34.0), np.radians(range(0, 360, 30))
     offsets = [(r * np.cos(a), r * np.sin(a)) for r in far for a in around]
-    for mark in _MARKS_HZ:
-        if not run.frequency_hz[0] <= mark <= run.frequency_hz[-1]:
-            continue
-        at = run.at(mark)
-        if not (axes.get_ylim()[0] < at[1] < axes.get_ylim()[1]):
-            continue
+    marks = {mark: run.at(mark) for mark in _MARKS_HZ if run.frequency_hz[0] <= mark <= run.frequency_hz[-1]}
+    seen = {mark: at for mark, at in marks.items() if axes.get_ylim()[0] < at[1] < axes.get_ylim()[1]}
+    points = axes.transData.transform(list(seen.values())) * 72.0 / axes.figure.dpi if seen else np.empty((0, 2))
+    for (mark, at), middle in zip(seen.items(), points, strict=True):
         axes.plot(*at, "o", color=BLUE, markersize=4, zorder=6)
-        placer.place(f"{mark:g} Hz", [at], offsets, fontsize=7.5, color=BLUE)
+        apart = [np.hypot(*(middle + offset - points).T).min() + 1e-6 >= np.hypot(*offset) for offset in offsets]
+        nearest = [offset for offset, is_own in zip(offsets, apart, strict=True) if is_own]  # its mark, no other's
+        placer.place(f"{mark:g} Hz", [at], nearest, fontsize=7.5, color=BLUE)
 
 
 def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
@@ -304,7 +306,7 @@ def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
     low, high = axes.get_ylim()
     lowest_deg, right = axes.get_xlim()
     ground = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
-    style: dict[str, Any] = {"fontsize": 6.5, "color": _GRID_INK, "bbox": ground}
+    style: dict[str, Any] = {"fontsize": 6.5, "color": _GRID_INK, "bbox": ground, "clear": 3.0}
     for level in _GAIN_LEVELS_DB:
         circle = 10.0 ** (level / 20.0) * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 1441)[:-1])
         with np.errstate(all="ignore"):

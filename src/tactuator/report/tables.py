@@ -53,8 +53,8 @@ def design_rows(channels: Sequence[ChannelController]) -> Iterator[tuple[str, ..
 def finding_row(finding: Finding) -> tuple[str, ...]:
     """Return a finding as the cells of `FINDING_COLUMNS`."""
     unit = f" {finding.unit}" if finding.unit else ""
-    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.value:.2f}{unit}"
-    allowed = "" if finding.allowed is None else f"{finding.allowed:g}{unit}"
+    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.figure}"
+    allowed = "" if finding.allowed is None else f"{'±' if finding.side else ''}{finding.allowed:g}{unit}"
     at = "" if finding.frequency_hz is None else f"{finding.frequency_hz:.4g} Hz"
     return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, load_words(finding.load)
 

@@ -185,10 +185,11 @@ class Rig(ABC):
 
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
-    reshapes: whether it plays what [strength] makes of a reference; a rig that does not refuses such a controller.
+    reshapes, feeds_forward: whether it plays what [strength] makes of a reference, and adds what [touch] learns of a
+    finger to the command; a rig that does not refuses such a controller.
     """
 
-    reshapes = False
+    reshapes = feeds_forward = False
 
     def __init__(self, display: Display) -> None:
         self._display = display
@@ -313,12 +314,16 @@ class Rig(ABC):
         return self.channels.index(channel)
 
     def require_runs(self, controller: Controller) -> None:
-        """Raise BadInput for a controller that is for another display, or reshapes what this rig plays as it comes."""
+        """Raise BadInput for a controller that is for another display, or does what this rig leaves out."""
         controller.require_runs(self._display)
         for part in controller.channels:
-            if part.strength is not None and not self.reshapes:
-                reason = f"channel {part.name!r}: its reference is reshaped by its strength, which this rig does not do"
-                raise BadInput(reason, "a rig that does, or a design without [strength] blended")
+            for needs, does, words, key in (
+                (part.strength, self.reshapes, "its reference is reshaped by its strength", "[strength] blended"),
+                (part.feed_forward, self.feeds_forward, "what a finger takes is fed forward", "[touch] adaptive"),
+            ):
+                if needs is not None and not does:
+                    reason = f"channel {part.name!r}: {words}, which this rig does not do"
+                    raise BadInput(reason, f"a rig that does, or a design without {key}")
 
     def _require_controller(self) -> None:
         if not self._loaded:

@@ -113,7 +113,7 @@ class SimulatedRig(ComputedRig):
     <SimulatedRig three-finger tactuator: index, thumb, middle at 4000 Hz, no controller yet>
     """
 
-    reshapes = True
+    reshapes = feeds_forward = True
 
     @checked
     def __init__(self, display: Display, seed: int = 0) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
@@ -27,6 +27,7 @@ from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.decibels import db
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.coding import Coding, coding_document
 from tactuator.speech.limiter import FingerLimiting, Limiter
@@ -73,8 +74,8 @@ def _active_power(powers: FloatArray) -> float:
     return float(powers[powers >= loudest * 10.0 ** (-FRAMES_WITHIN_DB / 10.0)].mean())
 
 
-QUIETEST_DB = -90.0
-"""Of full scale: a coding that leaves less than this of a file has found nothing in it."""
+QUIETEST_DB, LEAST_DB = -90.0, -60.0
+"""Of full scale, and of a file's peak: a coding that leaves less than either of a file has found nothing in it."""
 RAMP_S = 0.02
 KEPT_S = 60.0
 """What is coded of a file no longer waits in memory."""
@@ -113,22 +114,29 @@ class Rendering:
                 yield stretch[start : start + PIECE_FRAMES].astype(np.float32).astype(np.float64)
 
     def _levelled(self) -> Iterator[FloatArray]:
-        ramp = min(round(RAMP_S * self.controller.rate_hz), self.frames // 2)
-        rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(ramp) + 0.5) / max(ramp, 1))
         matrix, width = self.gain * self._placement, len(self._placement)
-        length, at = round(BLOCK_S * self.controller.rate_hz), 0
+        length = 4 * width * round(BLOCK_S * self.controller.rate_hz)
         self._coded.seek(0)
-        while data := self._coded.read(4 * width * length):
-            block = np.frombuffer(data, dtype=np.float32).reshape(-1, width).astype(np.float64)
-            last = self.frames - at
-            if at < ramp:
-                count = min(ramp - at, len(block))
-                block[:count] *= rise[at : at + count, None]
-            if len(block) > last - ramp:
-                index = last - 1 - np.arange(max(0, last - ramp), len(block))
-                block[max(0, last - ramp) :] *= rise[index, None]
-            at += len(block)
+        read = (np.frombuffer(data, dtype=np.float32) for data in iter(lambda: self._coded.read(length), b""))
+        blocks = (block.reshape(-1, width).astype(np.float64) for block in read)
+        for block in _ramped(blocks, self.frames, self.controller.rate_hz):
             yield block * matrix if width == 1 else block @ matrix
+
+
+def _ramped(blocks: Iterable[FloatArray], frames: int, rate_hz: float) -> Iterator[FloatArray]:
+    """Yield blocks, `frames` samples in all, that rise from zero at their beginning and fall to zero at their end."""
+    ramp, at = min(round(RAMP_S * rate_hz), frames // 2), 0
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(ramp) + 0.5) / max(ramp, 1))
+    for block in blocks:
+        gain, last = rise.reshape(-1, *[1] * (block.ndim - 1)), frames - at
+        if at < ramp:
+            count = min(ramp - at, len(block))
+            block[:count] *= gain[at : at + count]
+        if len(block) > last - ramp:
+            index = last - 1 - np.arange(max(0, last - ramp), len(block))
+            block[max(0, last - ramp) :] *= gain[index]
+        at += len(block)
+        yield block
 
 
 @contextmanager
@@ -160,17 +168,18 @@ def rendering(
     with room as coded:
         meter, frames = LevelMeter(rate), 0
         try:
-            for block in coding.signals(speech_blocks(speech), speech.rate_hz, int(rate)):
+            # where a sound is cut, it has all frequencies: what lies outside of the band would be a click in it
+            sound = _ramped(speech_blocks(speech), speech.frames, speech.rate_hz)
+            for block in coding.signals(sound, speech.rate_hz, int(rate)):
                 coded.write(block.astype(np.float32).tobytes())
                 meter.push(block if len(placement) == 1 else block @ placement)
                 frames += len(block)
         except OSError as error:
             raise BadInput(f"{path}: no room to work in ({error.strerror})", "a disk with room") from None
-        level = meter.level_db()
-        if level < QUIETEST_DB:
-            raise BadInput(
-                f"{path}: coding {coding.kind!r} leaves {level:.0f} dB re full scale of it", f"{QUIETEST_DB:g} dB"
-            )
+        level, least = meter.level_db(), max(QUIETEST_DB, float(db(speech.peak)) + LEAST_DB)
+        if level < least:
+            said = f"coding {coding.kind!r} leaves {level:.0f} dB re full scale of it"
+            raise BadInput(f"{path}: nothing of this sound lies in the band: {said}", f"{least:.0f} dB or more")
         gain = float(10.0 ** ((level_db_sl - level) / 20.0))
         yield Rendering(speech, controller, level_db_sl, gain, frames, coded, placement, Limiter(controller))
 

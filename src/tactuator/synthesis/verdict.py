@@ -168,7 +168,8 @@ class _Judge:
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
         finding = self.compared(("i", FELT_MINUS_ASKED), figure, float(frequency[worst]), _FLATNESS_REMEDY)
-        finding = replace(finding, remark="; ".join(filter(None, [in_jnd(figure[0]), finding.remark])))
+        remark = "; ".join(filter(None, [in_jnd(figure[0]), finding.remark]))
+        finding = replace(finding, remark=remark, side=float(np.sign(error[worst])))
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
         if self.member.load == UNLOADED:
             return finding
@@ -211,7 +212,8 @@ class _Judge:
         figure = float(abs(error[place])) + channel.model_error_db, allowed, "dB"
         assumed = {"presliding"} & set(channel.environment.assumed) if "friction" in causes else ()
         finding = self.compared(("i", AT_LOWEST), figure, float(frequency[place]), remedy, *assumed)
-        finding = replace(finding, remark="; ".join(filter(None, [remark, finding.remark])))
+        remark = "; ".join(filter(None, [remark, finding.remark]))
+        finding = replace(finding, remark=remark, side=float(np.sign(error[place])))
         yield _unsure(finding, channel) if channel.model_error_db > 0.0 else finding
 
     def _beside(

@@ -59,7 +59,8 @@ class ControllerResult(Result, Controller):
         for channel in self.channels:
             margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
             margin = f"phase margin {margins['phase_margin_deg']:.1f}°, " if margins else ""
-            figures[channel.name] = f"{margin}within {fit.get('max_error_db', np.nan):.2f} dB of the curve"
+            error_db = fit.get("max_error_db", np.nan)
+            figures[channel.name] = f"{margin}prefilter within {error_db:.2f} dB without friction"
         return figures
 
     def to_dict(self) -> dict[str, Any]:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from tactuator.experiment.result.store_results import GroupCurve, StoreResults
     from tactuator.experiment.session.studies import Books
     from tactuator.experiment.session.task import Apparatus
+    from tactuator.perception.curve import RelativeCurve
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
 
@@ -233,7 +234,6 @@ def observe(
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.io.csv_tables import read_relative_curve
     from tactuator.rig.rig import usual_load
 
     any_study, text = read_any_protocol(Path(protocol))
@@ -243,9 +243,10 @@ def observe(
     if law and not isinstance(study, JudgingProtocol):
         raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
     codes, seen = [subject.code for subject in study.subject], set[int]()
-    truths = {code: read_relative_curve(Path(path)) for code, path in _pairs("--truth", "SUBJECT=CSV", truth or [])}
+    files = _pairs("--truth", "SUBJECT=CSV", truth or [])
     laws, lapses = dict(_pairs("--law", "SUBJECT=LAW", law or [])), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
+        truths = {code: _truth(path, place.band_hz) for code, path in files}
         _make_ready(place, study.warning)
         channels = place.controller.display.channels
         curve, touching = channels[0].threshold.curve, load or usual_load(channels)
@@ -271,6 +272,18 @@ def observe(
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
     what = "as strong as 30 dB SL at 100 Hz (dB SL)" if isinstance(study, JudgingProtocol) else ObservedResult.what
     return ObservedResult(store, tuple(rows), what)
+
+
+def _truth(path: Place, band_hz: tuple[float, float]) -> "RelativeCurve":
+    """Return somebody's threshold from a CSV, and tell where it is held beyond its ends to cover the band."""
+    from tactuator.io.csv_tables import read_relative_curve
+
+    curve = read_relative_curve(Path(path))
+    (low_hz, high_hz), (lowest_hz, highest_hz) = curve.frequency_hz[[0, -1]], band_hz
+    if lowest_hz < low_hz or high_hz < highest_hz:
+        band = f"{low_hz:g} to {high_hz:g} Hz of {lowest_hz:g} to {highest_hz:g} Hz"
+        say(f"{path} covers {band}: beyond, the level at its end is taken")
+    return curve
 
 
 def _make_ready(place: "Apparatus", warning: str) -> None:
@@ -525,10 +538,9 @@ def simulate(
 ) -> QualityResult:
     """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
     from tactuator.entry_points import plugins
-    from tactuator.experiment.procedure.procedure import GROUP
+    from tactuator.experiment.procedure.procedure import GROUP, Playable
     from tactuator.experiment.simulated.judging_quality import TASKS, JudgingSetting, simulate_judging
     from tactuator.experiment.simulated.quality import Setting, simulate_kind
-    from tactuator.io.csv_tables import read_relative_curve
 
     if procedure not in (*plugins(GROUP), *TASKS):
         raise BadInput(repr(procedure), ", ".join((*plugins(GROUP), *TASKS)), key="--procedure")
@@ -542,7 +554,7 @@ def simulate(
     elif law is not None:
         raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
     else:
-        people = None if truth is None else read_relative_curve(Path(truth))
+        people = None if truth is None else _truth(truth, Playable.band_hz)
         with working(f"{runs} runs", 1.0) as step:
             figures = plain(simulate_kind(procedure, setting, trials, people, step))
     assert isinstance(figures, dict)

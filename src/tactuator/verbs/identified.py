@@ -13,6 +13,7 @@ from tactuator.identification.coupling import CoupledPair
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
 from tactuator.identification.standing import FixedAgainstOwn
+from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text, write_coupling
 from tactuator.model.coupling import RADIUS, CoupledResponse
@@ -28,6 +29,12 @@ from tactuator.verbs.result import Result, coefficients, figure, response_chart
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
     "included; the display's delay_samples is its own computing delay and comes on top"
+)
+
+
+_HELPS = (
+    "what may help: --order with the number of poles that you expect (2 for a motor on a spring), a longer record, or "
+    "one without a loop around the plant"
 )
 
 
@@ -117,6 +124,10 @@ class IdentificationResult(_FittedResult, Identification):
 
     def headline(self) -> Mapping[str, str]:
         return self._with_trust({"fit": figure(self.fit_percent, "%", 5)})
+
+    def notices(self) -> Sequence[str]:
+        unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name) for row in self.model.trust)
+        return [*super().notices(), *([_HELPS] if unlikely or (self.tests.feedback and not self.holds) else [])]
 
     def chart(self) -> Chart:
         hertz, value, error = self.shown()

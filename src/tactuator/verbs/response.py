@@ -152,7 +152,8 @@ def noise(
     ] = (),
     mains_hz: MainsHz = None,
     write: Annotated[
-        Place | None, Option("File to write with the sensor's own hum and noise.", type=Path | None)
+        Place | None,
+        Option("File for what the sensor reads at rest; [environment] measured names it.", type=Path | None),
     ] = None,
     seed: Seed = 0,
 ) -> FeltLevels:

@@ -76,7 +76,10 @@ def test_tables__of_thresholds__have_no_other_word_no_digit_or_end_left_open_and
               ((10.0, 0), (192.0, 3), (250.0, 4))]  # fmt: skip
     notes = threshold_table(points, shipped_words("en")).notes
     (told,) = [note for note in notes if "notch" in note]
-    assert told == ("7: a notch of 15 dB is not excluded at 192 Hz (3 more trials would), 250 Hz (4 more trials would)")
+    assert told == (
+        "7: a notch of 15 dB is not excluded at 192 Hz (3 more trials would exclude it), "
+        "250 Hz (4 more trials would exclude it)"
+    )
     assert not words_left(threshold_table(points, MARKED))
     assert not any("notch" in note for note in threshold_table([ONE], shipped_words("en")).notes)
 

@@ -114,6 +114,7 @@ def test_thresholds__on_a_simulated_rig__are_called_so_and_doubtful_or_censored_
     plates = psychometric_trials(detection_runs(store), found)
     plate = psychometric_plate("S1", plates["S1"])
     assert "simulated" in plate.caption
+    assert [text.get_text() for text in plate.figure.legends[0].texts][::3] == ["fit", "procedure's own"]
     assert set(plate.table["simulated"]) == {"simulated"}
     for drawn in (plate, thresholds_plate(person_thresholds(found), LIBRARY, None)):
         assert "simulated: nobody felt this" in drawn.svg()

@@ -92,8 +92,10 @@ def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
     except BadInput:
         for_nothing = for_nothing and not _holds(store, schema.run)
         raise
-    except BaseException:
+    except BaseException as error:
         for_nothing = for_nothing and not _holds(store, schema.study)
+        if isinstance(error, KeyboardInterrupt) and not for_nothing:
+            error.add_note(f"{place}")  # the command line tells what was written until then
         raise
     finally:
         with suppress(StoreFault):

@@ -64,7 +64,7 @@ class BoardRig(Rig):
     goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
     """
 
-    reshapes = True
+    reshapes = feeds_forward = True
 
     def __init__(
         self,
