@@ -113,7 +113,7 @@ class BandAnalysis:
             row[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
         envelope = scipy.fft.ifft(padded)[..., first : first + short_count * per_frame]
         power = (envelope.real**2 + envelope.imag**2).reshape(-1, *signals, short_count, per_frame)
-        short_powers = np.ascontiguousarray(np.moveaxis(power.mean(axis=-1), 0, -1)) * (2.0 * ENVELOPE / self.chunk) ** 2
+        short_powers = np.moveaxis(power.mean(axis=-1), 0, -1).copy() * (2.0 * ENVELOPE / self.chunk) ** 2
         with np.errstate(divide="ignore"):
             return BandFrames(10.0 * np.log10(long_powers), 10.0 * np.log10(short_powers))
 

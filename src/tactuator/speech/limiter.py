@@ -157,7 +157,7 @@ class Reach:
 
     def __init__(self, signal: FloatArray, memory: int, end: int, rate_hz: float) -> None:
         self.signal, self._memory, self._end, self._rate_hz = signal, memory, end, rate_hz
-        self.peak = max(float(signal.max()), -float(signal.min()))
+        self.peak = max(float(signal[:end].max()), -float(signal[:end].min()))
         self._known: list[tuple[Constraint, float]] = []
 
     @cached_property
@@ -296,10 +296,10 @@ class Limiter:
             yield self._limit(min(self._stretch, count), last=count <= self._stretch)
 
     def _limit(self, commit: int, last: bool) -> FloatArray:
-        memory, reach = self._memory, None
+        memory, end, reach = self._memory, self._window.filled, None
         for finger, signal in zip(self._fingers, self._window.rows, strict=True):
-            if reach is None or not np.array_equal(signal, reach.signal):  # fingers often have the same signal
-                reach = Reach(signal, memory, self._window.filled, self._rate)
+            if reach is None or not np.array_equal(signal[:end], reach.signal[:end]):  # fingers are often alike
+                reach = Reach(signal, memory, end, self._rate)
             if self._is_harmless(finger, reach):
                 finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
             else:
