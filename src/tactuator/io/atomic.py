@@ -27,10 +27,9 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
     """
     target = Path(path)
     _check_parent(target)
-    is_there = target.exists()
-    if is_there and not target.is_file():
+    if target.exists() and not target.is_file():
         raise BadInput(f"{path} is a folder or a device", "the name of a file")
-    if is_there and not is_store and _begins_as_a_store(target):
+    if not is_store and _begins_as_a_store(target):
         raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
     # the name is known before the file is there: a Ctrl-C between the two leaves nothing
     beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
@@ -42,9 +41,8 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
         os.umask(mask)
         beside.chmod(0o666 & ~mask)
         beside.replace(target)
-    except BaseException:
+    finally:
         beside.unlink(missing_ok=True)
-        raise
 
 
 def _begins_as_a_store(path: Path) -> bool:

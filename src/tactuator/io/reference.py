@@ -250,10 +250,7 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
 
 
 def _require_room(beside: Path, frames: int, channels: int) -> None:
-    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out.
-
-    A short WAV is not asked for: it is refused when it is written, and asking takes longer than writing.
-    """
+    """Raise OSError where so many frames do not fit: HDF5 does not survive to find out; a short WAV does, unasked."""
     wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
     if wanted > (SHORT_WAV_BYTES if beside.suffix == ".wav" else 0) and hasattr(os, "posix_fallocate"):
         with beside.open("r+b") as file:

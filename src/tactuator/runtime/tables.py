@@ -70,10 +70,7 @@ class _Canonical:
 
 
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
-    """Return the plants of a channel for the simulated display.
-
-    Raises BadInput for an improper plant or one of too high an order.
-    """
+    """Return the plants of a channel, held. Raises BadInput for an improper plant or one of too high an order."""
     plants = [channel.plant, *(channel.loaded_plant(load) for load in channel.loads)]
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)

@@ -167,12 +167,11 @@ class SlidingWindow:
 
     def finish(self) -> Iterator[int]:
         """Yield, while there are any, how many samples of the stream are left in the window behind the first."""
-        while (count := self.filled - self._before) > 0:
+        for count in range(self.filled - self._before, 0, -self._hop):
             self.rows[:, self.filled :] = 0.0
             yield count
-            if count <= self._hop:
-                return  # nothing is left that would have to move
-            self._move_on()
+            if count > self._hop:
+                self._move_on()
 
     def _move_on(self) -> None:
         self.rows[:, : -self._hop] = self.rows[:, self._hop :]

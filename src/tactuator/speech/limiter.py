@@ -224,9 +224,9 @@ RELEASE_DB_PER_MS = 0.05
 def reduction_envelope(need_db: FloatArray, start_db: float | None, rate_hz: float) -> FloatArray:
     """Return the lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
 
-    need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where
-    nothing went before. A flank rises towards a need at the
-    attack's slope and falls after it at the release's: no other reduction with these slopes is smaller anywhere.
+    need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where nothing went before. A
+    flank rises towards a need at the attack's slope and falls after it at the release's: no other reduction with these
+    slopes is smaller anywhere.
     """
     index = np.arange(len(need_db))
     attack, release = ATTACK_DB_PER_MS * 1e3 / rate_hz, RELEASE_DB_PER_MS * 1e3 / rate_hz
