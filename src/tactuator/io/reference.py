@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
 SUFFIXES = (".wav", ".h5", ".hdf5")
-LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
+SHORT_WAV_BYTES, LARGEST_WAV_BYTES = 1 << 20, (1 << 32) - (1 << 16)
 FORMAT = "tactuator-reference/1"
 MOST_CHUNK_VALUES = 1 << 24
 """Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
@@ -141,7 +141,7 @@ class _SoundWriter(soundfile.SoundFile):  # type: ignore[misc]
 def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> Iterator[ReferenceWriter]:
     """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
 
-    frames: how many are to come, where that is known: room for them is asked for before anything is written. Raises
+    frames: how many are to come, where that is known: room for many is asked for before anything is written. Raises
     BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
     """
     path = Path(path)
@@ -250,9 +250,9 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
 
 
 def _require_room(beside: Path, frames: int, channels: int) -> None:
-    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
+    """Raise OSError where so many frames do not fit: HDF5 does not survive to find out; a short WAV does, unasked."""
     wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
-    if wanted and hasattr(os, "posix_fallocate"):
+    if wanted > (SHORT_WAV_BYTES if beside.suffix == ".wav" else 0) and hasattr(os, "posix_fallocate"):
         with beside.open("r+b") as file:
             try:
                 os.posix_fallocate(file.fileno(), 0, wanted)

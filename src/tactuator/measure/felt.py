@@ -106,15 +106,14 @@ class BandAnalysis:
             envelope = scipy.fft.ifft(bins, len(means)) * (2.0 * len(means) / self.chunk)
             powers = (envelope.real**2 + envelope.imag**2) @ means[:, :long_count]
             long_powers[..., column] = np.maximum(powers, 0.0)  # of silence beside sound, rounding is left
-        short_powers = np.empty((*signals, short_count, len(self.short_bands)), dtype=np.float32)
         first, per_frame = (round(ENVELOPE_RATE_HZ * seconds) for seconds in (MARGIN_S, SHORT_FRAME_S))
-        padded = np.zeros((*signals, ENVELOPE), dtype=spectra.dtype)
-        for column, band in enumerate(self.short_bands):  # each band is wider than the last, and covers it
+        padded = np.zeros((len(self.short_bands), *signals, ENVELOPE), dtype=spectra.dtype)
+        for row, band in zip(padded, self.short_bands, strict=True):
             start, weights = self._bins[band]
-            padded[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
-            envelope = scipy.fft.ifft(padded)[..., first : first + short_count * per_frame]
-            power = (envelope.real**2 + envelope.imag**2).reshape(*signals, short_count, per_frame)
-            short_powers[..., column] = power.mean(axis=-1) * (2.0 * ENVELOPE / self.chunk) ** 2
+            row[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
+        envelope = scipy.fft.ifft(padded)[..., first : first + short_count * per_frame]
+        power = (envelope.real**2 + envelope.imag**2).reshape(-1, *signals, short_count, per_frame)
+        short_powers = np.moveaxis(power.mean(axis=-1), 0, -1).copy() * (2.0 * ENVELOPE / self.chunk) ** 2
         with np.errstate(divide="ignore"):
             return BandFrames(10.0 * np.log10(long_powers), 10.0 * np.log10(short_powers))
 

@@ -1,6 +1,6 @@
 """The core's tables, filled from a display and from a controller: structures, or bytes for an emulated board.
 
-Each `..._table` returns a cffi struct; what a struct points to must be kept alive by the caller (`keep`).
+Each `..._table` returns a cffi struct, which is not written to; what it points to must be kept alive by the caller.
 
 A plant is held by converters in controller canonical form, y = num(xi) with den(xi) = u: a load changes den alone, so
 the states xi, xi', xi'', ... go on when a load is put on or taken off, and with them position and velocity. They are
@@ -69,12 +69,8 @@ class _Canonical:
     displacement: FloatArray
 
 
-@lru_cache(maxsize=16)
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
-    """Return the tables for the simulated display, kept for a next one of the same channel; not to be written to.
-
-    Raises BadInput for an improper plant or one of too high an order.
-    """
+    """Return the plants of a channel, held. Raises BadInput for an improper plant or one of too high an order."""
     plants = [channel.plant, *(channel.loaded_plant(load) for load in channel.loads)]
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)
@@ -191,8 +187,9 @@ def converter_table(converter: Converter) -> Any:
     return table
 
 
+@lru_cache(maxsize=16)
 def controller_table(controller: ChannelController) -> Any:
-    """Return `tact_controller` of a channel, filled from the bytes of its float32 image.
+    """Return `tact_controller` of a channel, filled from the bytes of its float32 image; kept for the next simulation.
 
     The simulated display so runs the very numbers that a board runs; unlike a board it also takes unstable sections,
     to show what they do. Raises BadInput for too many sections, coefficients beyond float32, or a limit that is none.
@@ -261,8 +258,9 @@ def load_names(channel: Channel) -> tuple[str | None, ...]:
     return (None, *(load.name for load in channel.loads))
 
 
+@lru_cache(maxsize=16)
 def display_table(channel: Channel, rate_hz: float) -> tuple[Any, Any]:
-    """Return the `tact_display` of a channel, and the plants that it points to."""
+    """Return the `tact_display` of a channel, and the plants that it points to; kept for a next one of that channel."""
     held = held_plants(channel, rate_hz)
     plants = ffi.new("tact_plant[]", len(held.plants))
     for table, plant in zip(plants, held.plants, strict=True):

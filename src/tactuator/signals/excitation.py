@@ -210,9 +210,7 @@ def known_part(
 
 
 def periodic_response(command: FloatArray, rate_hz: float, plant: ContinuousSystem) -> FloatArray:
-    """Return the steady answer of `plant` to a command (n,) repeated for ever, computed by its spectrum; an
-    integrator's mean is dropped.
-    """
+    """Return the steady answer of `plant` to a command (n,) repeated for ever; an integrator's mean is dropped."""
     spectrum = np.fft.rfft(command)
     frequency = np.fft.rfftfreq(command.size, 1.0 / rate_hz)
     response = np.zeros(frequency.size, dtype=np.complex128)

@@ -167,10 +167,11 @@ class SlidingWindow:
 
     def finish(self) -> Iterator[int]:
         """Yield, while there are any, how many samples of the stream are left in the window behind the first."""
-        while self.filled > self._before:
+        for count in range(self.filled - self._before, 0, -self._hop):
             self.rows[:, self.filled :] = 0.0
-            yield self.filled - self._before
-            self._move_on()
+            yield count
+            if count > self._hop:
+                self._move_on()
 
     def _move_on(self) -> None:
         self.rows[:, : -self._hop] = self.rows[:, self._hop :]

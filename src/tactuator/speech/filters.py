@@ -188,9 +188,10 @@ def _overlapped(
             yield filtered(history[:size])[waiting:]
             history, waiting = history[hop:], 0
     remaining = len(history) - half - waiting
-    history = np.concatenate((history, np.zeros((size + half, *history.shape[1:]))))
     while remaining > 0:
-        frame = filtered(history[: _last_frame(2 * half + waiting + remaining, size)])[waiting:][:remaining]
+        length = _last_frame(2 * half + waiting + remaining, size)
+        after = np.zeros((max(0, length - len(history)), *history.shape[1:]))
+        frame = filtered(np.concatenate((history[:length], after)))[waiting:][:remaining]
         yield frame
         history, remaining, waiting = history[hop:], remaining - len(frame), 0
 

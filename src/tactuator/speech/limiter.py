@@ -157,7 +157,7 @@ class Reach:
 
     def __init__(self, signal: FloatArray, memory: int, end: int, rate_hz: float) -> None:
         self.signal, self._memory, self._end, self._rate_hz = signal, memory, end, rate_hz
-        self.peak = max(float(signal.max()), -float(signal.min()))
+        self.peak = max(float(signal[:end].max()), -float(signal[:end].min()))
         self._known: list[tuple[Constraint, float]] = []
 
     @cached_property
@@ -224,9 +224,9 @@ RELEASE_DB_PER_MS = 0.05
 def reduction_envelope(need_db: FloatArray, start_db: float | None, rate_hz: float) -> FloatArray:
     """Return the lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
 
-    need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where
-    nothing went before. A flank rises towards a need at the
-    attack's slope and falls after it at the release's: no other reduction with these slopes is smaller anywhere.
+    need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where nothing went before. A
+    flank rises towards a need at the attack's slope and falls after it at the release's: no other reduction with these
+    slopes is smaller anywhere.
     """
     index = np.arange(len(need_db))
     attack, release = ATTACK_DB_PER_MS * 1e3 / rate_hz, RELEASE_DB_PER_MS * 1e3 / rate_hz
@@ -296,10 +296,10 @@ class Limiter:
             yield self._limit(min(self._stretch, count), last=count <= self._stretch)
 
     def _limit(self, commit: int, last: bool) -> FloatArray:
-        memory, reach = self._memory, None
+        memory, end, reach = self._memory, self._window.filled, None
         for finger, signal in zip(self._fingers, self._window.rows, strict=True):
-            if reach is None or not np.array_equal(signal, reach.signal):  # fingers often have the same signal
-                reach = Reach(signal, memory, self._window.filled, self._rate)
+            if reach is None or not np.array_equal(signal[:end], reach.signal[:end]):  # fingers are often alike
+                reach = Reach(signal, memory, end, self._rate)
             if self._is_harmless(finger, reach):
                 finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
             else:

@@ -90,9 +90,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
 
 
 def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
-    """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <=
-    block_frames.
-    """
+    """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks (n,), n <= block_frames."""
     if speech.kept and block_frames == BLOCK_FRAMES:
         yield from (block - speech.mean for block in speech.kept)
         return
