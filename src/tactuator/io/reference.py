@@ -263,6 +263,10 @@ def _require_room(beside: Path, frames: int, channels: int) -> None:
                 file.truncate(0)
 
 
+_SYSTEM = 2
+"""Of libsndfile's errors the one that says no more than that."""
+
+
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     """Turn the error of a full disk, or of a place that cannot be written, into BadInput of one line."""
@@ -271,7 +275,8 @@ def _writing(path: Path) -> Iterator[None]:
     except BadInput:
         raise
     except (soundfile.LibsndfileError, OSError, RuntimeError) as error:  # HDF5 may notice only on closing
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        refused = isinstance(error, soundfile.LibsndfileError) and error.code == _SYSTEM
+        reason = "the system refuses it" if refused else getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise BadInput(f"{path}: cannot be written ({reason})", "a place with room to write") from None
     except AssertionError:  # soundfile's own, where fewer frames were written than given
         raise BadInput(f"{path}: cannot be written (the disk is full)", "a place with room to write") from None
