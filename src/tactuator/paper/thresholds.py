@@ -17,6 +17,7 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.arrays import FloatArray
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.store_results import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
@@ -131,9 +132,8 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
     try:
         apparatus = Apparatus(rig, controller, "simulated")
         load = loads[0].name if loads else None
-        run_study(
-            database, parse_protocol(text, "the paper's protocol"), text, apparatus, [observer], SystemClock(), load
-        )
+        protocol = parse_protocol(text, Protocol, "the paper's protocol")
+        run_study(database, protocol, text, apparatus, [observer], SystemClock(), load)
     finally:
         database.close()
 

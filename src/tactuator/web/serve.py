@@ -74,7 +74,8 @@ def serve(
     """
     import uvicorn
 
-    from tactuator.experiment.protocol.file import read_any_protocol
+    from tactuator.experiment.protocol.file import read_protocol
+    from tactuator.experiment.protocol.study import StudyProtocol
     from tactuator.experiment.session.studies import fresh_token, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import opened_store, sessions_of
@@ -87,7 +88,7 @@ def serve(
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
     opened = opened_apparatus(rig, display, controller, seed, speed or None, lsl)
     with opened as apparatus, sessions_of(store):
-        study_protocol, text = read_any_protocol(Path(protocol))
+        study_protocol, text = read_protocol(Path(protocol), StudyProtocol)
         tokens = None if operator_token_file is None else Path(operator_token_file)
         names = operator or [study_protocol.study.experimenter or "operator"]
         operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
