@@ -17,8 +17,7 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.store_results import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
 from tactuator.experiment.session.task import Apparatus, SystemClock

@@ -9,15 +9,9 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.protocol.clinic import Gates
-from tactuator.experiment.protocol.detection import latin_square, plan_runs
-from tactuator.experiment.protocol.file import (
-    Protocol,
-    RecognitionProtocol,
-    StudyProtocol,
-    parse_protocol,
-    read_protocol,
-)
-from tactuator.experiment.protocol.study import run_seed
+from tactuator.experiment.protocol.detection import Protocol, latin_square, plan_runs
+from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol, read_protocol
+from tactuator.experiment.protocol.study import StudyProtocol, run_seed
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.recognition_task import RecognitionTask

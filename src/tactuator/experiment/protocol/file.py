@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.detection import Protocol as Protocol  # also for the study of the paper
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.task.task_keys import TaskKeys, parse_task
