@@ -18,6 +18,7 @@ from timing import in_turn, of_program
 
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, Tables
 from tactuator.experiment.procedure.refit import refit
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate
@@ -85,7 +86,8 @@ def filled(path: Path, trials: int) -> int:
     rig.load(controller)
     store = Store(path, durable=False)
     people = simulated_observers(curve("bolanowski-1988"), 2, seed=5)
-    run_study(store, parse_protocol(PROTOCOL), PROTOCOL, Apparatus(rig, controller, "simulated"), people, SystemClock())
+    protocol = parse_protocol(PROTOCOL, Protocol)
+    run_study(store, protocol, PROTOCOL, Apparatus(rig, controller, "simulated"), people, SystemClock())
     store.close()
     with sqlite3.connect(path) as connection:
         step = {name: connection.execute(f'select max(id) from "{name}"').fetchone()[0] for name in (*KEYS,)[:-1]}

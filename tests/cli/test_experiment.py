@@ -8,7 +8,7 @@ import pytest
 import soundfile
 from sqlalchemy import select
 
-from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.simulated import sitting
 from tactuator.experiment.store import schema
@@ -106,8 +106,8 @@ def test_recognise__at_the_terminal__asks_consent_introduces_tells_and_breaks(wo
     (words / "words.toml").write_text(text)
     typed(monkeypatch, "n")
     assert run.json(*(word.replace("lab.db", "no.db") for word in RECOGNISE))["trials"] == 0
-    right = [trial.correct for trial in block_trials(parse_recognition(text), 0, 0)]
-    keys = {item.label: item.key for item in parse_recognition(text).item}
+    right = [trial.correct for trial in block_trials(parse_protocol(text, RecognitionProtocol), 0, 0)]
+    keys = {item.label: item.key for item in parse_protocol(text, RecognitionProtocol).item}
     wrong = next(key for label, key in keys.items() if label != right[1])
     typed(monkeypatch, "y", keys[right[0]], "9", wrong, keys[right[2]], "", "1", "1", "1")
     ended = run(*RECOGNISE, "--json")

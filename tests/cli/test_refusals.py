@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.experiment.protocol.file import read_recognition
+from tactuator.experiment.protocol.file import RecognitionProtocol, read_protocol
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller
 from tactuator.io.reference import ReferenceHead, write_reference
@@ -179,7 +179,7 @@ def test_init__protocol_that_presents_items_beside_a_display__brings_them_alone(
     written = run.json("init", "--protocol", "recognition")["written"]
     assert {"protocol.toml", "a.wav", "a.json", "i.wav", "u.wav"} <= set(written)
     assert all((empty / name).exists() for name in written)
-    protocol, _ = read_recognition(empty / "protocol.toml")
+    protocol, _ = read_protocol(empty / "protocol.toml", RecognitionProtocol)
     assert [item.label for item in protocol.item] == ["a", "i", "u"]
     assert (empty / "display.toml").read_text() == "mine"
 

@@ -14,7 +14,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.export_rows import cell
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
@@ -34,7 +34,7 @@ def store(tmp_path_factory):
     """Two simulated subjects, two visits of the first, and a person who withdraws with all of it."""
     made, place = Store(tmp_path_factory.mktemp("store") / "lab.db"), apparatus()
     curve = place.controller.display.channels[0].threshold.curve
-    protocol = parse_protocol(QUICK)
+    protocol = parse_protocol(QUICK, Protocol)
     for _ in range(2):
         run_study(made, protocol, QUICK, place, simulated_observers(curve, 2, 3, place.band_hz), ObedientClock())
     text, clock = QUICK + '[[subject]]\ncode = "S3"\n', ObedientClock()
@@ -191,7 +191,7 @@ def test_export__same_code_in_two_studies__is_two_participants(tmp_path) -> None
     for name in ("one", "an other"):
         text = ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]")
         people = simulated_observers(curve, 1, 3, place.band_hz)
-        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
+        run_study(made, parse_protocol(text, Protocol), text, place, people, ObedientClock())
     for form in ("psych-ds", "bids"):
         export(made, tmp_path / form, form)
         files = sorted((tmp_path / form).rglob("*_beh.tsv" if form == "bids" else "*description-trials_data.csv"))

@@ -16,7 +16,7 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import THIS_MACHINE, UNITS, Halted, Outlet, Presenter
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session, open_study
@@ -243,7 +243,7 @@ def test_outlet__of_a_rig_that_keeps_time__has_onsets_between_the_trials_beginni
     paced, clock = PacedRig(rig, speed), SystemClock()
     with closing(Outlet(paced, name, "a display")) as streams, closing(Store(tmp_path / "lab.db")) as store:
         place = Apparatus(paced, controller(), name, streams)
-        study = open_study(store, DetectionTask(parse_protocol(ONE), place), ONE, clock, token)
+        study = open_study(store, DetectionTask(parse_protocol(ONE, Protocol), place), ONE, clock, token)
         with recorded(tmp_path / "all.json", f"tactuator {name}", on_this_machine(tmp_path)):
             streams.wait_for_recorder()
             at = PresentedSession(open_session(study, "S1"))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import read_any_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
 from tactuator.experiment.store.store import Store
 from tactuator.io import columns
 from tactuator.io.atomic import atomic_folder, atomic_path, write_text
@@ -71,8 +71,8 @@ READERS = {
     "*.csv": lambda path: path.stat(),
     "display.toml": read_display,
     "displays/*.toml": read_display,
-    "protocol.toml": read_any_protocol,
-    "protocols/*.toml": read_any_protocol,
+    "protocol.toml": lambda path: read_protocol(path, StudyProtocol),
+    "protocols/*.toml": lambda path: read_protocol(path, StudyProtocol),
     "protocols/*.wav": open_reference,
     "bench.csv": lambda path: read_record(path, input_name="drive", output_name="encoder", time_name="t"),
     "sheet.csv": read_foreign_response,

@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.io.display import parse_display
 from tools.pages.blocks import Block, commands, read_page
 from tools.pages.executed import with_outputs
@@ -76,7 +76,7 @@ def parsed(text: str) -> str:
         parse_display(document)
         return "display"
     if "study" in document:
-        parse_any_protocol(text)
+        parse_protocol(text, StudyProtocol)
         return "protocol"
     return "part"
 

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.protocol.detection import plan_runs
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import run_seed
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
@@ -78,7 +78,7 @@ class Killing:
 
     def __post_init__(self) -> None:
         self.server = started(self.folder, self.first, controller())
-        self.client = Client(self.server, parse_protocol(self.first))
+        self.client = Client(self.server, parse_protocol(self.first, Protocol))
         self.link = self._link()
 
     def _link(self) -> str:

@@ -18,7 +18,7 @@ from playwright.sync_api import Page, expect
 from tactuator.cli.main import main
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.protocol.detection import plan_runs
-from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.file import Protocol, read_protocol
 from tactuator.experiment.protocol.study import run_seed
 from tactuator.io.controller import write_controller
 from tactuator.model.controller import Controller
@@ -141,7 +141,7 @@ class Subject:
 
     def __post_init__(self) -> None:
         if self.key is None:
-            self._protocol, _ = read_protocol(self.protocol)
+            self._protocol, _ = read_protocol(self.protocol, Protocol)
             self._positions = [run.position for run in plan_runs(self._protocol, 0)]
             self.key = self._answer
         self.page.on("websocket", lambda socket: socket.on("framereceived", self._hear))

@@ -9,7 +9,7 @@ from contextlib import closing
 
 import pytest
 
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.trial import ForcedChoice
 from tests.experiment.session.apparatuses import PROTOCOL, controller
 from tests.experiment.session.test_session import YES_NO
@@ -80,7 +80,7 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     page.locator("#go").tap()
     asked(page)
     boxes = [button.bounding_box() for button in page.locator(".choice").all()]
-    assert len(boxes) == len(ForcedChoice(parse_protocol(ONE).paradigm.intervals).responses)
+    assert len(boxes) == len(ForcedChoice(parse_protocol(ONE, Protocol).paradigm.intervals).responses)
     assert all(box is not None and box["x"] >= 0 and box["x"] + box["width"] <= 360 for box in boxes)
     assert all(box is not None and min(box["width"], box["height"]) >= 44 for box in boxes)
     assert len({box["y"] for box in boxes}) == 1  # in a row, in the order of time

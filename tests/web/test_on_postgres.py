@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.store import Store
 from tactuator.io.controller import write_controller
@@ -48,7 +48,7 @@ def serving(folder: Path, *more: str, text: str = ONE) -> Iterator[Server]:
 def test_serve__store_on_a_server__is_gone_on_with_after_a_kill(tmp_path, postgres) -> None:
     place = postgres.database("served")
     with serving(tmp_path, "--store", place) as server:
-        client = Client(server, parse_protocol(ONE))
+        client = Client(server, parse_protocol(ONE, Protocol))
         client.answers(until=6)
         server.kill()
         server.start()
@@ -61,7 +61,7 @@ def test_serve__store_on_a_server__is_gone_on_with_after_a_kill(tmp_path, postgr
 def test_serve__shared_store_on_a_server__gets_every_answer_of_the_station(tmp_path, postgres) -> None:
     place = postgres.database("shared")
     with serving(tmp_path, "--shared", place) as server:
-        client = Client(server, parse_protocol(ONE))
+        client = Client(server, parse_protocol(ONE, Protocol))
         client.answers(until=8)
         postgres.kill()
         client.answers(until=12)
@@ -95,7 +95,7 @@ def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, p
     """A station, each eighth time the server, is killed at a random instant after another answer, and started again."""
     place, rng, over = postgres.database("killed"), random.Random(7), threading.Event()
     text = LONG[: LONG.index("[[subject]]")] + "".join(f'[[subject]]\ncode = "S{each + 1}"\n' for each in range(count))
-    protocol, folders = parse_protocol(text), [tmp_path / str(each) for each in range(count)]
+    protocol, folders = parse_protocol(text, Protocol), [tmp_path / str(each) for each in range(count)]
     with ExitStack() as running:
         servers = [running.enter_context(serving(each, "--shared", place, text=text)) for each in folders]
         clients = [Client(server, protocol, index, 0.05 * count) for index, server in enumerate(servers)]

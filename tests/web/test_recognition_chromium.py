@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
-from tactuator.experiment.protocol.file import parse_any_protocol, parse_recognition
+from tactuator.experiment.protocol.file import RecognitionProtocol, StudyProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
@@ -35,7 +35,7 @@ def serve(tmp_path, items, controller, start):
 
 
 def opened(page: Page, server: Server, text: str) -> Subject:
-    protocol = parse_recognition(text)
+    protocol = parse_protocol(text, RecognitionProtocol)
     keys = {item.label: item.key for item in protocol.item} | {"A": "a", "B": "2"}
     page.goto(server.addresses["subject S1"])
     return Subject(page, server.protocol, lambda run, number: keys[scripted_answer(text, run - 1, number)])
@@ -52,7 +52,7 @@ def stored(path: Path) -> list[tuple[int, int, str, str]]:
 
 
 def planned(text: str) -> list[tuple[int, int, str, str]]:
-    protocol = parse_recognition(text)
+    protocol = parse_protocol(text, RecognitionProtocol)
     return [
         (block, trial.number, trial.correct, scripted_answer(text, block, trial.number))
         for block in range(len(protocol.block))
@@ -236,7 +236,7 @@ def typed(page: Page, count: int) -> None:
 @pytest.mark.parametrize(("task", "language"), [("matching", "en"), ("magnitude", "de"), ("order", "fr")])
 def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: str, language: str) -> None:
     text = HEAD.replace("seed = 3", f'seed = 3\nlanguage = "{language}"') + TASKS[task]
-    keys = parse_any_protocol(text).task
+    keys = parse_protocol(text, StudyProtocol).task
     server = start(text, apparatuses.controller())
     page.goto(server.addresses["subject S1"])
     expect(page.locator("body")).to_contain_text(keys.asked(shipped_words(language)).prompt)

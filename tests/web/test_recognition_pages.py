@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import ObedientClock
@@ -20,11 +20,8 @@ from tests.web.server import served
 def make(make_lab, items, controller):
 
     def lab(text, auto_start=True):
-        apparatus = opened_apparatus(controller)
-        return make_lab(
-            lambda store: Opened(parse_recognition(text), text, items, apparatus, store, ObedientClock()).study,
-            auto_start,
-        )
+        rest = (parse_protocol(text, RecognitionProtocol), text, items, opened_apparatus(controller))
+        return make_lab(lambda store: Opened(*rest, store, ObedientClock()).study, auto_start)
 
     return lab
 
@@ -47,7 +44,7 @@ def block_answered(socket, asked, responses):
 
 
 def planned(text, block):
-    return block_trials(parse_recognition(text), 0, block)
+    return block_trials(parse_protocol(text, RecognitionProtocol), 0, block)
 
 
 @pytest.mark.parametrize("paradigm", ["recognition", "middle-of-three", "abx"])

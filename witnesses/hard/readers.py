@@ -19,7 +19,8 @@ import soundfile
 
 import tactuator
 from tactuator.corpus.corpus import open_journal
-from tactuator.experiment.protocol.file import read_any_protocol
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.words import read_words
 from tactuator.io.controller import read_controller
 from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs, read_relative_curve
@@ -61,6 +62,10 @@ class Reader:
 def _journal(path: Path) -> None:
     with open_journal(path.parent, {"a": 1}):
         pass
+
+
+def _protocol(path: Path) -> object:
+    return read_protocol(path, StudyProtocol)
 
 
 def _boards(path: Path) -> object:
@@ -112,8 +117,8 @@ READERS = (
     Reader("image.tim", _image, "image {}"),
     Reader("board.toml", _boards),
     Reader("de.toml", _words),
-    Reader("protocol.toml", read_any_protocol, "experiment observe {} --store o.db --controller controller.json"),
-    Reader("recognition.toml", read_any_protocol),
+    Reader("protocol.toml", _protocol, "experiment observe {} --store o.db --controller controller.json"),
+    Reader("recognition.toml", _protocol),
     Reader("journal.jsonl", _journal),
     Reader("lab.db", thresholds, "experiment thresholds --store {}"),
     Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out s.wav"),

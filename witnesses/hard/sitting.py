@@ -19,6 +19,7 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
@@ -201,7 +202,7 @@ def _told(path: Path, seed: int, hours: int, broken: Broken) -> Iterator[bytes]:
     clock, store = _Clock(hours), Store(path, durable=not broken.careless)
     rig = SimulatedRig(_controller().display, seed)
     rig.load(_controller())
-    task = DetectionTask(parse_protocol(_LONG), Apparatus(rig, _controller(), "simulated"))
+    task = DetectionTask(parse_protocol(_LONG, Protocol), Apparatus(rig, _controller(), "simulated"))
     study = open_study(store, task, _LONG, clock, lambda code, visit: f"token-{code}-{visit}", None)
     for code in CODES:
         session = open_session(study, code)

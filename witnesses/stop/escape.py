@@ -28,6 +28,7 @@ from playwright.sync_api import sync_playwright
 from rich.console import Console
 from rich.table import Table
 
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
@@ -224,7 +225,7 @@ def subject_page(browser: Any, folder: Path) -> Iterator[tuple[Any, Felt]]:
     level_db = float(curve.level_db_re_1um_at(FREQUENCY_HZ)) + SILENT_DB_SL
     felt = Felt(rig.rate_hz, 1e-3 * 10.0 ** (level_db / 20.0))
     rig.finger("index").attach(felt)
-    task = DetectionTask(parse_protocol(PROTOCOL), Apparatus(paced.PacedRig(rig), controller, "simulated"))
+    task = DetectionTask(parse_protocol(PROTOCOL, Protocol), Apparatus(paced.PacedRig(rig), controller, "simulated"))
     store = Store(folder / "lab.db")
     lab = Lab(open_study(store, task, PROTOCOL, SystemClock(), lambda code, visit: f"token-{code}"), auto_start=True)
     try:

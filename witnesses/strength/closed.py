@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
@@ -95,7 +96,7 @@ def contours_of(
     rig = SimulatedRig(display, seed=11)
     rig.load(controller)
     text = PROTOCOL.format(finger=display.channels[0].name, trials=trials, low_hz=low_hz, seed=seed)
-    protocol, store = parse_any_protocol(text), Store(folder / "lab.db")
+    protocol, store = parse_protocol(text, StudyProtocol), Store(folder / "lab.db")
     assert isinstance(protocol, JudgingProtocol)
     task = JudgingTask(protocol, Apparatus(rig, controller, "simulated"))
     study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")

@@ -33,7 +33,7 @@ from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.export import FORMS
-from tactuator.experiment.protocol.file import JudgingProtocol, read_any_protocol
+from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.studies import fresh_token, open_study, task_of
@@ -183,7 +183,7 @@ class ExperimentLook(ViewRequest):
 
     def answer(self, state: ConsoleState) -> Answer:
         """Return what the study is, and what its results will lack. Raises BadInput, naming the key, for none."""
-        protocol, _ = read_any_protocol(protocol_path(state.uploads, self.protocol))
+        protocol, _ = read_protocol(protocol_path(state.uploads, self.protocol), StudyProtocol)
         items = [item.file for item in protocol.item] if isinstance(protocol, RecognitionProtocol) else []
         return {
             "study": protocol.study.name,
@@ -303,7 +303,7 @@ class StudyAtRig:
         with ExitStack() as stack:
             store = self._state.folder / request.store
             path = together(self._state.uploads, request.protocol, request.files)
-            protocol, text = read_any_protocol(path)
+            protocol, text = read_protocol(path, StudyProtocol)
             stack.enter_context(sessions_of(store))
             rig = stack.enter_context(ConsoleRig(self._session.rig))
             rig.rest()  # a page may have left it live

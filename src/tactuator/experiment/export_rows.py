@@ -28,9 +28,9 @@ from tactuator.experiment.dictionary import (
 )
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.recognition import Paradigm
-from tactuator.experiment.protocol.study import FORCED_CHOICE
+from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import CONSENT_NAMES
@@ -287,7 +287,7 @@ def _subjects(connection: Connection) -> ExportTable:
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         meanings.setdefault(row.name, Meaning(row.name, "As the laboratory defines it", row.unit))
     for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
-        for item in parse_any_protocol(text).demographic:
+        for item in parse_protocol(text, StudyProtocol).demographic:
             meanings[item.name] = Meaning(item.name, item.label, item.unit)
     subject, run, session = schema.subject, schema.run, schema.session
     programs = (  # number of the subject's runs that a program answered
@@ -382,7 +382,7 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
 
 def _refit(text: str) -> dict[str, object]:
     """Return the settings of the refit under the key `refit`, where the protocol's runs are refitted one by one."""
-    protocol = parse_any_protocol(text)
+    protocol = parse_protocol(text, StudyProtocol)
     if not isinstance(protocol, Protocol) or protocol.procedure.chooses_frequency:
         return {}
     procedure = protocol.fresh_run(Playable())

@@ -143,18 +143,17 @@ class Presenter:
         for interval, reference in enumerate(references):
             if reference.ndim != 2 or reference.shape[1] != len(self.rig.channels):
                 raise BadInput(f"reference of shape {reference.shape}", f"(samples, {len(self.rig.channels)})")
-            parts.append(self._before(interval, lead_s if interval == 0 else gap_s))
+            silence_s = lead_s if interval == 0 else gap_s
+            if self.marks is None:
+                parts.append(self._silence(silence_s))
+            else:
+                parts.append(self.marks.before(interval, silence_s, self.rig.rate_hz, self.rig.channels))
             onsets.append(sum(map(len, parts)))
             parts.append(reference)
         parts.append(self._silence(tail_s))
         if self.marks is not None:
             parts.append(self.marks.end(self.rig.rate_hz, self.rig.channels))
         return np.concatenate(parts), onsets
-
-    def _before(self, interval: int, silence_s: float) -> FloatArray:
-        if self.marks is None:
-            return self._silence(silence_s)
-        return self.marks.before(interval, silence_s, self.rig.rate_hz, self.rig.channels)
 
     def _silence(self, duration_s: float) -> FloatArray:
         return np.zeros((round(duration_s * self.rig.rate_hz), len(self.rig.channels)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -56,7 +56,9 @@ class Table:
     def html(self) -> str:
         """Return the table as HTML."""
         head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
-        body = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in self.rows)
+        kinds = {"met": " class='met'", "not met": " class='not-met'"}
+        cells = ("".join(f"<td{kinds.get(cell, '')}>{escape(cell)}</td>" for cell in row) for row in self.rows)
+        body = "".join(f"<tr>{row}</tr>" for row in cells)
         return f"<div class='table'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
 
 
@@ -103,11 +105,6 @@ def _figure(plate: Plate) -> str:
         f"src='data:image/svg+xml;base64,{picture}'>"
         f"<figcaption><b>{label}{escape(plate.title)}.</b> {escape(plate.caption)}</figcaption></figure>"
     )
-
-
-def _cell(cell: str) -> str:
-    kind: Mapping[str, str] = {"met": " class='met'", "not met": " class='not-met'"}
-    return f"<td{kind.get(cell, '')}>{escape(cell)}</td>"
 
 
 def _anchor(title: str) -> str:

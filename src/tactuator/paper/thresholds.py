@@ -9,7 +9,7 @@ import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.store_results import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
 from tactuator.experiment.session.task import Apparatus, SystemClock
@@ -127,23 +127,16 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
     rig = tt.SimulatedRig(controller.display, plan.seed_of(f"thresholds of {observer.name}"))
     rig.load(controller)
     loads = controller.display.channels[0].loads
-    database = Store(store, durable=False)
-    try:
-        apparatus = Apparatus(rig, controller, "simulated")
-        load = loads[0].name if loads else None
-        run_study(
-            database, parse_protocol(text, "the paper's protocol"), text, apparatus, [observer], SystemClock(), load
-        )
-    finally:
-        database.close()
+    load = loads[0].name if loads else None
+    apparatus = Apparatus(rig, controller, "simulated")
+    protocol = parse_protocol(text, Protocol, "the paper's protocol")
+    with closing(Store(store, durable=False)) as database:
+        run_study(database, protocol, text, apparatus, [observer], SystemClock(), load)
 
 
 def _runs(path: Path) -> list[StoredRun]:
-    store = Store(path, must_exist=True)
-    try:
+    with closing(Store(path, must_exist=True)) as store:
         return detection_runs(store)
-    finally:
-        store.close()
 
 
 def _known(measured: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold:

@@ -229,15 +229,17 @@ def observe(
     """
     import numpy as np
 
-    from tactuator.experiment.protocol.file import JudgingProtocol, read_any_protocol, read_protocol
+    from tactuator.experiment.protocol.detection import Protocol
+    from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
+    from tactuator.experiment.protocol.study import StudyProtocol
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.rig.rig import usual_load
 
-    any_study, text = read_any_protocol(Path(protocol))
-    study = any_study if isinstance(any_study, JudgingProtocol) else read_protocol(Path(protocol))[0]
+    any_study, text = read_protocol(Path(protocol), StudyProtocol)
+    study = any_study if isinstance(any_study, JudgingProtocol) else read_protocol(Path(protocol), Protocol)[0]
     if truth and isinstance(study, JudgingProtocol):
         raise BadInput("--truth where tones are judged", "--law and --lapse")
     if law and not isinstance(study, JudgingProtocol):

@@ -63,13 +63,11 @@ class RecordResult(Result, Record):
 
     def chart(self) -> Chart:
         time_s = self.columns()["time_s"]
-        units = [f"{name} ({unit or 'no unit'})" for name, unit in self._units().items()]
+        of_signals = {"command": self.command_unit, "position": self.position_unit}
+        units = [f"{name} ({unit or 'no unit'})" for name, unit in of_signals.items()]
         command = ChartLine("command", time_s, self.command, right=True, colour=5)
         position = ChartLine("position", time_s, self.position, colour=0)
         return Chart("time (s)", units[1], [command, position], right_label=units[0])
-
-    def _units(self) -> dict[str, str]:
-        return {"command": self.command_unit, "position": self.position_unit}
 
 
 class CurveResult(Result, ThresholdCurve):

@@ -58,7 +58,8 @@ def recognise(
     """Take a subject through a recognition experiment. It is asked at the terminal, and goes on where it stopped."""
     import numpy as np
 
-    from tactuator.experiment.protocol.file import read_recognition
+    from tactuator.experiment.protocol.file import read_protocol
+    from tactuator.experiment.protocol.recognition import RecognitionProtocol
     from tactuator.experiment.session.presented_session import PresentedSession, run_session
     from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
@@ -67,7 +68,7 @@ def recognise(
     from tactuator.experiment.store.store import opened_store, sessions_of
 
     folder = Path(protocol).parent
-    study_protocol, text = read_recognition(Path(protocol))
+    study_protocol, text = read_protocol(Path(protocol), RecognitionProtocol)
     codes = [person.code for person in study_protocol.subject]
     if subject is None and len(codes) > 1:
         raise BadInput(f"{len(codes)} subjects are in the protocol", f"--subject with one of {', '.join(codes)}")

@@ -15,10 +15,9 @@ from tactuator.verbs.parameters import Argument, Figures, Option, Place
 from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
+    from tactuator.perception.curve import ThresholdCurve
     from tactuator.verbs.designed import ControllerResult
     from tactuator.verbs.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
-if TYPE_CHECKING:
-    from tactuator.perception.curve import ThresholdCurve
 
 _PROTOCOL = "protocol.toml"
 

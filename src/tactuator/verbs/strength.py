@@ -1,6 +1,7 @@
 """The parts of the verb `experiment` on what is judged: contours of a store's matches, and what any task comes to."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -184,8 +185,8 @@ def judged(
     from tactuator.experiment.store.stored_runs import answered_runs, task_keys
     from tactuator.experiment.words import shipped_words
 
-    opened, words = Store(Path(store), must_exist=True), shipped_words("en")
-    try:
+    words = shipped_words("en")
+    with closing(Store(Path(store), must_exist=True)) as opened:
         kinds = {keys.kind: keys for keys in task_keys(opened)}
         if not kinds:
             with opened.read() as connection:
@@ -195,8 +196,6 @@ def judged(
             raise BadInput(f"the store has {len(kinds)} tasks", f"--task with one of: {', '.join(kinds)}")
         kind = next(iter(kinds)) if task is None else task
         runs = answered_runs(opened, kind, group=group)
-    finally:
-        opened.close()
     keys, simulated = kinds[kind], any(run.simulated for run in runs)
     result = StoreJudged(kind, len(runs), keys.results(runs, words), keys.chart(runs, words), simulated)
     if figures is not None:

@@ -27,7 +27,6 @@ from tactuator.verbs.parameters import (
 
 if TYPE_CHECKING:
     from tactuator.experiment.store.merge import Shared
-    from tactuator.experiment.store.records import Found
     from tactuator.experiment.store.store import Store
     from tactuator.web.lab import Lab
     from tactuator.web.server import Address
@@ -74,7 +73,8 @@ def serve(
     """
     import uvicorn
 
-    from tactuator.experiment.protocol.file import read_any_protocol
+    from tactuator.experiment.protocol.file import read_protocol
+    from tactuator.experiment.protocol.study import StudyProtocol
     from tactuator.experiment.session.studies import fresh_token, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import opened_store, sessions_of
@@ -87,7 +87,7 @@ def serve(
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
     opened = opened_apparatus(rig, display, controller, seed, speed or None, lsl)
     with opened as apparatus, sessions_of(store):
-        study_protocol, text = read_any_protocol(Path(protocol))
+        study_protocol, text = read_protocol(Path(protocol), StudyProtocol)
         tokens = None if operator_token_file is None else Path(operator_token_file)
         names = operator or [study_protocol.study.experimenter or "operator"]
         operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
@@ -124,7 +124,9 @@ def _shared(own: "Store", place: str) -> "Shared":
 def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str]) -> None:
     named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
     lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
-    lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
+    for row in lab.sessions:
+        visit = "" if row.visit == 1 else f", visit {row.visit}"
+        lines.append(f"subject {row.subject_code}{visit}: {base}/s/{row.link_token}")
     lines += [warning for warning in (address.warning, lab.study.task.protocol.warning) if warning]
     sys.stderr.write("\n".join(lines) + "\n")
     sys.stderr.flush()
@@ -149,7 +151,3 @@ def _operator_token(path: Path | None, line: int = 0) -> str:
             f"the operator's token has {len(given)} characters", f"{_SHORTEST_TOKEN} or more, ASCII, no space"
         )
     return given
-
-
-def _who(row: "Found") -> str:
-    return f"subject {row.subject_code}" if row.visit == 1 else f"subject {row.subject_code}, visit {row.visit}"

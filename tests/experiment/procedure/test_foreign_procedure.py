@@ -6,7 +6,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import GROUP, Playable
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate_kind
@@ -69,10 +69,10 @@ def protocol_text(keys: str) -> str:
 def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> None:
     text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
     with pytest.raises(BadInput, match="procedure: step_db is 0; allowed: a number, above 0"):
-        parse_protocol(protocol_text("step_db = 0"))
+        parse_protocol(protocol_text("step_db = 0"), Protocol)
     with pytest.raises(BadInput, match=r"reversals is not a key that is known; allowed: .*trials, step_db"):
-        parse_protocol(protocol_text("reversals = 4"))
-    protocol = parse_protocol(text)
+        parse_protocol(protocol_text("reversals = 4"), Protocol)
+    protocol = parse_protocol(text, Protocol)
     assert protocol.fresh_run(Playable()).placement().level_db_sl == 20.0
     assert protocol.procedure.typical_trials == 24
     observers = simulated_observers(curve("bolanowski-1988"), len(protocol.subject), seed=5)

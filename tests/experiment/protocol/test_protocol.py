@@ -9,9 +9,9 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.protocol.clinic import Gates
-from tactuator.experiment.protocol.detection import latin_square, plan_runs
-from tactuator.experiment.protocol.file import parse_protocol, read_any_protocol, read_protocol, read_recognition
-from tactuator.experiment.protocol.study import run_seed
+from tactuator.experiment.protocol.detection import Protocol, latin_square, plan_runs
+from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol, read_protocol
+from tactuator.experiment.protocol.study import StudyProtocol, run_seed
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.recognition_task import RecognitionTask
@@ -52,7 +52,7 @@ from tests.experiment.session.recognising import controller, items, opened_appar
 def test_protocol__nonsense__is_refused_by_key(old: str, new: str, message: str) -> None:
     assert old in PROTOCOL
     with pytest.raises(BadInput, match=message):
-        parse_protocol(PROTOCOL.replace(old, new))
+        parse_protocol(PROTOCOL.replace(old, new), Protocol)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 7, 8])
@@ -67,11 +67,12 @@ def test_latin_square__any_size__balances_places_and_successions(count: int) -> 
 
 
 def test_plan__of_a_subject__has_practice_first_repeats_and_an_order_and_seeds_of_its_own() -> None:
-    drawn = parse_protocol(PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]"))
+    text = PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]")
+    drawn = parse_protocol(text, Protocol)
     orders = [tuple(run.frequency_hz for run in plan_runs(drawn, subject)) for subject in range(6)]
     assert len(set(orders)) > 1
     assert orders[2] == tuple(run.frequency_hz for run in plan_runs(drawn, 2))
-    runs = plan_runs(parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2")), 0)
+    runs = plan_runs(parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2"), Protocol), 0)
     assert [(run.practice, run.position) for run in runs] == [(position == 0, position) for position in range(7)]
     assert len({run_seed(drawn, *place) for place in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}) == 4
 
@@ -80,36 +81,36 @@ def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items,
     for name, text, kind in (("d", PROTOCOL, DetectionTask), ("i", protocol_text(), RecognitionTask)):
         path = tmp_path / f"{name}.toml"
         path.write_text(text)
-        read, own = read_any_protocol(path)
+        read, own = read_protocol(path, StudyProtocol)
         assert own == text
         place = apparatus() if kind is DetectionTask else opened_apparatus(controller)
         assert isinstance(task_of(read, items, place), kind)
 
 
 @pytest.mark.parametrize(
-    ("read", "text", "message"),
+    ("form", "text", "message"),
     [
-        (read_protocol, protocol_text(), "allowed: a detection protocol"),
-        (read_recognition, PROTOCOL, "allowed: a recognition protocol"),
-        (read_recognition, "", "has the tables none"),
-        (read_any_protocol, "[study", "allowed: TOML"),
-        (read_any_protocol, '[[item]]\nlabel = "a"', "study"),
-        (read_any_protocol, PROTOCOL + "[extra]\nx = 1\n", "extra"),
-        (read_any_protocol, protocol_text(extra="[session]\nbreak_s = -1\n"), "session.break_s"),
-        (read_any_protocol, protocol_text(subjects=("S1", "S1")), "subject codes S1, S1; allowed: each once"),
-        (read_any_protocol, protocol_text().replace('label = "C-index"', 'label = "M-index"'), "item labels"),
-        (read_any_protocol, protocol_text().replace('key = "2"', 'key = "1"'), "keys"),
-        (read_any_protocol, protocol_text("guessing"), "paradigm"),
-        (read_any_protocol, protocol_text().replace("repetitions = 20", "repetitions = 0"), "repetitions"),
+        (Protocol, protocol_text(), "allowed: a detection protocol"),
+        (RecognitionProtocol, PROTOCOL, "allowed: a recognition protocol"),
+        (RecognitionProtocol, "", "has the tables none"),
+        (StudyProtocol, "[study", "allowed: TOML"),
+        (StudyProtocol, '[[item]]\nlabel = "a"', "study"),
+        (StudyProtocol, PROTOCOL + "[extra]\nx = 1\n", "extra"),
+        (StudyProtocol, protocol_text(extra="[session]\nbreak_s = -1\n"), "session.break_s"),
+        (StudyProtocol, protocol_text(subjects=("S1", "S1")), "subject codes S1, S1; allowed: each once"),
+        (StudyProtocol, protocol_text().replace('label = "C-index"', 'label = "M-index"'), "item labels"),
+        (StudyProtocol, protocol_text().replace('key = "2"', 'key = "1"'), "keys"),
+        (StudyProtocol, protocol_text("guessing"), "paradigm"),
+        (StudyProtocol, protocol_text().replace("repetitions = 20", "repetitions = 0"), "repetitions"),
     ],
 )
-def test_protocol__of_the_wrong_kind_or_amiss__is_refused_in_one_line(tmp_path, read, text, message) -> None:
+def test_protocol__of_the_wrong_kind_or_amiss__is_refused_in_one_line(tmp_path, form, text, message) -> None:
     for unreadable in (tmp_path / "p.toml", tmp_path):
         with pytest.raises(BadInput, match="protocol"):
-            read(unreadable)
+            read_protocol(unreadable, form)
     (tmp_path / "p.toml").write_text(text)
     with pytest.raises(BadInput, match=message) as refusal:
-        read(tmp_path / "p.toml")
+        read_protocol(tmp_path / "p.toml", form)
     assert "\n" not in str(refusal.value)
 
 
@@ -133,7 +134,7 @@ def test_gates__data_of_the_day__are_compared_with_every_limit() -> None:
         ((30.0, 0.6, "seated"), ["preload_n: 0.6 N (allowed: at most 0.5 N)"]),
         ((30.0, None, ""), ["preload_n: not given (allowed: at most 0.5 N)", "posture: not given (allowed: seated)"]),
     ):
-        assert [str(limit) for limit in parse_protocol(TEXT).gates.unmet(*day)] == unmet
+        assert [str(limit) for limit in parse_protocol(TEXT, Protocol).gates.unmet(*day)] == unmet
     with pytest.raises(BadInput, match="a low limit up to the high one"):
         Gates(skin_temperature_low_c=36.0, skin_temperature_high_c=27.0)
 
@@ -158,19 +159,19 @@ def test_run__outside_the_gates__does_not_begin_or_begins_with_an_event(store, o
 
 def test_standard_and_group__unmet_or_of_any_name__are_told_or_allowed_and_of_none_refused() -> None:
     text = PROTOCOL + "\n[standard]\nsource = 'own copy'\ncontact_high_mm2 = 20\nramp_low_s = 0.5\n"
-    told = [str(one) for one in parse_protocol(text).unmet()]
+    told = [str(one) for one in parse_protocol(text, Protocol).unmet()]
     assert told[:3] == [f"frequency: none (allowed: {hertz} Hz)" for hertz in ("4", "31.5", "125")]
     assert "contact area: 78.5 mm² (allowed: at most 20 mm²)" in told
     assert "ramp: 0.01 s (allowed: at least 0.5 s)" in told
     assert "stimulus: 0.05 s (allowed: no limit given, not compared)" in told
     assert "surround: none (allowed: no limit given, not compared)" in told
-    assert parse_protocol(PROTOCOL).unmet() == []
+    assert parse_protocol(PROTOCOL, Protocol).unmet() == []
     for group in ("neuropathy", "Diabetes mellitus 2", "hearing-impaired", "contrôle"):
         text = PROTOCOL.replace('group = "hearing"', f'group = "{group}"')
-        assert parse_protocol(text).subject[0].group == group
+        assert parse_protocol(text, Protocol).subject[0].group == group
     for group in ("", " led", "a" * 65, "=SUM(A1)", "a,b", 'a\\"b'):
         with pytest.raises(BadInput, match="1 to 64 letters"):
-            parse_protocol(PROTOCOL.replace('group = "hearing"', f'group = "{group}"'))
+            parse_protocol(PROTOCOL.replace('group = "hearing"', f'group = "{group}"'), Protocol)
 
 
 def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_session(store) -> None:
@@ -188,7 +189,7 @@ def test_standard__conditions_that_the_display_does_not_meet__are_kept_with_the_
             "the ramp at 90 Hz: 0.01 s (allowed: at least 0.012 s)",
             "the ramp at 210 Hz: 0.01 s (allowed: at least 0.012 s)",
         ]
-    protocol = parse_protocol(PROTOCOL + "\n[standard]\ncontact_high_mm2 = 20\nfrequencies_hz = [30]\n")
+    protocol = parse_protocol(PROTOCOL + "\n[standard]\ncontact_high_mm2 = 20\nfrequencies_hz = [30]\n", Protocol)
     channel = apparatus().controller.display.channels[0]
     small, large = (replace(channel, contact=replace(channel.contact, area_mm2=area)) for area in (12.0, 25.0))
     assert protocol.unmet_by(small) == []

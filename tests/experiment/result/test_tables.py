@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.experiment.result.confusion import (
     AbxResult,
     SubjectResult,
@@ -123,7 +123,7 @@ MINE = ThresholdCurve(
 
 
 def observed(path, text: str) -> None:
-    protocol, store = parse_any_protocol(text), Store(path)
+    protocol, store = parse_protocol(text, StudyProtocol), Store(path)
     codes = [subject.code for subject in protocol.subject]
     people = people_of(codes, dict.fromkeys(codes, "sensation-level"), {}, curve("bolanowski-1988"), 3)
     run_study(store, protocol, text, apparatus(), people, SystemClock())

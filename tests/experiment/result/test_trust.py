@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.played import delivered_level
 from tactuator.experiment.result.store_results import (
@@ -52,7 +52,7 @@ def study(tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("trust") / "lab.db")
     drawn = simulated_observers(LIBRARY, 2, seed=5)
     observers = with_truths(drawn, ("S1", "S2"), LIBRARY, {"S2": DEAF}, {"S1": 0.0})
-    run_study(store, parse_protocol(TEXT), TEXT, apparatus(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(TEXT, Protocol), TEXT, apparatus(), observers, SystemClock(), "finger")
     yield store, observers
     store.close()
 
@@ -208,7 +208,7 @@ def test_delivered__display_whose_friction_takes_more_of_weak_tones__is_that_nea
 def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencies_that_were_played(mains_hz) -> None:
     head, tail = TEXT.split("[procedure]")[0], TEXT[TEXT.index("[conditions]") :]
     protocol = parse_protocol(
-        f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", "")
+        f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", ""), Protocol
     )
     prior = WholeCurveRule(prior=CurvePrior(band_hz=(0.4, 300.0), mains_hz=mains_hz, clearance_hz=4.0)).prior
     about = SimpleNamespace(band_low_hz=0.4, band_high_hz=300.0)
@@ -230,7 +230,7 @@ def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(
     )
     low = RelativeCurve(np.array([100.0]), np.array([-4.0]), "4 dB below")
     observers = with_truths(simulated_observers(LIBRARY, 4, seed=1), codes, LIBRARY, dict.fromkeys(codes, low), {})
-    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(text, Protocol), text, apparatus(), observers, SystemClock(), "finger")
     found = thresholds(detection_runs(store))
     delivered = np.array([one.delivered_db for one in found])
     assert len(found) == 4
@@ -247,7 +247,7 @@ def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     rest = PROTOCOL[PROTOCOL.index("[timing]") : PROTOCOL.rindex("[[subject]]")]
     text = head + '[conditions]\nfingers = ["index"]\n' + rest
     observers = simulated_observers(LIBRARY, 1, seed=2)
-    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(text, Protocol), text, apparatus(), observers, SystemClock(), "finger")
     runs = detection_runs(store)
     found = thresholds(runs)
     (drawn,) = psychometric_trials(runs, found)["S1"]

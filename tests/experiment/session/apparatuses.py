@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import select
 
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import Study, open_session, open_study
@@ -108,7 +108,7 @@ def begin(
 
 
 def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
-    return open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, clock, token, amend)
+    return open_study(store, DetectionTask(parse_protocol(text, Protocol), apparatus()), text, clock, token, amend)
 
 
 def rows_of(store: Store, query) -> list:

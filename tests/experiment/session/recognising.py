@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.session.presented_session import PresentedSession, run_session
 from tactuator.experiment.session.recognition_task import RecognitionTask
@@ -70,7 +70,7 @@ class Opened:
 
 
 def scripted_answer(text, block, number):
-    trial = block_trials(parse_recognition(text), 0, block)[number]
+    trial = block_trials(parse_protocol(text, RecognitionProtocol), 0, block)[number]
     if number % 4 != 3:
         return trial.correct
     return trial.responses[(trial.responses.index(trial.correct) + 1) % len(trial.responses)]
@@ -95,11 +95,8 @@ def opened(controller, items, tmp_path):
         rig = SimulatedRig(controller.display, 1)
         rig.load(controller)
         store = Store(tmp_path / "lab.db")
-        return (
-            Opened(parse_recognition(text), text, items, Apparatus(rig, controller, "simulated"), store),
-            rig,
-            store,
-        )
+        protocol = parse_protocol(text, RecognitionProtocol)
+        return Opened(protocol, text, items, Apparatus(rig, controller, "simulated"), store), rig, store
 
     return make
 

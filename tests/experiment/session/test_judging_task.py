@@ -5,7 +5,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export_rows import exported
-from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
@@ -72,7 +72,7 @@ def opened(tmp_path):
 
     def open_(text: str):
         stores.append(Store(tmp_path / "lab.db"))
-        task = task_of(parse_any_protocol(text), tmp_path, apparatus())
+        task = task_of(parse_protocol(text, StudyProtocol), tmp_path, apparatus())
         return stores[-1], open_study(stores[-1], task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
 
     yield open_
@@ -177,7 +177,7 @@ class Rough(Respondent):
 
 def test_foreign_task__one_file_of_another_package__runs_a_session_and_has_results(install, store, tmp_path) -> None:
     install(GROUP, "roughness", SOURCE, "Keys")
-    task = task_of(parse_any_protocol(PROTOCOL), tmp_path, apparatus())
+    task = task_of(parse_protocol(PROTOCOL, StudyProtocol), tmp_path, apparatus())
     study = open_study(store, task, PROTOCOL, SystemClock(), lambda code, visit: f"{code}-{visit}")
     session = open_session(study, "S1")
     assert run_session(PresentedSession(session), Rough()) == 2 + 6

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput, StoreFault
-from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
@@ -194,7 +194,7 @@ def test_replay__store_changed_by_hand__is_refused(store, clock) -> None:
 @pytest.mark.parametrize(("old", "new", "message"), [("210]", "500]", "500 Hz"), ('"index"', '"ring"', "'ring'")])
 def test_apparatus__what_it_cannot_play__is_refused(old, new, message) -> None:
     with pytest.raises(BadInput, match=message):
-        DetectionTask(parse_protocol(PROTOCOL.replace(old, new)), apparatus())
+        DetectionTask(parse_protocol(PROTOCOL.replace(old, new), Protocol), apparatus())
 
 
 @pytest.fixture
@@ -294,10 +294,10 @@ def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_h
 
 def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(store, clock) -> None:
     assert result(store, clock, 0.5)[1] == ("attention",)
-    protocol = parse_protocol(YES_NO)
+    protocol = parse_protocol(YES_NO, Protocol)
     assert (protocol.paradigm.responses, protocol.paradigm.guess) == (("1", "0"), 0.02)
     with pytest.raises(BadInput, match="held with 3 intervals; allowed: with one interval"):
-        parse_protocol(YES_NO.replace("intervals = 1", "intervals = 3\nheld = true"))
+        parse_protocol(YES_NO.replace("intervals = 1", "intervals = 3\nheld = true"), Protocol)
 
 
 PARTS, STREAM_S, BLOCK = 100, 720.0, 200
@@ -314,7 +314,7 @@ def test_day__of_three_channels_with_experiments_and_streams__memory_and_state_a
     tone = np.repeat(100.0 * np.sin(2.0 * np.pi * 90.0 * time_s), len(rig.channels), axis=1)
     memory_mb, objects, levels_db = [], [], []
     with closing(Store(tmp_path / "lab.db")) as store:
-        task = DetectionTask(parse_protocol(text), Apparatus(rig, controller, "simulated"))
+        task = DetectionTask(parse_protocol(text, Protocol), Apparatus(rig, controller, "simulated"))
         study = open_study(store, task, text, clock, token, None)
         for part in range(PARTS):
             loud = rng.choice([30.0, 30.0, 0.0], round(STREAM_S * rig.rate_hz / BLOCK))  # as speech, with pauses

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.detection import Protocol as Protocol  # also for the study of the paper
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.task.task_keys import TaskKeys, parse_task
@@ -79,56 +79,22 @@ _KINDS: dict[type[StudyProtocol], str] = {
 }
 
 
-def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
-    """Return the protocol, one of the kinds of `_KINDS`, and the file's own text.
+def read_protocol(path: str | Path, form: type[_P]) -> tuple[_P, str]:
+    """Return the protocol, of one of the kinds of `_KINDS`, and the file's own text. form: StudyProtocol for any kind.
 
-    Raises BadInput, in one line that names the key, for a file that is missing, not TOML, or says what is not allowed.
+    Raises BadInput, in one line that names the key, for a file that is missing, not TOML, says what is not allowed, or
+    is of another kind.
     """
-    text = _text(path)
-    return parse_any_protocol(text, str(path)), text
-
-
-def read_protocol(path: str | Path) -> tuple[Protocol, str]:
-    """Return a detection protocol and the file's text. Raises BadInput as `read_any_protocol` and for another kind."""
-    text = _text(path)
-    return parse_protocol(text, str(path)), text
-
-
-def read_recognition(path: str | Path) -> tuple[RecognitionProtocol, str]:
-    """Return a recognition protocol and the file's text. Raises BadInput as `read_protocol`."""
-    text = _text(path)
-    return parse_recognition(text, str(path)), text
-
-
-def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
-    """Return the protocol of any kind that the text describes. Raises BadInput as `read_any_protocol`."""
-    return _parsed(text, where, StudyProtocol)
-
-
-def parse_protocol(text: str, where: str = "protocol") -> Protocol:
-    """Return the detection protocol that the text describes. Raises BadInput as `read_protocol`."""
-    return _parsed(text, where, Protocol)
-
-
-def parse_recognition(text: str, where: str = "protocol") -> RecognitionProtocol:
-    """Return the recognition protocol that the text describes. Raises BadInput as `read_recognition`."""
-    return _parsed(text, where, RecognitionProtocol)
-
-
-def protocol_hash(text: str) -> str:
-    """Return the SHA-256 (hex) of the file's text."""
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def _text(path: str | Path) -> str:
     require_kind(Path(path), "protocol")
     try:
-        return read_text(Path(path))
+        text = read_text(Path(path))
     except BadInput as error:
         raise BadInput(f"protocol {path}: {error}", "a TOML file that can be read") from None
+    return parse_protocol(text, form, str(path)), text
 
 
-def _parsed(text: str, where: str, form: type[_P]) -> _P:
+def parse_protocol(text: str, form: type[_P], where: str = "protocol") -> _P:
+    """Return the protocol that the text describes. Raises BadInput as `read_protocol`."""
     try:
         document = parse_toml(text)
     except BadInput as error:
@@ -139,3 +105,8 @@ def _parsed(text: str, where: str, form: type[_P]) -> _P:
     if not issubclass(kind, form):
         raise BadInput(f"protocol {where} has the tables {', '.join(document) or 'none'}", _KINDS[form])
     return from_table(kind, document, f"protocol {where}")
+
+
+def protocol_hash(text: str) -> str:
+    """Return the SHA-256 (hex) of the file's text."""
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()

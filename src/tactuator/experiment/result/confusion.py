@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.played import was_simulated
@@ -168,7 +168,7 @@ def recognition_results(
             if study is not None and row.name != study:
                 continue
             if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
-                protocol = parse_recognition(records.versions(connection, row.id)[-1].toml)
+                protocol = parse_protocol(records.versions(connection, row.id)[-1].toml, RecognitionProtocol)
                 matrices, shares = _results(connection, row.id, protocol, rng, draws)
                 results, abx = results + matrices, abx + shares
     if not results and not abx:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -348,11 +349,8 @@ def store_results(
     reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. leave_out: as group_curve
     takes it. Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
     """
-    store = Store(store_path, must_exist=True)
-    try:
+    with closing(Store(store_path, must_exist=True)) as store:
         runs = tuple(run for run in detection_runs(store) if group is None or run.session.subject_group == group)
-    finally:
-        store.close()
     if not runs:
         raise BadInput(f"store {store_path} has no run of group {group!r}", "a group that took part")
     names = sorted({run.run.curve for run in runs})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -67,12 +68,9 @@ def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve 
     Contours are of the standard's own finger. Raises BadInput where there are no finished matching runs, or runs with
     several references; with a curve, where the matches do not tell that of the display.
     """
-    store = Store(path, must_exist=True)
-    try:
+    with closing(Store(path, must_exist=True)) as store:
         runs, keys = answered_runs(store, KIND, group=group), _keys(store)
         contact = _contact(store)
-    finally:
-        store.close()
     mine = [run for run in runs if run.finger == keys.finger]
     people = tuple(
         _person(subject, _of(mine, subject), keys, contact, curve)

@@ -16,7 +16,7 @@ from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -60,7 +60,7 @@ def books_of(connection: Connection, name: str | None, tokens: Tokens, now: date
     if study is None:
         raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")
     newest = records.versions(connection, study)[-1]
-    return Books(study, parse_any_protocol(newest.toml), tokens, now, who)
+    return Books(study, parse_protocol(newest.toml, StudyProtocol), tokens, now, who)
 
 
 def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
@@ -232,7 +232,7 @@ class Study:
             with self.store.read() as connection:
                 rows = records.versions(connection, self.id)
             text = next(row.toml for row in rows if row.id == version)
-            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.apparatus)
+            self._tasks[version] = task_of(parse_protocol(text, StudyProtocol), self.beside, self.task.apparatus)
         return self._tasks[version]
 
     def enrol(self, part: SubjectPart, who: str = records.PROGRAM) -> None:
@@ -341,7 +341,7 @@ def _version(
     if same is not None:
         return study, int(same.id)
     if amend is None:
-        before = parse_any_protocol(rows[-1].toml)
+        before = parse_protocol(rows[-1].toml, StudyProtocol)
         if before.apart_from_subjects() != task.protocol.apart_from_subjects():
             raise BadInput(
                 f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something else",

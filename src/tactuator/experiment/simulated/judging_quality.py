@@ -20,7 +20,6 @@ from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, Ta
 from tactuator.experiment.trial import Timing
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve, curve
 
-TASKS = ("matching", "magnitude-estimation", "discrimination")
 _FINGERS = ("index", "thumb")
 _FINGER = _FINGERS[0]
 _LIBRARY = "bolanowski-1988"
@@ -213,6 +212,12 @@ def simulate_magnitudes(
 
 JudgingQuality = MatchingQuality | DiscriminationQuality | MagnitudeQuality
 
+TASKS: dict[str, Callable[[JudgingSetting, Callable[[float], None]], JudgingQuality]] = {
+    "matching": simulate_matching,
+    "magnitude-estimation": simulate_magnitudes,
+    "discrimination": simulate_discrimination,
+}
+
 
 def simulate_judging(
     task: str, setting: JudgingSetting, progress: Callable[[float], None] = lambda share: None
@@ -222,10 +227,4 @@ def simulate_judging(
         raise BadInput(f"law {setting.law!r}", ", ".join(LAW_NAMES))
     if setting.trials is not None and task != "matching":
         raise BadInput(f"--trials {setting.trials} with {task}", "with matching")
-    if task == "matching":
-        return simulate_matching(setting, progress)
-    return (
-        simulate_discrimination(setting, progress)
-        if task == "discrimination"
-        else simulate_magnitudes(setting, progress)
-    )
+    return TASKS[task](setting, progress)

@@ -14,8 +14,8 @@ from sqlalchemy import Connection, Integer, Select, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_any_protocol
-from tactuator.experiment.protocol.study import FORCED_CHOICE
+from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
+from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
@@ -66,7 +66,7 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
     """
     with store.read() as connection:
         versions = select(schema.protocol_version)
-        every = {row.id: parse_any_protocol(row.toml) for row in connection.execute(versions)}
+        every = {row.id: parse_protocol(row.toml, StudyProtocol) for row in connection.execute(versions)}
         protocols = {row: protocol for row, protocol in every.items() if isinstance(protocol, Protocol)}
         sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
         rows = _done(connection, FORCED_CHOICE, session, sessions)
@@ -176,7 +176,7 @@ def task_keys(store: Store, kind: str | None = None) -> tuple[TaskKeys, ...]:
     """Return the tables [task] that the store's protocols have, the newest last. kind: only of that kind."""
     with store.read() as connection:
         texts = connection.execute(select(schema.protocol_version.c.toml).order_by(schema.protocol_version.c.id))
-        protocols = [parse_any_protocol(text) for text in texts.scalars()]
+        protocols = [parse_protocol(text, StudyProtocol) for text in texts.scalars()]
     tasks = [protocol.task for protocol in protocols if isinstance(protocol, JudgingProtocol)]
     return tuple(task for task in tasks if kind in (None, task.kind))
 
