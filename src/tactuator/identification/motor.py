@@ -60,8 +60,10 @@ def bound_by(fixed: Sequence[Fixed]) -> Bound | None:
 def _may_be_motor(plain: PlainMotor) -> bool:
     """Return true where friction is certain, no spring shows and little is left over."""
     known = abs(plain.plain_t[0]) > _CERTAIN and plain.plain_t[1] * np.sign(plain.plain_t[0]) > -3.0
-    free = plain.spring < _SPRING or plain.spring_t < 5.0
-    return bool(plain.plain_t[2] > _CERTAIN and known and free and plain.unexplained < _UNEXPLAINED)
+    if not (plain.plain_t[2] > _CERTAIN and known and plain.unexplained < _UNEXPLAINED):
+        return False
+    share, spring_t = plain.spring()
+    return share < _SPRING or spring_t < 5.0
 
 
 def _friction(common: Prepared, motor: Motor) -> Friction:
