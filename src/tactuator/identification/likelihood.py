@@ -136,11 +136,15 @@ class SpectralProblem:
     def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
         """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
         rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
-        begin, weight = 0, self.weight.astype(np.complex128)  # once, and not in every product
+        begin = 0
         for part in parts:
-            np.multiply(part.T, weight, out=rows[begin : begin + part.shape[1]])
+            np.multiply(part.T, self._complex_weight, out=rows[begin : begin + part.shape[1]])
             begin += part.shape[1]
         return rows.view(np.float64)
+
+    @cached_property
+    def _complex_weight(self) -> ComplexArray:
+        return self.weight.astype(np.complex128)  # once, and not in every product
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:

@@ -15,6 +15,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -39,9 +40,16 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     """
     import h5py
 
-    require_survivable(lambda: _look_through(path))
+    state = path.stat()
+    _require_survived(path, state.st_ino, state.st_size, state.st_mtime_ns)
     with h5py.File(path, "r") as file:
         yield file
+
+
+@lru_cache(maxsize=8)
+def _require_survived(path: Path, *state: int) -> None:
+    """Try a file out, once as long as its state is the same: its kind is asked for before it is read."""
+    require_survivable(lambda: _look_through(path))
 
 
 class _Disk(io.FileIO):
