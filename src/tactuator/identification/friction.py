@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from itertools import product
 
 import numpy as np
@@ -74,34 +74,6 @@ def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
     return out
 
 
-_KEPT = 4
-"""Lines of friction along the measured paths that are kept, for as many trials: two ways to act, two distances beside."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Paths:
-    """Paths of every record, (n,) each, along which friction may act; what was asked last of them is kept."""
-
-    each: tuple[FloatArray, ...]
-
-    @cached_property
-    def lines(self) -> Callable[[float, bool, tuple[int, ...]], list[ComplexArray]]:
-        """Return what works out the lines of Dahl's states: of a presliding distance, held or not, and of so many samples
-        of every record.
-        """
-        paths = self.each
-
-        @lru_cache(maxsize=1)
-        def states(presliding: float) -> list[FloatArray]:
-            return [dahl_state(path, presliding) for path in paths]
-
-        @lru_cache(maxsize=_KEPT)
-        def lines(presliding: float, held: bool, counts: tuple[int, ...]) -> list[ComplexArray]:
-            return [_lines(*pair) for pair in zip(_acting(states(presliding), held), counts, strict=True)]
-
-        return lines
-
-
 @dataclass(frozen=True, eq=False)
 class _Level:
     """Friction of a level and a presliding distance along a path of every record, (n,); held: it acts from sample to
@@ -133,7 +105,7 @@ class _Level:
 @dataclass(frozen=True, eq=False)
 class _Stage:
     """An estimate of signals with a level of friction off their commands, and what all trials from there share. paths:
-    the motion of every record as the estimate has it, free of noise and dead time; measured: low-passed.
+    the motion of every record as the estimate has it, free of noise and dead time; measured: low-passed; (n,) each.
     """
 
     signals: Signals
@@ -145,16 +117,15 @@ class _Stage:
         return _FrictionLines(self.now, self.level)
 
     @cached_property
-    def paths(self) -> _Paths:
+    def paths(self) -> tuple[FloatArray, ...]:
         pairs = zip(self.signals, self.now.residuals, strict=True)
-        early = (self._earlier(rest.simulated, position.size, rest.taken.shift) for (_, position), rest in pairs)
-        return _Paths(tuple(early))
+        return tuple(self._earlier(rest.simulated, position.size, rest.taken.shift) for (_, position), rest in pairs)
 
     @cached_property
-    def measured(self) -> _Paths:
+    def measured(self) -> tuple[FloatArray, ...]:
         rate_hz = self.now.spectra[0].rate_hz
         paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in self.signals)
-        return _Paths(tuple(self._earlier(path, path.size) for path in paths))
+        return tuple(self._earlier(path, path.size) for path in paths)
 
     def _earlier(self, path: FloatArray, count: int, shift: int = 0) -> FloatArray:
         """Return a path, `shift` samples early, without the estimate's dead time, for which friction does not wait, in
@@ -236,8 +207,8 @@ def _shows(bare: _Stage) -> bool:
     """
     if not all(np.all(residual.response) for residual in bare.now.residuals):
         return False  # nothing moves
-    motion = max(float(np.std(path)) for path in bare.paths.each)
-    pulls = (bare.lines.pull([dahl_state(path, place) for path in bare.paths.each]) for place in _SHOWN_AT * motion)
+    motion = max(float(np.std(path)) for path in bare.paths)
+    pulls = (bare.lines.pull([dahl_state(path, place) for path in bare.paths]) for place in _SHOWN_AT * motion)
     return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in pulls)
 
 
@@ -247,7 +218,7 @@ def _share_left(residuals: Sequence[Residual]) -> float:
     return left_over / max(whole, 1e-300)
 
 
-def _settled(stage: _Stage, measured: _Paths) -> _Level:
+def _settled(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level at which the estimate's form and the friction along its own path, or the measured one, agree."""
     for _ in range(_ROUNDS):
         level = _stepped(stage, measured)
@@ -265,26 +236,29 @@ def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
     return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
 
 
-def _stepped(stage: _Stage, measured: _Paths) -> _Level:
+def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level that explains most of what the estimate leaves, that which is off its commands included.
 
     Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample: the
     better way is told at one presliding distance, and the distance looked for along that way.
     """
     lines, both = stage.lines, (stage.paths, measured)
-    counts = tuple(taken.samples for taken in stage.now.spectra)
+
+    @cache
+    def states(k: int, presliding: float) -> list[FloatArray]:
+        return [dahl_state(path, presliding) for path in both[k]]
 
     @cache
     def explained(way: tuple[int, bool, float]) -> tuple[float, float, float]:
         k, held, presliding = way
-        return lines.explained(lines.pulled(both[k].lines(presliding, held, counts)))[:3]
+        return lines.explained(lines.pull(_acting(states(k, presliding), held)))[:3]
 
     def gain(way: tuple[int, bool, float]) -> float:
         return explained(way)[0]
 
     place, ratio, step = stage.level.presliding, _FINE, 1
     if place == 0.0:
-        motion, ratio, step = max(float(np.std(path)) for path in both[0].each), _FINE_AT_FIRST, (_REACH + 1) // 2
+        motion, ratio, step = max(float(np.std(path)) for path in both[0]), _FINE_AT_FIRST, (_REACH + 1) // 2
         places = (np.geomspace(1e-4, 1.0, 9) * motion).tolist()
         place = max(places, key=lambda place: gain((0, False, place)))
     k, held, _ = max(product((0, 1), (False, True), (place,)), key=gain)
@@ -292,7 +266,7 @@ def _stepped(stage: _Stage, measured: _Paths) -> _Level:
     presliding = place * ratio**at
     _, coulomb, power = explained((k, held, presliding))
     coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in stage.signals) else 0.0  # it ran away
-    return _Level(coulomb, presliding, both[k].each, held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+    return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
 
 
 def _uphill(gain: Callable[[int], float], step: int) -> int:
@@ -329,7 +303,7 @@ class _FrictionLines:
             weighted = residual.response * residual.weight[1:]
             here = residual.lines[1:] * residual.weight[1:]
             if level.coulomb > 0.0:
-                here -= _pulled(_lines(level.coulomb * level.states[k], taken.samples), taken, weighted)
+                here -= _lines(level.coulomb * level.states[k], taken, weighted)
             self.power += float(np.sum(here.view(np.float64) ** 2))
             self.lines += 2 * here.size
             last = _moving(weighted, taken.command[1:])
@@ -368,11 +342,8 @@ class _FrictionLines:
         """Return what one unit of friction of these states, (n,) along every record, makes of the position's lines,
         weighted.
         """
-        return self.pulled([_lines(row, taken.samples) for row, taken in zip(states, self._spectra, strict=True)])
-
-    def pulled(self, lines: Sequence[ComplexArray]) -> FloatArray:
-        """Return the same of the states' lines, at every record's command."""
-        rows = [_pulled(*of) for of in zip(lines, self._spectra, self._weighted, strict=True)]
+        parts = zip(states, self._spectra, self._weighted, strict=True)
+        rows = [_lines(row, taken, weight) for row, taken, weight in parts]
         return (rows[0] if len(rows) == 1 else np.concatenate(rows)).view(np.float64)
 
     def other_laws(self, level: _Level, plain: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -413,14 +384,10 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
     return 1 + max(int(np.searchsorted(moved, (1.0 - _UNMOVED) * moved[-1])) for moved in sums)
 
 
-def _lines(values: FloatArray, count: int) -> ComplexArray:
-    """Return the lines of the first `count` values, their mean taken off."""
-    early = values[:count]
-    return np.fft.rfft(early - early.mean())
-
-
-def _pulled(lines: ComplexArray, taken: Spectrum, weight: ComplexArray) -> ComplexArray:
-    """Return the first of these lines but zero, of values at the record's command, times their weight (m,)."""
+def _lines(values: FloatArray, taken: Spectrum, weight: ComplexArray) -> ComplexArray:
+    """Return the first lines but zero of values (n,) at the record's command, times their weight (m,)."""
+    early = values[: taken.samples]
+    lines = np.fft.rfft(early - early.mean())
     return np.asarray(weight * (lines[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))))
 
 
@@ -434,7 +401,7 @@ def _level_without_model(bare: _Stage) -> _Level | None:
         local = [local_response(spectrum(*pair, rate_hz), 0.47 * rate_hz) for pair in at]
         return sum(2.0 * float(pair.lines @ np.log(np.maximum(pair.noise, 1e-300))) for pair in local)
 
-    best, least, paths = None, misfit(bare.signals) - _CERTAIN, bare.measured.each
+    best, least, paths = None, misfit(bare.signals) - _CERTAIN, bare.measured
     presliding = 1e-3 * max(float(np.std(path)) for path in paths)
     for coulomb in np.geomspace(0.03, 1.5, 16):
         level = _Level(float(coulomb), presliding, paths)

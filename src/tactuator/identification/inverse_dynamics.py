@@ -69,7 +69,7 @@ FREE = Bound()
 class PlainMotor:
     """What the model's own friction law alone says of a record. plain_t: t values of mass, viscous damping, Coulomb
     level and offset, (4,). unexplained: share of the low-passed command's power that is left; spring: works out the
-    share of its deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
+    share of its deviation that a spring would explain, and its t value. predicted, commanded: low-passed command, (k,).
     """
 
     plain_t: FloatArray
@@ -148,8 +148,8 @@ def _plain_motor(equation: _Equation, bound: Bound) -> PlainMotor | None:
     def spring() -> tuple[float, float]:
         place = low_passed(equation.position, equation.rate_hz, equation.corner)[chosen]
         with_spring, _, spread = _regress(np.column_stack([free, place]), aim)
-        stiffness = abs(float(with_spring[-1]))
-        return stiffness * float(np.std(place)) / np.sqrt(total), stiffness / float(np.sqrt(max(spread[-1, -1], 1e-300)))
+        stiffness, error = abs(float(with_spring[-1])), float(np.sqrt(max(spread[-1, -1], 1e-300)))
+        return stiffness * float(np.std(place)) / np.sqrt(total), stiffness / error
 
     return PlainMotor(
         plain_t=weights / np.sqrt(np.maximum(covariance.diagonal(), 1e-300)),

@@ -279,24 +279,21 @@ class _Judged:
     choice: Choice
     residuals: tuple[Residual, ...]
 
+    @cached_property
+    def _parts(self) -> list[tuple[float, float]]:
+        filtered = self.choice.hold == "band-limited"
+        return [joint_misfit(rest, COMPARED * rest.taken.rate_hz, filtered=filtered) for rest in self.residuals]
+
     @property
     def evidence(self) -> float:
         """Return the criterion (Bayes) for position and command together, by which holds are compared."""
-        return self._misfit[0] + self.choice.price
+        misfit = sum(part for part, _ in self._parts) if self.residuals else 2.0 * self.choice.fit.cost
+        return misfit + float(np.log(self.choice.problem.given.total)) * self.choice.fit.form.count
 
     @property
     def by_loop(self) -> float:
         """Return how much of it a loop explains."""
-        return self._misfit[1]
-
-    @cached_property
-    def _misfit(self) -> tuple[float, float]:
-        if not self.residuals:
-            return 2.0 * self.choice.fit.cost, 0.0
-        filtered = self.choice.hold == "band-limited"
-        parts = [joint_misfit(rest, COMPARED * rest.taken.rate_hz, filtered=filtered) for rest in self.residuals]
-        misfit, by_loop = (sum(column) for column in zip(*parts, strict=True))
-        return misfit, by_loop
+        return sum(by_loop for _, by_loop in self._parts)
 
     @cached_property
     def fits(self) -> bool:
@@ -417,7 +414,7 @@ def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
     problem, fit = replace(choice.problem, given=given), choice.fit
     highest = float(given.of_hz[choice.problem.weight > 0.0].max())
     for _ in range(2):
-        problem = problem.with_weight(weights(given, problem.residual(fit), highest))
+        problem = replace(problem, weight=weights(given, problem.residual(fit), highest))
         fit = problem.descend(fit.form, fit.theta, fit.delay, most=10) or fit
     others = {form: problem.descend(form, other.theta, other.delay, most=6) for form, other in choice.fits.items()}
     kept = {form: other for form, other in others.items() if other is not None}
