@@ -151,7 +151,7 @@ def _trimmed(given: FrequencyResponse, fit: SpectralFit, most: int) -> tuple[flo
                 fit, replace(given, deviation=given.deviation / share), _FEW_STEPS
             )
         else:
-            weighted = problem.with_weight(share * problem.weight)
+            weighted = replace(problem, weight=share * problem.weight)
             again = weighted.descend(fit.form, np.abs(fit.theta), fit.delay, most=_FEW_STEPS)
         if again is None:
             break

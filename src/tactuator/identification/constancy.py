@@ -149,7 +149,7 @@ def read_at(record: Record) -> slice:
     for order in (1, 2) if moved.size and record.position.size > _AROUND else ():
         step = np.abs(np.diff(record.position, order))
         step[step < 1e-13 * float(np.max(np.abs(record.position)))] = 0.0
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(step, _AROUND // 2, mode="edge"), _AROUND).max(axis=1)
+        around = _greatest(np.pad(step, _AROUND // 2, mode="edge"), _AROUND)
         least = float(np.min(step[step > 0.0], initial=np.inf))
         seen = around > max(_OF_LEAST * least, _OF_USUAL * float(np.sqrt(np.mean(step**2))))
         flat = seen & (step <= np.maximum(_FLAT * around, 3.0 * least))
@@ -163,6 +163,15 @@ def read_at(record: Record) -> slice:
         if many > 1 and float(power.max()) > _AT_READ * float(power.sum()) and not is_own:
             read = slice(int(np.argmax(power)), None, many)
     return read
+
+
+def _greatest(values: FloatArray, count: int) -> FloatArray:
+    """Return the greatest of each `count` values (n,) in a row, (n + 1 - count,), by rows of twice the length each."""
+    width = 1
+    while width < count:
+        further = min(width, count - width)
+        values, width = np.maximum(values[:-further], values[further:]), width + further
+    return values
 
 
 def without_images(record: Record, *, held: bool, read: slice | None = None) -> Record:

@@ -381,11 +381,6 @@ _ROUNDS = 60
 _EXACT = 1e-14
 
 
-def bound(form: Form) -> bool:
-    """Return true where values of the denominator's coefficients are known."""
-    return bool(form.pins_below)
-
-
 def weights_left(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArray, FloatArray]:
     """Return the numerator's weights nearest to zero that obey what is known, (numerators,), and an orthonormal basis
     of the changes that they are free to make, (numerators, k).
@@ -470,9 +465,9 @@ def settled(theta: FloatArray, form: Form) -> FloatArray | None:
     """Return the theta nearest to this one, each coefficient by its size, that has the known coefficients of the
     denominator; None where none is found.
     """
-    if not bound(form):
-        return theta
     pins = form.pins_below
+    if not pins:
+        return theta
     wanted = np.array([pin.value for pin in pins])
     now, positive = theta.copy(), bool(np.all(theta > 0.0))
     for _ in range(_ROUNDS):

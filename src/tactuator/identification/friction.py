@@ -329,9 +329,8 @@ class _FrictionLines:
         """Return by how much the sum of squares falls with k columns' pulls, the level of each, their powers,
         what of the fit's parameters makes up for one unit of each, (parameters, k), and how these then move.
         """
-        rows = pulls[0].reshape(1, -1) if len(pulls) == 1 else np.stack(pulls)
-        beside = np.column_stack([self._rows @ rows.T, self._along])
-        last = np.vstack([rows, self._rest])
+        last = np.vstack([*pulls, self._rest])
+        beside = np.column_stack([self._rows @ last[:-1].T, self._along])
         weights, rest = eliminated(np.block([[self._products, beside], [beside.T, last @ last.T]]), beside.shape[0])
         moves = self._free @ weights
         powers, along = rest[:-1, :-1], rest[:-1, -1]

@@ -68,14 +68,13 @@ FREE = Bound()
 @dataclass(frozen=True, eq=False)
 class PlainMotor:
     """What the model's own friction law alone says of a record. plain_t: t values of mass, viscous damping, Coulomb
-    level and offset, (4,). unexplained: share of the low-passed command's power that is left; spring: share of its
-    deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
+    level and offset, (4,). unexplained: share of the low-passed command's power that is left; spring: works out the
+    share of its deviation that a spring would explain, and its t value. predicted, commanded: low-passed command, (k,).
     """
 
     plain_t: FloatArray
     unexplained: float
-    spring: float
-    spring_t: float
+    spring: Callable[[], tuple[float, float]]
     predicted: FloatArray
     commanded: FloatArray
 
@@ -145,13 +144,17 @@ def _plain_motor(equation: _Equation, bound: Bound) -> PlainMotor | None:
     solution, _, spread = _regress(free, aim)
     weights, covariance = foot + basis @ solution, basis @ spread @ basis.T
     predicted = columns @ weights
-    place = low_passed(equation.position, equation.rate_hz, equation.corner)[chosen]
-    with_spring, _, spread = _regress(np.column_stack([free, place]), aim)
+
+    def spring() -> tuple[float, float]:
+        place = low_passed(equation.position, equation.rate_hz, equation.corner)[chosen]
+        with_spring, _, spread = _regress(np.column_stack([free, place]), aim)
+        stiffness, error = abs(float(with_spring[-1])), float(np.sqrt(max(spread[-1, -1], 1e-300)))
+        return stiffness * float(np.std(place)) / np.sqrt(total), stiffness / error
+
     return PlainMotor(
         plain_t=weights / np.sqrt(np.maximum(covariance.diagonal(), 1e-300)),
         unexplained=float(np.var(goal - predicted)) / total,
-        spring=abs(float(with_spring[-1])) * float(np.std(place)) / np.sqrt(total),
-        spring_t=abs(float(with_spring[-1])) / float(np.sqrt(max(spread[-1, -1], 1e-300))),
+        spring=spring,
         predicted=predicted,
         commanded=goal,
     )

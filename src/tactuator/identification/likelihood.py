@@ -6,8 +6,7 @@ and Pereyra, variable projection, 1973, in Kaufman's form).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +16,6 @@ from tactuator.identification.form import (
     Form,
     Ladder,
     all_poles,
-    bound,
     denominator_values,
     freedom,
     is_stable,
@@ -95,7 +93,7 @@ class SpectralProblem:
             goal, parts = goal - columns @ foot, [columns @ basis]
         if self.with_transient:
             parts.append(self.given.transient_of(transient_columns(self.grid, theta, form)))
-        rows = self._weighted_rows([*parts, goal[:, None]])
+        rows = self.weighted(*parts, goal[:, None])
         along = self._along(rows)
         products = self._less_ends(rows @ rows.T, along)
         if not np.all(np.isfinite(products)):
@@ -129,18 +127,18 @@ class SpectralProblem:
             products[:, lost] = 0.0
         return np.asarray(products)
 
-    def weighted(self, columns: ComplexArray) -> FloatArray:
-        """Return complex columns (e, k), weighted, as real rows (k, 2 e)."""
-        return self._weighted_rows([columns])
-
-    def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
-        """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
+    def weighted(self, *parts: ComplexArray) -> FloatArray:
+        """Return sets of complex columns (e, k) one after the other, weighted, as real rows (all k, 2 e)."""
         rows = np.empty((sum(part.shape[1] for part in parts), self.weight.size), dtype=np.complex128)
-        begin, weight = 0, self.weight.astype(np.complex128)  # once, and not in every product
+        begin = 0
         for part in parts:
-            np.multiply(part.T, weight, out=rows[begin : begin + part.shape[1]])
+            np.multiply(part.T, self._complex_weight, out=rows[begin : begin + part.shape[1]])
             begin += part.shape[1]
         return rows.view(np.float64)
+
+    @cached_property
+    def _complex_weight(self) -> ComplexArray:
+        return self.weight.astype(np.complex128)  # once, and not in every product
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:
@@ -249,7 +247,7 @@ class SpectralProblem:
 
     def _moved(self, now: _Point, step: FloatArray) -> FloatArray | None:
         """Return theta after a step of what is free of it (and the dead time); None where it cannot be reached."""
-        if not bound(now.form):
+        if not now.form.pins_below:
             return now.theta + step[: now.theta.size]
         free = theta_left(now.theta, now.form)
         return settled(now.theta + free @ step[: free.shape[1]], now.form)
@@ -290,10 +288,6 @@ class SpectralProblem:
         columns = self.given.transient_of(transient_columns(self.grid, fit.theta, fit.form), ends=True)
         solution = fitted_beside(columns, rest, self.weight)
         return np.asarray(rest - np.ascontiguousarray(columns) @ solution)
-
-    def with_weight(self, weight: FloatArray) -> SpectralProblem:
-        """Return the same equations, weighted otherwise."""
-        return replace(self, weight=weight)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -265,10 +265,7 @@ class LocalResponse:
 
     def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""
-        return LocalResponse(
-            self.frequency_hz[keep], self.value[keep], self.variance[keep], self.noise[keep], self.excitation[keep],
-            self.lines[keep],
-        )  # fmt: skip
+        return LocalResponse(*(getattr(self, item.name)[keep] for item in fields(self)))
 
 
 _NEARLY, _ROUNDS = 10.0, 6
@@ -454,17 +451,17 @@ def join_local(parts: Sequence[LocalResponse]) -> LocalResponse:
     if len(parts) == 1:
         return parts[0]
     order = np.argsort(np.concatenate([part.frequency_hz for part in parts]), kind="stable")
-    names = ("frequency_hz", "value", "variance", "noise", "excitation", "lines")
-    columns = (np.concatenate([getattr(part, name) for part in parts])[order] for name in names)
-    return LocalResponse(*columns)
+    return LocalResponse(
+        *(np.concatenate([getattr(part, item.name) for part in parts])[order] for item in fields(LocalResponse))
+    )
 
 
 _WIDTH = 0.12
 _FEWEST_AVERAGED = 40
 
 
-def noise_power(given: Equations, residual: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Return the residual's mean power at each equation (e,) and each band (b,), over 12 % of frequency, 40 lines."""
+def _noise_power(given: Equations, residual: ComplexArray) -> FloatArray:
+    """Return the residual's mean power at each equation (e,), over 12 % of frequency, 40 lines."""
     frequency = np.concatenate([given.of_hz, given.centre_hz])
     power = np.concatenate([np.abs(residual) ** 2, given.rest])
     count = np.concatenate([np.ones(given.of_hz.size), given.spare])
@@ -473,26 +470,23 @@ def noise_power(given: Equations, residual: ComplexArray) -> tuple[FloatArray, F
     sums = np.concatenate([[0.0], np.cumsum(power[order])])
     counts = np.concatenate([[0.0], np.cumsum(count[order])])
 
-    def at(hertz: FloatArray) -> FloatArray:
-        low = np.searchsorted(place, hertz * (1.0 - 0.5 * _WIDTH))
-        high = np.searchsorted(place, hertz * (1.0 + 0.5 * _WIDTH), side="right")
-        for _ in range(12):
-            few = counts[high] - counts[low] < _FEWEST_AVERAGED
-            if not np.any(few):
-                break
-            step = np.maximum(4, (high - low) // 2)
-            low, high = (
-                np.where(few, np.maximum(low - step, 0), low),
-                np.where(few, np.minimum(high + step, place.size), high),
-            )
-        mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1.0)
-        return np.asarray(np.maximum(mean, 1e-30))
-
-    return at(given.of_hz), at(given.centre_hz) if given.centre_hz.size else np.zeros(0)
+    low = np.searchsorted(place, given.of_hz * (1.0 - 0.5 * _WIDTH))
+    high = np.searchsorted(place, given.of_hz * (1.0 + 0.5 * _WIDTH), side="right")
+    for _ in range(12):
+        few = counts[high] - counts[low] < _FEWEST_AVERAGED
+        if not np.any(few):
+            break
+        step = np.maximum(4, (high - low) // 2)
+        low, high = (
+            np.where(few, np.maximum(low - step, 0), low),
+            np.where(few, np.minimum(high + step, place.size), high),
+        )
+    mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1.0)
+    return np.asarray(np.maximum(mean, 1e-30))
 
 
 def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:
     """Return one over each record's noise's deviation at each equation up to highest_hz, zero beyond, (e,)."""
     pieces = zip(given.parts, equation_slices(given), strict=True)
-    by_equation = np.concatenate([noise_power(part, residual[piece])[0] for part, piece in pieces])
+    by_equation = np.concatenate([_noise_power(part, residual[piece]) for part, piece in pieces])
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)

@@ -12,7 +12,7 @@ from tactuator.identification.inverse_dynamics import FREE, Bound, Motor, PlainM
 from tactuator.identification.prepared import Prepared
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Friction, Identification
-from tactuator.identification.standing import FixedAgainstOwn, weighed_against_own
+from tactuator.identification.standing import FixedAgainstOwn, held_against
 from tactuator.model.plant_model import PlantModel
 
 _RULES = 0.1
@@ -41,7 +41,10 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
     if motor is None:
         return None
     result = _identification(common, between, motor)
-    return result if bound == FREE else _beside_free(result, _model(common, free), common.asked.fixed)
+    if bound == FREE:
+        return result
+    held: Identification = held_against(result, _model(common, free), common.asked.fixed, _departs)
+    return held
 
 
 def bound_by(fixed: Sequence[Fixed]) -> Bound | None:
@@ -60,8 +63,10 @@ def bound_by(fixed: Sequence[Fixed]) -> Bound | None:
 def _may_be_motor(plain: PlainMotor) -> bool:
     """Return true where friction is certain, no spring shows and little is left over."""
     known = abs(plain.plain_t[0]) > _CERTAIN and plain.plain_t[1] * np.sign(plain.plain_t[0]) > -3.0
-    free = plain.spring < _SPRING or plain.spring_t < 5.0
-    return bool(plain.plain_t[2] > _CERTAIN and known and free and plain.unexplained < _UNEXPLAINED)
+    if not (plain.plain_t[2] > _CERTAIN and known and plain.unexplained < _UNEXPLAINED):
+        return False
+    share, spring_t = plain.spring()
+    return share < _SPRING or spring_t < 5.0
 
 
 def _friction(common: Prepared, motor: Motor) -> Friction:
@@ -108,14 +113,8 @@ def _identification(common: Prepared, between: BetweenSamples, motor: Motor) -> 
     )
 
 
-def _beside_free(result: Identification, alone: PlantModel, fixed: Sequence[Fixed]) -> Identification:
-    """Return the identification beside what the record shows without its fixed values; where they are not its own, the
-    band holds both, and it is not to be trusted where they are far off.
-    """
-    known = tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in fixed)
-    result = replace(result, fixed=known)
-    agrees = all(value.by_record is None or abs(value.by_record[0] - value.fixed.value) < value.half for value in known)
-    if agrees:
-        return result
-    rows = weighed_against_own(known, result.model, alone)
-    return replace(result, model=result.model.holding(alone).judged(*rows))
+def _departs(known: Sequence[FixedAgainstOwn]) -> bool:
+    """Return true where a value is not the record's own."""
+    return any(
+        value.by_record is not None and not abs(value.by_record[0] - value.fixed.value) < value.half for value in known
+    )

@@ -149,11 +149,7 @@ class EmpiricalResponse:
         return EmpiricalResponse(*(getattr(self, item.name)[keep] for item in fields(self)))
 
 
-def empirical_response(
-    command: FloatArray,
-    position: FloatArray,
-    rate_hz: float,
-) -> EmpiricalResponse:
+def empirical_response(command: FloatArray, position: FloatArray, rate_hz: float) -> EmpiricalResponse:
     """Return the response in bands even in log frequency, 20 to a decade, from 3 lines above zero up to 0.45 rate, 5
     lines each at least.
 
@@ -352,12 +348,6 @@ class Prepared:
         """Return the duration of the longest record."""
         return max(record.duration_s for record in self.records)
 
-    @staticmethod
-    def _figures(record: Record) -> dict[str, float]:
-        """Return what a model file tells of its record, by which a display's figures are compared with it."""
-        spans = {f"{name}_half_span": swing(getattr(record, name)) for name in ("command", "position")}
-        return {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | spans
-
     def model(self, num: FloatArray, den: FloatArray, covariance: FloatArray, **more: Any) -> PlantModel:
         """Return a model that tells what it comes from, and what is asked of it; its band is 0.4 .. 300 Hz as far as
         the record reaches, or all that it reaches where that is less than a decade.
@@ -366,6 +356,9 @@ class Prepared:
         lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
         low, high = max(0.4, lowest), min(300.0, highest)
         whole = {"delay_s": 0.0, "quantity": self.asked.quantity} | more
+        # a display's figures are compared with these
+        figures = {"rate_hz": record.rate_hz, "duration_s": record.duration_s}
+        figures |= {f"{name}_half_span": swing(getattr(record, name)) for name in ("command", "position")}
         return PlantModel(
             num=num,
             den=den,
@@ -373,7 +366,7 @@ class Prepared:
             band_hz=(low, high) if high >= 10.0 * low else (lowest, highest),
             command_unit=record.command_unit,
             position_unit=record.position_unit,
-            record=record.about | self._figures(record) | about,
+            record=record.about | figures | about,
             trust=self.weighed,
             **whole,
         )

@@ -169,26 +169,26 @@ _NEAR = 40
 _NUGGET = 1e-7
 
 
-def joint_misfit(taken: Spectrum, residual: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
+def joint_misfit(residual: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
     """Return -2 log likelihood of position and command, constants aside, from the lines up to highest_hz of what a fit
     leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
     """
-    inside = taken.frequency_hz[1:] <= highest_hz
+    inside = residual.taken.frequency_hz[1:] <= highest_hz
     power = _mean_power(np.where(inside, np.abs(residual.lines[1:]) ** 2, 0.0)) / np.maximum(
         _mean_power(inside.astype(np.float64)), 1e-3
     )
     misfit = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
-    by_loop = explained_by_loop(taken, residual, highest_hz, filtered=filtered)
+    by_loop = explained_by_loop(residual, highest_hz, filtered=filtered)
     return misfit - by_loop, by_loop
 
 
-def explained_by_loop(taken: Spectrum, of_lines: Residual, highest_hz: float, *, filtered: bool) -> float:
+def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) -> float:
     """Return by how much -2 log likelihood of the command's lines up to highest_hz falls if they follow the residual
     causally, Bayes' price of the filter paid; zero where no loop shows. filtered: behind filters, as it were a little
     before it.
     """
-    hertz = taken.frequency_hz[1:]
-    inside = hertz <= highest_hz
+    taken = of_lines.taken
+    inside = taken.frequency_hz[1:] <= highest_hz
     command = np.where(inside, taken.command[1:], 0.0)
     residual = np.where(inside, of_lines.lines[1:], 0.0)
     counted = np.maximum(_mean_power(inside.astype(np.float64)), 1e-3)
@@ -251,4 +251,4 @@ def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
     shows that there was none.
     """
     highest = COMPARED * residual.taken.rate_hz
-    return explained_by_loop(residual.taken, residual, highest, filtered=hold == "band-limited") > _LOOP or None
+    return explained_by_loop(residual, highest, filtered=hold == "band-limited") > _LOOP or None

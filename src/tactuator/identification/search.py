@@ -63,11 +63,6 @@ class Choice:
         """Return -2 log likelihood for the noise of the chosen fit, with Bayes' penalty."""
         return 2.0 * fit.cost + float(np.log(self.problem.given.total)) * fit.form.count
 
-    @property
-    def price(self) -> float:
-        """Return Bayes' penalty of the chosen form."""
-        return float(np.log(self.problem.given.total)) * self.fit.form.count
-
 
 def propose(
     local: LocalResponse,
@@ -228,7 +223,8 @@ def choose(
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
 
     def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
-        return now.with_weight(weights(given, now.residual(fit), highest) if weight is None else weight * flat)
+        noise = weights(given, now.residual(fit), highest) if weight is None else weight * flat
+        return replace(now, weight=noise)
 
     if begun is None:
         grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)

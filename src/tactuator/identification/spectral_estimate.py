@@ -243,7 +243,7 @@ def estimate_lines(
     def best_of(wanted: Known, free: SpectralEstimate | None = None) -> SpectralEstimate:
         proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
         choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
-        judged = [_Judged(choice, (), 2.0 * choice.fit.cost + choice.price) for choice in choices]
+        judged = [_Judged(choice, ()) for choice in choices]
         return simplified(_decided(judged, holds, local, taken), wanted)
 
     free = best_of(known.without_values)
@@ -274,12 +274,26 @@ def _proposals(
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A choice, what it leaves of every record, what holds are compared by, and how much of that a loop explains."""
+    """A choice, and what it leaves of every record (of single lines: none)."""
 
     choice: Choice
     residuals: tuple[Residual, ...]
-    evidence: float
-    by_loop: float = 0.0
+
+    @cached_property
+    def _parts(self) -> list[tuple[float, float]]:
+        filtered = self.choice.hold == "band-limited"
+        return [joint_misfit(rest, COMPARED * rest.taken.rate_hz, filtered=filtered) for rest in self.residuals]
+
+    @property
+    def evidence(self) -> float:
+        """Return the criterion (Bayes) for position and command together, by which holds are compared."""
+        misfit = sum(part for part, _ in self._parts) if self.residuals else 2.0 * self.choice.fit.cost
+        return misfit + float(np.log(self.choice.problem.given.total)) * self.choice.fit.form.count
+
+    @property
+    def by_loop(self) -> float:
+        """Return how much of it a loop explains."""
+        return sum(by_loop for _, by_loop in self._parts)
 
     @cached_property
     def fits(self) -> bool:
@@ -301,12 +315,7 @@ def _follows(residual: Residual) -> float:
 
 
 def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
-    """Return the choice with its criterion (Bayes) for position and command together."""
-    highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
-    residuals = record_residual(choice, taken)
-    parts = [joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, residuals, strict=True)]
-    misfit, by_loop = (sum(column) for column in zip(*parts, strict=True))
-    return _Judged(choice, residuals, misfit + choice.price, by_loop)
+    return _Judged(choice, record_residual(choice, taken))
 
 
 def _enough(judged: _Judged, other: _Judged) -> float:
@@ -318,7 +327,7 @@ def _decided(
     judged: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
 ) -> SpectralEstimate:
     """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
-    best, *others = sorted(judged, key=lambda row: row.evidence)
+    best, *others = judged if len(judged) == 1 else sorted(judged, key=lambda row: row.evidence)
     if not others:
         return SpectralEstimate(best.choice, None, True, np.inf, CERTAIN, local, taken, best.residuals)
     other = others[0]
@@ -405,7 +414,7 @@ def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
     problem, fit = replace(choice.problem, given=given), choice.fit
     highest = float(given.of_hz[choice.problem.weight > 0.0].max())
     for _ in range(2):
-        problem = problem.with_weight(weights(given, problem.residual(fit), highest))
+        problem = replace(problem, weight=weights(given, problem.residual(fit), highest))
         fit = problem.descend(fit.form, fit.theta, fit.delay, most=10) or fit
     others = {form: problem.descend(form, other.theta, other.delay, most=6) for form, other in choice.fits.items()}
     kept = {form: other for form, other in others.items() if other is not None}

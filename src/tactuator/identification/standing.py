@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -67,12 +67,20 @@ def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Cho
     """Return a fit (an Identification, a ResponseFit) of fixed values beside what the record shows without them, a
     model `alone` and its choices `free`; where that speaks against them, the band holds both.
     """
+    return held_against(fit, alone, fixed, lambda known: disagrees(chosen, free) or cancelled(known, fit.model))
+
+
+def held_against(
+    fit: Any, alone: PlantModel, fixed: Sequence[Fixed], is_against: Callable[[tuple[FixedAgainstOwn, ...]], bool]
+) -> Any:
+    """Return a fit of fixed values beside a model `alone` without them; where that is against them, the band holds
+    both, and what decides on trust is told.
+    """
     known = tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in fixed)
     fit = replace(fit, fixed=known)
-    if not disagrees(chosen, free) and not cancelled(known, fit.model):
+    if not is_against(known):
         return fit
-    rows = weighed_against_own(known, fit.model, alone)
-    return replace(fit, model=fit.model.holding(alone).judged(*rows))
+    return replace(fit, model=fit.model.holding(alone).judged(*weighed_against_own(known, fit.model, alone)))
 
 
 def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:

@@ -121,9 +121,6 @@ class Starter:
             best = tried[np.argsort(costs, kind="stable")[:3]].tolist()
         return [*(lag * self._scale for lag in best), *self._arrival] or [0.5 * self._scale / self._rate_hz]
 
-    def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
-        return self._linear_cost(form, lag, self._relocated(form, lag, chosen, 4), chosen)
-
     def _low_costs(self, form: Form, lags: FloatArray, chosen: NDArray[np.int64]) -> FloatArray:
         """Return the misfit at all dead times (k,) at once for one or two poles, where coefficients are no trouble.
 
@@ -144,12 +141,13 @@ class Starter:
             under = coefficients @ low.T + leading
         return _least_squares_of_all(top * (weight / under)[:, :, None], goal * weight)[1]
 
-    def _linear_cost(self, form: Form, lag: float, poles: ComplexArray, chosen: NDArray[np.int64]) -> float:
+    def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
-        theta = sections_of(poles)
+        theta = sections_of(self._relocated(form, lag, chosen, 4))
         columns = numerator_values(ladder(theta, form), s, form)
         columns = columns * (weight * np.exp(-s * lag) / denominator_values(theta, form, s))[:, None]
-        return _least_squares(columns, self._target[chosen] * weight)[1]
+        weights, matrix, values = _least_squares(columns, self._target[chosen] * weight)
+        return float(np.sum((values - matrix @ weights) ** 2)) if np.all(np.isfinite(matrix)) else np.inf
 
     def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> ComplexArray:
         """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros follow."""
@@ -162,7 +160,7 @@ class Starter:
             top = numerator_values(ladder(theta, form), s, form) / denominator_values(theta, form, s)[:, None]
             fractions = _fractions(s, poles)
             columns = np.hstack([top, -target[:, None] * fractions]) * weight[:, None]
-            solution, _ = _least_squares(columns, target * weight)
+            solution = _least_squares(columns, target * weight)[0]
             poles = _mirrored(_zeros_of_sigma(poles, solution[top.shape[1] :]))
         return poles
 
@@ -176,15 +174,15 @@ class Starter:
         return np.array(poles, dtype=np.complex128)
 
 
-def _least_squares(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, float]:
+def _least_squares(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the real weights (c,) of columns (m, c) that fit the goal (m,) best, and both as real rows, (2 m, c)."""
     matrix = np.concatenate([columns.real, columns.imag])
     values = np.concatenate([goal.real, goal.imag])
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0.0] = 1.0
     if not np.all(np.isfinite(matrix)):
-        return np.zeros(matrix.shape[1]), np.inf
-    solution = np.linalg.lstsq(matrix / size, values, rcond=1e-12)[0]
-    return solution / size, float(np.sum((values - matrix @ (solution / size)) ** 2))
+        return np.zeros(matrix.shape[1]), matrix, values
+    return np.linalg.lstsq(matrix / size, values, rcond=1e-12)[0] / size, matrix, values
 
 
 def _least_squares_of_all(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, FloatArray]:

@@ -15,6 +15,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -39,9 +40,23 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     """
     import h5py
 
-    require_survivable(lambda: _look_through(path))
+    state = path.stat()
+    _require_survived(path, state.st_ino, state.st_size, state.st_mtime_ns)
     with h5py.File(path, "r") as file:
         yield file
+
+
+@lru_cache(maxsize=8)
+def _require_survived(path: Path, *state: int) -> None:
+    """Try a file out, once as long as its state is the same: its kind is asked for before it is read."""
+    import h5py
+
+    def look_through() -> None:
+        with h5py.File(path, "r") as file:
+            _look(file)
+            file.visititems(lambda _, item: _look(item))
+
+    require_survivable(look_through)
 
 
 class _Disk(io.FileIO):
@@ -175,27 +190,15 @@ def _limit_memory() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def _look_through(path: Path) -> None:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        _look(file)
-        file.visititems(lambda _, item: _look(item))
-
-
 def _look(item: Any) -> None:
-    for look in (lambda item: dict(item.attrs), _look_at_ends):
+    for look in (
+        lambda: dict(item.attrs),
+        lambda: item[(slice(0, 1),) * item.ndim],  # a group has no ends
+        lambda: item[(slice(-1, None),) * item.ndim],
+    ):
         try:
-            look(item)
+            look()
         except MemoryError:
             raise
         except Exception:  # told when the file is read
             continue
-
-
-def _look_at_ends(item: Any) -> None:
-    import h5py
-
-    if isinstance(item, h5py.Dataset):
-        item[(slice(0, 1),) * item.ndim]
-        item[(slice(-1, None),) * item.ndim]

@@ -72,11 +72,7 @@ def _write_csv(path: Path, responses: Sequence[Response]) -> None:
         for response in responses:
             head = [getattr(response, name) for name in _HEAD]
             for k in range(response.frequency_hz.size):
-                writer.writerow([*head, *(_cell(getattr(response, name)[k]) for name in columns)])
-
-
-def _cell(value: object) -> str:
-    return str(int(value)) if isinstance(value, np.bool_) else f"{value:.9g}"
+                writer.writerow([*head, *(f"{float(getattr(response, name)[k]):.9g}" for name in columns)])
 
 
 def read_responses(path: str | Path) -> tuple[Response, ...]:

@@ -121,14 +121,6 @@ def hum_remedy(line_hz: float) -> str:
 
 
 @dataclass(frozen=True)
-class _Cause:
-    """What changes the felt level beside the loop: its share, dB, (n,), and what would help."""
-
-    share_db: FloatArray
-    remedy: str
-
-
-@dataclass(frozen=True)
 class _Judge:
     """One channel under one member of its family; free: the loop of the same model without load."""
 
@@ -195,13 +187,14 @@ class _Judge:
         if frequency.size == 0:
             return
         linear = response_error_db(channel, self.loop, frequency)
-        error, causes = self._beside(frequency, linear, asked.from_db_sl)
+        error, beside = self._beside(frequency, linear, asked.from_db_sl)
+        causes = self._causes(*beside)
         if causes.keys() <= {_RESHAPING}:
             return  # objective i holds it at every level
         place, certain = int(np.argmax(np.abs(error))), allowed - channel.model_error_db
         side = "weaker" if error[place] < 0.0 else "stronger"
         remark = f"at {asked.from_db_sl:g} dB SL, with {' and '.join(causes)}: {side} than asked"
-        remedy = max(causes.values(), key=lambda cause: cause.share_db[place]).remedy
+        _, remedy = max(causes.values(), key=lambda cause: cause[0][place])
         if abs(error[place]) > certain:
             higher = [level for level in reversed(JUDGED_DB_SL) if level > asked.from_db_sl]
             others = ((level, self._beside(frequency, linear, level)[0]) for level in higher)
@@ -218,24 +211,31 @@ class _Judge:
 
     def _beside(
         self, frequency: FloatArray, linear: FloatArray, strength_db_sl: float
-    ) -> tuple[FloatArray, dict[str, _Cause]]:
-        """Return the furthest error at a level and its causes beside the loop's own error `linear`, which counts."""
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
+        """Return the furthest error at a level, dB, and what is in it beside the loop's own error `linear`: the
+        reference's shape, what friction takes, (n,), and the converters' steps, (k, n).
+        """
         channel, environment = self.channel, self.channel.environment
         rubs = environment.friction_v > 0.0 and "friction" not in environment.assumed
         level, shaping = self._shaped(frequency, strength_db_sl)
         friction = friction_loss_db(channel, self.loop, frequency, level, _ROUNDS) if rubs else 0.0 * linear
         steps = steps_change_db(channel, self.loop, frequency, level)
-        error = furthest(list(linear + shaping - friction + steps))
-        less = f"less friction than {1e3 * environment.friction_v:.3g} mV of command"
+        return furthest(list(linear + shaping - friction + steps)), (shaping, friction, steps)
+
+    def _causes(
+        self, shaping: FloatArray, friction: FloatArray, steps: FloatArray
+    ) -> dict[str, tuple[FloatArray, str]]:
+        """Return by their words the causes that are worth telling: their share, dB, (n,), and what would help."""
+        less = f"less friction than {1e3 * self.channel.environment.friction_v:.3g} mV of command"
         causes = {
-            "friction": _Cause(np.abs(friction), less),
-            "steps": _Cause(np.max(np.abs(steps), axis=0), f"more than {channel.converter.bits} bits"),
+            "friction": (np.abs(friction), less),
+            "steps": (np.max(np.abs(steps), axis=0), f"more than {self.channel.converter.bits} bits"),
         }
         if self.strength is None:
-            causes["one contour"] = _Cause(np.abs(shaping), "[strength] blended = true")
+            causes["one contour"] = np.abs(shaping), "[strength] blended = true"
         else:
-            causes[_RESHAPING] = _Cause(np.abs(shaping), _FLATNESS_REMEDY)
-        return error, {word: cause for word, cause in causes.items() if cause.share_db.max() >= _TOLD_DB}
+            causes[_RESHAPING] = np.abs(shaping), _FLATNESS_REMEDY
+        return {word: cause for word, cause in causes.items() if cause[0].max() >= _TOLD_DB}
 
     def reach(self) -> Iterator[Finding]:
         """Judge objective i: travel, command and comfort have to leave the threshold within reach all over the band."""
