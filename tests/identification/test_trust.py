@@ -17,7 +17,7 @@ from tactuator.identification.friction import _REACH, _uphill
 from tactuator.identification.hold import Grid
 from tactuator.identification.identify import identify
 from tactuator.identification.likelihood import SpectralProblem
-from tactuator.identification.lines import Spectrum, fast_length, points, spectrum
+from tactuator.identification.lines import fast_length, points, spectrum
 from tactuator.identification.residual import Residual, _solutions, explained_by_loop
 from tactuator.identification.residual_tests import _time_scales, apply_filter, check_residual, chi_squared_tail
 from tactuator.identification.search import Choice, _best, simplest
@@ -204,10 +204,10 @@ def test_simplest__simpler_form_that_leaves_less__is_taken_though_it_can_be_told
 RATE_HZ, COUNT = 1000.0, 8000
 
 
-def lines_of(command: np.ndarray, residual: np.ndarray) -> tuple[Spectrum, Residual]:
+def residual_of(command: np.ndarray, residual: np.ndarray) -> Residual:
     taken = spectrum(command, residual, RATE_HZ)
     ones = np.ones(taken.position.size)
-    return taken, Residual(taken.position, ones, ones[1:] + 0j, taken)
+    return Residual(taken.position, ones, ones[1:] + 0j, taken)
 
 
 def noises(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -220,7 +220,7 @@ def test_explained_by_loop__command_apart_from_the_residual_or_ahead_of_it__is_n
         own, noise = noises(seed)
         ahead = signal.lfilter([1.0, -0.9], [1.0], own) + np.roll(noise, -20)
         for command in (own, ahead):
-            assert explained_by_loop(*lines_of(command, noise), 470.0, filtered=True) == 0.0
+            assert explained_by_loop(residual_of(command, noise), 470.0, filtered=True) == 0.0
 
 
 def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regression() -> None:
@@ -228,7 +228,7 @@ def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regre
     # white innovations, so that the regression's sum of squares is the likelihood
     white = signal.lfilter([1.0, -0.9], [1.0], own)
     command = white - 0.5 * noise - 0.25 * np.roll(noise, 1)
-    found = explained_by_loop(*lines_of(command, noise), 500.0, filtered=False)
+    found = explained_by_loop(residual_of(command, noise), 500.0, filtered=False)
     expected = COUNT * np.log(np.var(command) / np.var(white)) - 2.0 * np.log(COUNT)
     assert found == pytest.approx(expected, rel=0.05)
 
