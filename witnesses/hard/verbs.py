@@ -53,7 +53,7 @@ VERBS = [
     "experiment correct S1 --store lab.db --reason typed --group hearing-impaired",
     "experiment observe short.toml --store new.db --controller controller.json",
     "experiment observe short.toml --store lab.db --controller controller.json",
-    "experiment thresholds --store lab.db --curve-out curve.csv --keep-flagged --figures figures",
+    "experiment thresholds --store lab.db --curve-out curve.csv --figures figures",
     "experiment export --store lab.db --out tidy.csv",
     "experiment export --store lab.db --out psych --format psych-ds",
     "experiment export --store lab.db --out bids --format bids",
