@@ -132,9 +132,11 @@ def _run(
     with open_journal(out, parameters) as journal:
         before = dict(journal.finished)
         kept = {item.source for item in items if _is_done(item, folder, out, before.get(item.source))}
-        todo = _tasks([item for item in items if item.source not in kept], folder, out, job)
-        for path in (out / item.out for item in items if item.source in before.keys() - kept and ending == ".wav"):
-            path.with_suffix(".json").unlink(missing_ok=True)  # an earlier run's, perhaps too damaged to tell
+        again = [item for item in items if item.source not in kept]
+        for item in again if ending == ".wav" else ():
+            if item.source in before:  # the head is an earlier run's, and perhaps too damaged to tell
+                (out / item.out).with_suffix(".json").unlink(missing_ok=True)
+        todo = _tasks(again, folder, out, job)
         failures, done = {}, 0
         progress(len(kept), len(items))
         for outcome in workers.outcomes(todo):

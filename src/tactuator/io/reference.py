@@ -264,7 +264,7 @@ def _require_room(beside: Path, frames: int, channels: int) -> None:
 
 
 _SYSTEM = 2
-"""Of libsndfile's errors the one that says no more than that."""
+"""The code by which libsndfile tells that the system refused, and not why."""
 
 
 @contextmanager

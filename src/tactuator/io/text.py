@@ -106,7 +106,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it tells
         number = re.match(r"line (\d+)", place)
-        line = f"{text.splitlines()[int(number[1]) - 1].strip()[:60]!r}: " if number else ""
+        lines = text.split("\n")  # as TOML counts them
+        line = f"{lines[int(number[1]) - 1].strip()[:60]!r}: " if number else ""
         raise BadInput(line + (reason or place), where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
         raise BadInput("it is not TOML") from None

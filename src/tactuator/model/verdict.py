@@ -75,8 +75,10 @@ class Finding:
     @property
     def figure(self) -> str:
         """Return the value as it is read, with the sign of its side and its unit; "—" where there is none."""
-        shown = "—" if self.value is None else f"{self.side * self.value:+.2f}" if self.side else f"{self.value:.2f}"
-        return shown if self.value is None else f"{shown} {self.unit}".rstrip()
+        if self.value is None:
+            return "—"
+        shown = f"{self.side * self.value:+.2f}" if self.side else f"{self.value:.2f}"
+        return f"{shown} {self.unit}".rstrip()
 
     def document(self) -> dict[str, Any]:
         """Return plain figures, as `--json` prints them."""
