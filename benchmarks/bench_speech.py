@@ -94,7 +94,7 @@ def long_speech(path: Path, minutes: float) -> Path:
 
 
 def render(speech: Path, folder: str, job: RenderJob) -> None:
-    render_file(speech, Path(folder) / "reference.wav", job)
+    render_file(speech, Path(tempfile.mkdtemp(dir=folder)) / "reference.wav", job)  # to remove what is there takes time
 
 
 def peer(speech: Path) -> None:

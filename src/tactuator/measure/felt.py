@@ -343,7 +343,7 @@ def felt_of(
             if not len(reference):
                 continue
             rig.play(reference)
-            yield reference, np.stack([np.concatenate(pieces) for pieces in felt], axis=1)
+            yield reference, np.stack([np.concatenate(pieces) for pieces in felt]).T
             for pieces in felt:
                 pieces.clear()
     finally:

@@ -306,7 +306,7 @@ class Limiter:
                 reduction, limited = self._reduce(finger, signal, last)
                 signal[memory : memory + commit], reach = limited[:commit], None
                 self._commit(finger, reduction, commit)
-        return self._window.rows[:, memory : memory + commit].T.copy()  # the window moves on
+        return self._window.rows[:, memory : memory + commit].copy().T  # the window moves on
 
     def _is_harmless(self, finger: _Finger, reach: Reach) -> bool:
         limits = finger.limits

@@ -80,8 +80,6 @@ RAMP_S = 0.02
 KEPT_S = 60.0
 """What is coded of a file no longer waits in memory."""
 BLOCK_S = 4.0
-PIECE_FRAMES = 1 << 12
-"""Samples that go on together: few enough that what is made of them stays in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +108,7 @@ class Rendering:
     def blocks(self) -> Iterator[FloatArray]:
         """Yield the reference in blocks (n, channels), threshold units, float32 numbers; once only."""
         for stretch in self._limiter.process(self._levelled()):
-            for start in range(0, len(stretch), PIECE_FRAMES):
-                yield stretch[start : start + PIECE_FRAMES].astype(np.float32).astype(np.float64)
+            yield stretch.astype(np.float32).astype(np.float64)
 
     def _levelled(self) -> Iterator[FloatArray]:
         matrix, width = self.gain * self._placement, len(self._placement)
@@ -120,7 +117,8 @@ class Rendering:
         read = (np.frombuffer(data, dtype=np.float32) for data in iter(lambda: self._coded.read(length), b""))
         blocks = (block.reshape(-1, width).astype(np.float64) for block in read)
         for block in _ramped(blocks, self.frames, self.controller.rate_hz):
-            yield block * matrix if width == 1 else block @ matrix
+            # finger by finger in memory, as the limiter looks at them
+            yield np.multiply.outer(matrix[0], block[:, 0]).T if width == 1 else block @ matrix
 
 
 def _ramped(blocks: Iterable[FloatArray], frames: int, rate_hz: float) -> Iterator[FloatArray]:
@@ -266,8 +264,7 @@ def render_file(
         def written() -> Iterator[FloatArray]:
             for block in making.blocks():
                 writer.write(block)
-                columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long
-                np.maximum(peaks, np.abs(columns).max(axis=1, initial=0.0), out=peaks)
+                np.maximum(peaks, np.abs(block.T).max(axis=1, initial=0.0), out=peaks)
                 progress(writer.frames / max(1, making.frames))
                 yield block
 
