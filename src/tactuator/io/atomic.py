@@ -27,22 +27,21 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
     """
     target = Path(path)
     _check_parent(target)
-    if target.exists() and not target.is_file():
-        raise BadInput(f"{path} is a folder or a device", "the name of a file")
-    if not is_store and _begins_as_a_store(target):
-        raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
+    if target.exists():
+        if not target.is_file():
+            raise BadInput(f"{path} is a folder or a device", "the name of a file")
+        if not is_store and _begins_as_a_store(target):
+            raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
     # the name is known before the file is there: a Ctrl-C between the two leaves nothing
     beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
     try:
         with _told_of_a_full_disk(path):
-            os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+            os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
             yield beside
-        mask = os.umask(0)
-        os.umask(mask)
-        beside.chmod(0o666 & ~mask)
         beside.replace(target)
-    finally:
+    except BaseException:
         beside.unlink(missing_ok=True)
+        raise
 
 
 def _begins_as_a_store(path: Path) -> bool:

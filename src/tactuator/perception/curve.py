@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from typing import Annotated, Literal
 
@@ -137,7 +137,7 @@ class ThresholdCurve:
         """Return whether the points reach over the whole band."""
         return bool(self.frequency_hz[0] <= low_hz and high_hz <= self.frequency_hz[-1])
 
-    @property
+    @cached_property
     def content_hash(self) -> str:
         """Return SHA-256 (hex) of the points as little-endian doubles: the same curve has the same hash anywhere."""
         digest = hashlib.sha256()

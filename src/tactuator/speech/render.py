@@ -12,7 +12,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -224,7 +224,7 @@ class Rendered:
 
     def document(self) -> dict[str, Any]:
         """Return the figures in plain JSON."""
-        limiter = {each.finger: {k: v for k, v in asdict(each).items() if k != "finger"} for each in self.limiting}
+        limiter = {each.finger: {k: v for k, v in vars(each).items() if k != "finger"} for each in self.limiting}
         return {
             "speech": str(self.speech.path),
             **picked(self.speech, "encoding", "duration_s"),
