@@ -20,8 +20,8 @@ from tactuator.errors import BadInput
 from tactuator.io.kinds import require_kind
 from tactuator.io.sound import require_whole, without_remarks
 
-BLOCK_FRAMES, KEPT_FRAMES = 1 << 16, 1 << 20
-"""So many go together; a file of no more than the second is read once."""
+BLOCK_FRAMES, KEPT_BYTES = 1 << 16, 1 << 25
+"""So many frames go together; a file of no more than the second is read once."""
 SHORTEST_S = 0.1
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 1000, 768_000
 SMALLEST_SWING = 1e-4
@@ -148,7 +148,7 @@ def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, fl
             raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number", "finite samples")
         low, high = min(low, unit * float(block.min())), max(high, unit * float(block.max()))
         read += len(block)
-        if file.frames <= KEPT_FRAMES:
+        if file.frames * block.itemsize <= KEPT_BYTES:
             kept.append(block)
     return read, total / max(read, 1), low, high, tuple(kept)
 

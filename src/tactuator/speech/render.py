@@ -169,7 +169,7 @@ def rendering(
             # where a sound is cut, it has all frequencies: what lies outside of the band would be a click in it
             sound = _ramped(speech_blocks(speech), speech.frames, speech.rate_hz)
             for block in coding.signals(sound, speech.rate_hz, int(rate)):
-                coded.write(block.astype(np.float32).tobytes())
+                coded.write(np.ascontiguousarray(block, dtype=np.float32).data)
                 meter.push(block if len(placement) == 1 else block @ placement)
                 frames += len(block)
         except OSError as error:
