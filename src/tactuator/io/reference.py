@@ -235,7 +235,7 @@ def content_sha256(path: str | Path) -> str:
 def sample_shares(block: FloatArray, head: ReferenceHead) -> NDArray[np.float32]:
     """Return a block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
     # column by column: numpy takes three times as long along short rows
-    return np.stack(block.T / head.full_scale, axis=1, dtype="<f4", casting="same_kind")
+    return np.asarray(np.stack(list(block.T / head.full_scale), axis=1, dtype=np.dtype("<f4"), casting="same_kind"))
 
 
 def _dataset(file: h5py.File, head: ReferenceHead) -> Any:

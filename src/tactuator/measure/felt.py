@@ -342,7 +342,7 @@ def felt_of(
         for reference in references:
             if not len(reference):
                 continue
-            rig.play(np.stack(reference.T, axis=1))
+            rig.play(np.stack(list(reference.T), axis=1))
             yield reference, np.stack([np.concatenate(pieces) for pieces in felt]).T
             for pieces in felt:
                 pieces.clear()
