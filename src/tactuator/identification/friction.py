@@ -166,6 +166,7 @@ def fit_friction(
     level = _stepped(stage, measured) if level is None else level
     if level.coulomb <= 0.0:
         return None
+    del stage  # its lines take as much memory as an estimate
     # the first level is so rough that a quick estimate tells the next as well
     now = estimate_of(level.off(signals), None, True)
     level = _settled(_Stage(signals, now, level), measured)

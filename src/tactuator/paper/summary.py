@@ -204,9 +204,3 @@ def _person_rows(study: PaperStudy) -> list[Row]:
             f"{speech.worst_rms_db:.2f} dB rms, peak {speech.peak_db_sl:.0f} dB SL",
         ),
     ]
-
-
-def markdown(rows: tuple[Row, ...]) -> str:
-    """Return the rows as a Markdown table."""
-    head = "| what | paper (2004) | here |\n|---|---|---|\n"
-    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)

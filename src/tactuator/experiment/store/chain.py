@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from sqlalchemy import Boolean, Connection, Float, Row, Table, func, insert, literal_column, select, update
@@ -19,6 +20,10 @@ from tactuator.experiment.store import schema
 Head = tuple[int, str]
 """Number and hash of a link: what has to be kept elsewhere to find that later ones were taken away."""
 _READ = 5000
+# made once for all trials: rows go beside a statement, not into it
+_writing = cache(lambda table: insert(table).returning(table, sort_by_parameter_order=True))
+_LINKING = insert(schema.chain).returning(schema.chain.c.id)  # without what it returns, a message or three a link
+_LAST = select(schema.chain.c.id, schema.chain.c.sha256).order_by(schema.chain.c.id.desc()).limit(1)
 
 
 def _sha256(content: object) -> str:
@@ -39,8 +44,7 @@ def row_sha256(table: Table, values: Sequence[Any]) -> str:
 
 
 def _key(table: Table) -> Any:
-    (key,) = table.primary_key.columns
-    return key
+    return table.primary_key.columns[0]
 
 
 def add(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]], origin: str = "") -> list[Row[Any]]:
@@ -54,9 +58,7 @@ def add(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]],
 
 def write(connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]]) -> list[Row[Any]]:
     """Write one or more new rows of a table and return them; `link` has to follow in the same transaction."""
-    # the rows go beside the statement, not into it: it is then compiled once for all trials
-    statement = insert(table).returning(table, sort_by_parameter_order=True)
-    return list(connection.execute(statement, list(rows)).all())
+    return list(connection.execute(_writing(table), list(rows)).all())
 
 
 def change(connection: Connection, table: Table, key: int, values: Mapping[str, Any], origin: str = "") -> Row[Any]:
@@ -69,14 +71,13 @@ def change(connection: Connection, table: Table, key: int, values: Mapping[str, 
 
 def link(connection: Connection, rows: Iterable[tuple[Table, Row[Any]]], origin: str = "") -> None:
     """Write the links of rows that were written, in the order of writing."""
-    number, previous = head(connection)
+    last, previous = head(connection)
     links = []
-    for table, row in rows:
-        number += 1
+    for number, (table, row) in enumerate(rows, last + 1):
         link = (number, table.name, row[list(table.c).index(_key(table))], row_sha256(table, row), origin)
         previous = _sha256([previous, *link])
         links.append(dict(zip(schema.chain.c.keys(), (*link, previous), strict=True)))
-    connection.execute(insert(schema.chain).returning(schema.chain.c.id), links)  # without, a message or three a link
+    connection.execute(_LINKING, links)
 
 
 def uid(connection: Connection) -> str:
@@ -86,8 +87,7 @@ def uid(connection: Connection) -> str:
 
 def head(connection: Connection) -> Head:
     """Return the last link; (0, the store's uid) where there is none."""
-    chain = schema.chain.c
-    last = connection.execute(select(chain.id, chain.sha256).order_by(chain.id.desc()).limit(1)).first()
+    last = connection.execute(_LAST).first()
     return (0, uid(connection)) if last is None else (last.id, last.sha256)
 
 
