@@ -80,7 +80,7 @@ class Spectrum:
     def under(self, command: FloatArray) -> Spectrum:
         """Return the same position's lines under another command (n,); what does not depend on it is not done again."""
         other = copy(self)
-        other.__dict__["command"] = _lines_of(command[: self.samples])
+        (other.__dict__["command"],) = _lines_of(command[: self.samples])
         return other
 
 
@@ -99,12 +99,11 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
         count = fast_length(count, up=False)
-    late, early = position[shift : shift + count], command[:count]
-    return Spectrum(_lines_of(early), _lines_of(late), rate_hz, late.size, shift)
+    return Spectrum(*_lines_of(command[:count], position[shift : shift + count]), rate_hz, count, shift)
 
 
-def _lines_of(values: FloatArray) -> ComplexArray:
-    return np.asarray(np.fft.rfft(values - values.mean()) / np.sqrt(values.size))
+def _lines_of(*rows: FloatArray) -> list[ComplexArray]:
+    return [lines / np.sqrt(rows[0].size) for lines in np.fft.rfft([row - row.mean() for row in rows])]
 
 
 def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
