@@ -249,21 +249,24 @@ def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     def states(k: int, presliding: float) -> list[FloatArray]:
         return [dahl_state(path, presliding) for path in both[k]]
 
-    def best(ways: Sequence[tuple[int, bool, float]]) -> int:
+    def best(*ways: tuple[int, bool, float]) -> tuple[int, bool, float]:
         new = [way for way in ways if way not in explained]
         pulls = lines.pulls(_acting(states(k, presliding), held) for k, held, presliding in new)
         explained.update((way, lines.explained(pull)[:3]) for way, pull in zip(new, pulls, strict=True))
-        return max(range(len(ways)), key=lambda at: explained[ways[at]][0])
+        return max(ways, key=lambda way: explained[way][0])
 
     place, ratio, step = stage.level.presliding, _FINE, 1
     if place == 0.0:
         motion, ratio, step = max(float(np.std(path)) for path in both[0]), _FINE_AT_FIRST, (_REACH + 1) // 2
         places = (np.geomspace(1e-4, 1.0, 9) * motion).tolist()
-        place = places[best([(0, False, place) for place in places])]
-    ways = list(product((0, 1), (False, True), (place,)))
-    k, held, _ = ways[best(ways)]
-    at = _uphill(lambda steps: best([(k, held, place * ratio**each) for each in steps]), step)
-    presliding = place * ratio**at
+        *_, place = best(*((0, False, place) for place in places))
+    k, held, _ = best(*product((0, 1), (False, True), (place,)))
+
+    def ahead(*steps: int) -> int:
+        ways = {(k, held, place * ratio**each): each for each in steps}
+        return ways[best(*ways)]
+
+    presliding = place * ratio ** _uphill(ahead, step)
     _, coulomb, power = explained[k, held, presliding]
     coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in stage.signals) else 0.0  # it ran away
     level = _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
@@ -271,14 +274,11 @@ def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     return level
 
 
-def _uphill(best: Callable[[Sequence[int]], int], step: int) -> int:
-    """Return the place of the greatest gain about 0, by steps that double where they win, else halve; best: which of
-    places has the greatest.
-    """
+def _uphill(best: Callable[..., int], step: int) -> int:
+    """Return the place of the greatest gain about 0, by steps that double where they win, else halve; best: of some."""
     at = 0
     while step:
-        tried = [at, *(place for place in (at - step, at + step) if abs(place) <= _REACH)]
-        ahead = tried[best(tried)]
+        ahead = best(*(place for place in (at, at - step, at + step) if abs(place) <= _REACH))
         at, step = (at, step // 2) if ahead == at else (ahead, 2 * step)
     return at
 
@@ -287,8 +287,7 @@ def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
     """Return Dahl's states, (n,) each, as they act from each sample to the next."""
     if held:
         return states
-    doubled = [np.append(state[:-1] + state[1:], 2.0 * state[-1]) for state in states]
-    return [np.multiply(0.5, both, out=both) for both in doubled]
+    return [0.5 * np.append(state[:-1] + state[1:], 2.0 * state[-1]) for state in states]
 
 
 class _FrictionLines:
@@ -393,8 +392,7 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
 
 def _lines(rows: Sequence[FloatArray], taken: Spectrum, weight: ComplexArray) -> list[ComplexArray]:
     """Return the first lines but zero of each row (n,) at the record's command, times their weight (m,)."""
-    early = [row[: taken.samples] for row in rows]
-    lines = np.fft.rfft([row - row.mean() for row in early])
+    lines = np.fft.rfft([row - row.mean() for row in (values[: taken.samples] for values in rows)])
     return [weight * (row[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))) for row in lines]
 
 

@@ -99,7 +99,8 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
         count = fast_length(count, up=False)
-    return Spectrum(*_lines_of(command[:count], position[shift : shift + count]), rate_hz, count, shift)
+    early, late = _lines_of(command[:count], position[shift : shift + count])
+    return Spectrum(early, late, rate_hz, count, shift)
 
 
 def _lines_of(*rows: FloatArray) -> list[ComplexArray]:
@@ -339,7 +340,6 @@ def _triangles(
     triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
     alike = _kept_alike if taken.command.size <= _KEPT else _alike
     for piece, inside, shape, lines in alike(tuple(bands), taken.command.size - 1, shape_of):
-        # column by column in memory: long rows take less time
         columns = np.empty((lines.shape[0], 2 * NODES + 1, lines.shape[1]), dtype=np.complex128)
         np.multiply(taken.command[lines][:, None], shape, out=columns[:, :NODES])
         columns[:, NODES:-1] = shape

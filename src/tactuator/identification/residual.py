@@ -48,11 +48,6 @@ class Residual:
         """Return the samples of model and transient, (n,)."""
         return self.taken.measured - self.taken.samples_of(self.lines)
 
-    @property
-    def fit_percent(self) -> float:
-        """Return 100 (1 - |y - simulated| / |y|)."""
-        return fit_percent(self.taken.measured, self.simulated)
-
 
 def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
     """Return 100 (1 - |y - simulated| / |y|) of positions without mean, (n,)."""
