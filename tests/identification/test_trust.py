@@ -290,8 +290,8 @@ def test_fast_length__any_count__is_scipys() -> None:
 @pytest.mark.parametrize("step", [1, 8])
 def test_uphill__one_summit_within_reach__is_found_in_few_trials(step: int) -> None:
     for summit in range(-_REACH, _REACH + 1):
-        tried: set[int] = set()
-        found = _uphill(lambda at, summit=summit, tried=tried: tried.add(at) or -abs(at - summit), step)
+        tried, off = set[int](), [abs(place - summit) for place in range(-_REACH, _REACH + 1)]
+        found = _uphill(lambda *at, off=off, now=tried: now.update(at) or min(at, key=lambda k: off[k + _REACH]), step)
         assert found == summit
         assert len(tried) <= 12
 

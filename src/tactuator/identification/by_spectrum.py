@@ -161,7 +161,7 @@ def _model(
     fit = choice.fit
     covariance = information(choice.problem, fit)
     if rubbed is not None:
-        covariance *= BENT
+        covariance = covariance * BENT
         if choice is estimate.chosen:
             covariance += rubbed.shifts.T @ rubbed.shifts
     asked = {"fixed": " ".join(map(str, common.asked.fixed))} if fit.form.pins or fit.form.known else {}

@@ -75,8 +75,8 @@ def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, Float
     before: list[tuple[np.ndarray, float]] = []
     later, alike = [], []
     for begin in range(0, command.size - length + 1, half):
-        into, out = (np.fft.rfft(window * (row - row.mean()), size) for row in (
-            command[begin : begin + length], position[begin : begin + length]))  # fmt: skip
+        rows = [values[begin : begin + length] for values in (command, position)]
+        into, out = np.fft.rfft([window * (row - row.mean()) for row in rows], size)
         power = np.abs(into) ** 2
         response = np.conj(into) * out / np.maximum(power + 0.1 * float(np.mean(power)), 1e-300)
         energy = float(np.sum(np.abs(response) ** 2))

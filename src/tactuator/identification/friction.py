@@ -6,10 +6,10 @@ again to first order; then the engine fits the record anew with the friction off
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -191,7 +191,7 @@ def _with_level(stage: _Stage) -> FrictionFit | None:
     friction is certain.
     """
     lines, level = stage.lines, stage.level
-    plain = lines.pull(level.states)
+    (plain,) = lines.pulls([level.states])
     gain, coulomb, power, weights = lines.explained(plain)
     deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
@@ -209,8 +209,8 @@ def _shows(bare: _Stage) -> bool:
     if not all(np.all(residual.response) for residual in bare.now.residuals):
         return False  # nothing moves
     motion = max(float(np.std(path)) for path in bare.paths)
-    pulls = (bare.lines.pull([dahl_state(path, place) for path in bare.paths]) for place in _SHOWN_AT * motion)
-    return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in pulls)
+    ways = ([dahl_state(path, place) for path in bare.paths] for place in _SHOWN_AT * motion)
+    return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in bare.lines.pulls(ways))
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
@@ -244,37 +244,42 @@ def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     better way is told at one presliding distance, and the distance looked for along that way.
     """
     lines, both = stage.lines, (stage.paths, measured)
+    explained = dict[tuple[int, bool, float], tuple[float, float, float]]()
 
     @cache
     def states(k: int, presliding: float) -> list[FloatArray]:
         return [dahl_state(path, presliding) for path in both[k]]
 
-    @cache
-    def explained(way: tuple[int, bool, float]) -> tuple[float, float, float]:
-        k, held, presliding = way
-        return lines.explained(lines.pull(_acting(states(k, presliding), held)))[:3]
-
-    def gain(way: tuple[int, bool, float]) -> float:
-        return explained(way)[0]
+    def best(*ways: tuple[int, bool, float]) -> tuple[int, bool, float]:
+        new = [way for way in ways if way not in explained]
+        pulls = lines.pulls(_acting(states(k, presliding), held) for k, held, presliding in new)
+        explained.update((way, lines.explained(pull)[:3]) for way, pull in zip(new, pulls, strict=True))
+        return max(ways, key=lambda way: explained[way][0])
 
     place, ratio, step = stage.level.presliding, _FINE, 1
     if place == 0.0:
         motion, ratio, step = max(float(np.std(path)) for path in both[0]), _FINE_AT_FIRST, (_REACH + 1) // 2
         places = (np.geomspace(1e-4, 1.0, 9) * motion).tolist()
-        place = max(places, key=lambda place: gain((0, False, place)))
-    k, held, _ = max(product((0, 1), (False, True), (place,)), key=gain)
-    at = _uphill(lambda steps: gain((k, held, place * ratio**steps)), step)
-    presliding = place * ratio**at
-    _, coulomb, power = explained((k, held, presliding))
+        *_, place = best(*((0, False, place) for place in places))
+    k, held, _ = best(*product((0, 1), (False, True), (place,)))
+
+    def ahead(*steps: int) -> int:
+        ways = {(k, held, place * ratio**each): each for each in steps}
+        return ways[best(*ways)]
+
+    presliding = place * ratio ** _uphill(ahead, step)
+    _, coulomb, power = explained[k, held, presliding]
     coulomb = coulomb if coulomb < max(float(np.ptp(command)) for command, _ in stage.signals) else 0.0  # it ran away
-    return _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+    level = _Level(coulomb, presliding, both[k], held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+    level.__dict__["free"] = states(k, presliding)
+    return level
 
 
-def _uphill(gain: Callable[[int], float], step: int) -> int:
-    """Return the place of the greatest gain about 0, by steps that double where they win, else halve."""
+def _uphill(best: Callable[..., int], step: int) -> int:
+    """Return the place of the greatest gain about 0, by steps that double where they win, else halve; best: of some."""
     at = 0
     while step:
-        ahead = max((at, *(place for place in (at - step, at + step) if abs(place) <= _REACH)), key=gain)
+        ahead = best(*(place for place in (at, at - step, at + step) if abs(place) <= _REACH))
         at, step = (at, step // 2) if ahead == at else (ahead, 2 * step)
     return at
 
@@ -283,8 +288,7 @@ def _acting(states: list[FloatArray], held: bool) -> list[FloatArray]:
     """Return Dahl's states, (n,) each, as they act from each sample to the next."""
     if held:
         return states
-    doubled = [np.append(state[:-1] + state[1:], 2.0 * state[-1]) for state in states]
-    return [np.multiply(0.5, both, out=both) for both in doubled]
+    return [0.5 * np.append(state[:-1] + state[1:], 2.0 * state[-1]) for state in states]
 
 
 class _FrictionLines:
@@ -304,7 +308,7 @@ class _FrictionLines:
             weighted = residual.response * residual.weight[1:]
             here = residual.lines[1:] * residual.weight[1:]
             if level.coulomb > 0.0:
-                here -= _lines(level.coulomb * level.states[k], taken, weighted)
+                here -= _lines([level.coulomb * level.states[k]], taken, weighted)[0]
             self.power += float(np.sum(here.view(np.float64) ** 2))
             self.lines += 2 * here.size
             last = _moving(weighted, taken.command[1:])
@@ -339,13 +343,15 @@ class _FrictionLines:
         gain = float(rest[-1, -1] - remaining[0, 0]) if np.any(along) else 0.0
         return gain, level[:, 0], powers.diagonal(), moves[:, :-1], moves[:, -1] - moves[:, :-1] @ level[:, 0]
 
-    def pull(self, states: Sequence[FloatArray]) -> FloatArray:
-        """Return what one unit of friction of these states, (n,) along every record, makes of the position's lines,
-        weighted.
+    def pulls(self, ways: Iterable[Sequence[FloatArray]]) -> Iterator[FloatArray]:
+        """Yield what one unit of friction of each way's states, (n,) along every record, makes of the position's lines,
+        weighted; two ways together, since two transforms in one call take little longer than one.
         """
-        parts = zip(states, self._spectra, self._weighted, strict=True)
-        rows = [_lines(row, taken, weight) for row, taken, weight in parts]
-        return (rows[0] if len(rows) == 1 else np.concatenate(rows)).view(np.float64)
+        further = iter(ways)
+        while two := list(islice(further, 2)):
+            parts = zip(zip(*two, strict=True), self._spectra, self._weighted, strict=True)
+            for rows in zip(*(_lines(states, taken, weight) for states, taken, weight in parts), strict=True):
+                yield (rows[0] if len(rows) == 1 else np.concatenate(rows)).view(np.float64)
 
     def other_laws(self, level: _Level, plain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return deviations of the fit's parameters (k, parameters) and of the level (k,) by laws that the record does
@@ -353,8 +359,8 @@ class _FrictionLines:
         one that falls with the speed (Stribeck), by their evidence; plain: the level's own pull.
         """
         free, speed = level.free, [np.abs(np.gradient(path)) for path in level.paths]
-        otherwise = self.pull(_acting(free, not level.held))
-        uneven = [self.pull(_acting(row, level.held)) for row in ([np.abs(state) for state in free], speed)]
+        laws = ([np.abs(state) for state in free], level.held), (speed, level.held), (free, not level.held)
+        *uneven, otherwise = self.pulls(_acting(*law) for law in laws)
         solved = [self._together([plain]), self._together([plain, *uneven])]
         for shape in (1, 2):
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
@@ -362,7 +368,7 @@ class _FrictionLines:
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
                 for fading in FADING
             )
-            tried = (self._together([plain, *uneven, self.pull(states)]) for states in falling)
+            tried = (self._together([plain, *uneven, pull]) for pull in self.pulls(falling))
             solved.append(max(tried, key=lambda law: law[0]))
         scores = np.array([float(np.log(self.lines)) * law[1].size for law in solved])
         scores -= 2.0 * np.array([gain for gain, *_ in solved])
@@ -385,11 +391,10 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
     return 1 + max(int(np.searchsorted(moved, (1.0 - _UNMOVED) * moved[-1])) for moved in sums)
 
 
-def _lines(values: FloatArray, taken: Spectrum, weight: ComplexArray) -> ComplexArray:
-    """Return the first lines but zero of values (n,) at the record's command, times their weight (m,)."""
-    early = values[: taken.samples]
-    lines = np.fft.rfft(early - early.mean())
-    return np.asarray(weight * (lines[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))))
+def _lines(rows: Sequence[FloatArray], taken: Spectrum, weight: ComplexArray) -> list[ComplexArray]:
+    """Return the first lines but zero of each row (n,) at the record's command, times their weight (m,)."""
+    lines = np.fft.rfft([row - row.mean() for row in (values[: taken.samples] for values in rows)])
+    return [weight * (row[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))) for row in lines]
 
 
 def _level_without_model(bare: _Stage) -> _Level | None:

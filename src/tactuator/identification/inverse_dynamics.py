@@ -211,13 +211,16 @@ class _Equation:
         return low_passed(self.command, self.rate_hz, self.corner, even=True, is_held=self.is_held)
 
     @cached_property
-    def _motion(self) -> tuple[FloatArray, FloatArray]:
-        return _derivatives(self.position, self.rate_hz, self.corner)
+    def _motion(self) -> FloatArray:
+        """Return the second and the first derivative of the low-passed position, (2, n)."""
+        lines, s, size = _passed_lines(self.position, self.rate_hz, self.corner, even=False)
+        begin, end = (size - self.position.size) // 2, (size + self.position.size) // 2
+        return np.asarray(np.fft.irfft([lines * s**2, lines * s], size)[:, begin:end])
 
     @cached_property
     def velocity(self) -> FloatArray:
         """Return the low-passed velocity, (n,)."""
-        return self._motion[1]
+        return np.asarray(self._motion[1])
 
     @cached_property
     def columns(self) -> FloatArray:
@@ -363,14 +366,6 @@ def low_passed(
         lines[1:] *= -np.expm1(-s[1:] / rate_hz) / (s[1:] / rate_hz)
     begin = (size - values.size) // 2
     return np.asarray(np.fft.irfft(lines, size)[begin : begin + values.size])
-
-
-def _derivatives(values: FloatArray, rate_hz: float, corner: float) -> tuple[FloatArray, FloatArray]:
-    """Return the second and the first derivative of the low-passed values, (n,) each."""
-    lines, s, size = _passed_lines(values, rate_hz, corner, even=False)
-    begin = (size - values.size) // 2
-    derivatives = [np.fft.irfft(lines * s**order, size)[begin : begin + values.size] for order in (2, 1)]
-    return derivatives[0], derivatives[1]
 
 
 def _passed_lines(

@@ -6,7 +6,7 @@ and Pereyra, variable projection, 1973, in Kaufman's form).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -71,7 +71,7 @@ class SpectralFit:
 @dataclass(frozen=True, eq=False)
 class SpectralProblem:
     """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one; with
-    poles in the left half plane alone if `stable`.
+    poles in the left half plane alone if `stable`. informed: what `information` gave until now, often asked for again.
 
     All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
     """
@@ -81,6 +81,7 @@ class SpectralProblem:
     grid: Grid
     with_transient: bool = True
     stable: bool = False
+    informed: dict[SpectralFit, FloatArray] = field(default_factory=dict, init=False)
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
@@ -353,6 +354,8 @@ def _size(theta: FloatArray, form: Form, j: int) -> float:
 
 def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time), transients fitted beside, for noise of the weights."""
+    if fit in problem.informed:
+        return problem.informed[fit]
     linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
     given = problem.given
@@ -368,7 +371,8 @@ def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     size[size == 0.0] = 1.0
     # a complex line's noise has half its power in either part
     inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-14, hermitian=True)
-    return np.asarray(free @ (0.5 * inverse / np.outer(size, size)) @ free.T)
+    problem.informed[fit] = np.asarray(free @ (0.5 * inverse / np.outer(size, size)) @ free.T)
+    return problem.informed[fit]
 
 
 def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:

@@ -80,7 +80,7 @@ class Spectrum:
     def under(self, command: FloatArray) -> Spectrum:
         """Return the same position's lines under another command (n,); what does not depend on it is not done again."""
         other = copy(self)
-        other.__dict__["command"] = _lines_of(command[: self.samples])
+        (other.__dict__["command"],) = _lines_of(command[: self.samples])
         return other
 
 
@@ -99,12 +99,12 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
         count = fast_length(count, up=False)
-    late, early = position[shift : shift + count], command[:count]
-    return Spectrum(_lines_of(early), _lines_of(late), rate_hz, late.size, shift)
+    early, late = _lines_of(command[:count], position[shift : shift + count])
+    return Spectrum(early, late, rate_hz, count, shift)
 
 
-def _lines_of(values: FloatArray) -> ComplexArray:
-    return np.asarray(np.fft.rfft(values - values.mean()) / np.sqrt(values.size))
+def _lines_of(*rows: FloatArray) -> list[ComplexArray]:
+    return [lines / np.sqrt(rows[0].size) for lines in np.fft.rfft([row - row.mean() for row in rows])]
 
 
 def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
@@ -237,12 +237,12 @@ def equations(taken: Spectrum) -> Equations:
 
 
 def _lagrange(place: FloatArray) -> FloatArray:
-    """Return the polynomials that are one at one node and zero at the others, (..., NODES), over -1 .. 1."""
-    basis = np.ones((*place.shape, NODES))
+    """Return the polynomials that are one at one node and zero at the others over -1 .. 1 (b, l), (b, NODES, l)."""
+    basis = np.ones((place.shape[0], NODES, place.shape[1]))
     for a in range(NODES):
         for b in range(NODES):
             if a != b:
-                basis[..., a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
+                basis[:, a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
     return basis
 
 
@@ -326,8 +326,8 @@ _ALIKE = 1.1
 
 
 def _powers(place: FloatArray) -> FloatArray:
-    """Return the polynomials 1, x, x^2, (..., NODES), over -1 .. 1."""
-    return np.stack([np.ones_like(place), place, place * place], axis=-1)
+    """Return the polynomials 1, x, x^2 over -1 .. 1 (b, l), (b, NODES, l)."""
+    return np.stack([np.ones_like(place), place, place * place], axis=1)
 
 
 def _triangles(
@@ -340,11 +340,11 @@ def _triangles(
     triangles = np.empty((len(bands), 2 * NODES + 1, 2 * NODES + 1), dtype=np.complex128)
     alike = _kept_alike if taken.command.size <= _KEPT else _alike
     for piece, inside, shape, lines in alike(tuple(bands), taken.command.size - 1, shape_of):
-        columns = np.empty((*lines.shape, 2 * NODES + 1), dtype=np.complex128)
-        np.multiply(taken.command[lines][:, :, None], shape, out=columns[:, :, :NODES])
-        columns[:, :, NODES:-1] = shape
-        columns[:, :, -1] = np.where(inside, taken.position[lines], 0.0)
-        triangles[piece] = np.linalg.qr(columns, mode="r")
+        columns = np.empty((lines.shape[0], 2 * NODES + 1, lines.shape[1]), dtype=np.complex128)
+        np.multiply(taken.command[lines][:, None], shape, out=columns[:, :NODES])
+        columns[:, NODES:-1] = shape
+        columns[:, -1] = np.where(inside, taken.position[lines], 0.0)
+        triangles[piece] = np.linalg.qr(columns.transpose(0, 2, 1), mode="r")
     return triangles
 
 
@@ -366,7 +366,7 @@ def _alike(
         width = widths[piece, None].astype(np.float64)
         place = np.arange(int(width.max()))
         inside = place < width
-        shape = np.where(inside[:, :, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
+        shape = np.where(inside[:, None], shape_of((place - 0.5 * (width - 1.0)) / (0.5 * (width - 1.0))), 0.0)
         yield piece, inside, shape, np.minimum(edges[piece, :1] + place, last)
         done = piece.stop
 

@@ -9,7 +9,7 @@ model's.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -61,18 +61,18 @@ def _shapes(residual: Residual) -> Iterator[tuple[ComplexArray, complex]]:
     taken = residual.taken
     command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
     size = float(np.std(command))
-    clipped = (np.clip(command, -part * size, part * size) for part in _CLIPPED)
-    for shape in (command**2, command**3, *clipped):
-        yield residual.response * _lines(_beyond(shape, command)), 1.0
+    clipped = [np.clip(command, -part * size, part * size) for part in _CLIPPED]
+    for shapes in ([command**2, command**3], clipped):
+        for bent in _lines(_beyond(shape, command) for shape in shapes):
+            bent *= residual.response
+            yield bent, 1.0
     motion = residual.simulated
-    for power in (2, 3):
-        bent = _lines(_beyond(motion**power, motion))
+    for bent in _lines(_beyond(motion**power, motion) for power in (2, 3)):
         yield residual.response * bent, _SPRING
         yield bent, 1.0  # of the sensor
-    turned = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples)
-    for distance in _PLAY:
-        state = dahl_state(motion, distance * max(float(np.std(motion)), 1e-300))
-        yield _lines(_beyond(state, motion, turned)), _TURNED
+    turned, size = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples), max(float(np.std(motion)), 1e-300)
+    for played in _lines(_beyond(dahl_state(motion, distance * size), motion, turned) for distance in _PLAY):
+        yield played, _TURNED
 
 
 def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:
@@ -84,8 +84,9 @@ def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:
     return rest if float(rest @ rest) > _FLAT * power else np.zeros(rest.size)
 
 
-def _lines(values: FloatArray) -> ComplexArray:
-    return np.asarray(np.fft.rfft(values)[1:] / np.sqrt(values.size))
+def _lines(rows: Iterable[FloatArray]) -> list[ComplexArray]:
+    samples = np.array(list(rows))
+    return [lines[1:] / np.sqrt(samples.shape[1]) for lines in np.fft.rfft(samples)]
 
 
 def _relative(

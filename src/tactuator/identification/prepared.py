@@ -158,7 +158,7 @@ def empirical_response(command: FloatArray, position: FloatArray, rate_hz: float
     """
     count = command.size
     window = np.hanning(count)
-    u, y = (np.fft.rfft(window * _levelled(values)) for values in (command, position))
+    u, y = np.fft.rfft([window * _levelled(values) for values in (command, position)])
     spacing = rate_hz / count
     last, places = min(max(int(0.45 * rate_hz / spacing), 12), u.size - 1), [3]
     while places[-1] < last:

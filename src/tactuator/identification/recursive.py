@@ -26,7 +26,7 @@ from tactuator.identification.prepared import (
     require_excitation,
     valid_range,
 )
-from tactuator.identification.residual import feedback_seen, residual_of_record
+from tactuator.identification.residual import feedback_seen, fit_percent, residual_of_record
 from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model
@@ -74,7 +74,7 @@ def recursive(common: Prepared, refined: PlantModel) -> Identification:
         order=order,
         excitation=excitation,
         tests=tests,
-        fit_percent=rest.fit_percent,
+        fit_percent=fit_percent(rest.taken.measured, rest.simulated),
         friction=None,
         tried=(),
         empirical=common.own_response,

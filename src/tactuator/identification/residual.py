@@ -48,11 +48,6 @@ class Residual:
         """Return the samples of model and transient, (n,)."""
         return self.taken.measured - self.taken.samples_of(self.lines)
 
-    @property
-    def fit_percent(self) -> float:
-        """Return 100 (1 - |y - simulated| / |y|)."""
-        return fit_percent(self.taken.measured, self.simulated)
-
 
 def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
     """Return 100 (1 - |y - simulated| / |y|) of positions without mean, (n,)."""
@@ -132,14 +127,14 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
     for residual in residuals:
         taken = residual.taken
         lines = np.concatenate([[0.0], residual.response * taken.command[1:]])
-        slope = np.fft.irfft(2j * np.pi * taken.frequency_hz * lines, taken.samples)
+        slope, moved = np.fft.irfft([2j * np.pi * taken.frequency_hz * lines, lines], taken.samples)
         place = np.arange(taken.samples) / taken.samples - 0.5
         # a gain that swings once along the record, in place of one that rises: the record's ends are given up
-        turn, moved = np.sin(2.0 * np.pi * place), np.fft.irfft(lines, taken.samples)
+        turn = np.sin(2.0 * np.pi * place)
         beside = [place * taken.samples / taken.rate_hz * slope, turn * moved]
         swing += float(np.sum(turn**2 * moved**2))
         power += float(np.sum(turn * place * moved**2))
-        runs = np.stack([np.fft.rfft(values) for values in beside] + [residual.lines], axis=1)
+        runs = np.stack([*np.fft.rfft(beside), residual.lines], axis=1)
         for begin in range(1, lines.size, _BLOCK):
             block = slice(begin, begin + _BLOCK)
             free = log_slopes(fit, taken.frequency_hz[block]) * lines[block, None]
@@ -195,8 +190,8 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     before = _mean_power(np.abs(command) ** 2) / counted
     usable = inside & (before > 0.0)
     weight = np.where(usable, 1.0 / np.where(usable, before, 1.0), 0.0)
-    autocovariance = np.fft.irfft(np.concatenate([[0.0], weight * np.abs(residual) ** 2]), taken.samples)
-    shared = np.fft.irfft(np.concatenate([[0.0], weight * np.conj(residual) * command]), taken.samples)
+    products = (weight * np.abs(residual) ** 2, weight * np.conj(residual) * command)
+    autocovariance, shared = np.fft.irfft([np.concatenate([[0.0], lines]) for lines in products], taken.samples)
     autocovariance[0] *= 1.0 + _NUGGET
     price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
     best, chosen = 0.0, None

@@ -16,7 +16,7 @@ from tactuator.identification.inverse_dynamics import motor_estimate, motor_pred
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import LocalResponse, local_response, spectrum
 from tactuator.identification.prepared import check_record
-from tactuator.identification.residual import Residual, judged_residual, residual_of_record
+from tactuator.identification.residual import Residual, fit_percent, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.trust import MOTOR_EXPLAINED, UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
@@ -99,7 +99,7 @@ def _judged(
     local: LocalResponse,
     remarks: tuple[str, ...],
 ) -> Validation:
-    taken, percent = line_residual.taken, line_residual.fit_percent
+    taken, percent = line_residual.taken, fit_percent(line_residual.taken.measured, line_residual.simulated)
     residual = float(np.mean((line_residual.taken.measured - line_residual.simulated) ** 2))
     share, points = _share_inside(result.model, fit, local)
     hertz = taken.frequency_hz[1:]

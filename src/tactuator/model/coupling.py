@@ -12,7 +12,7 @@ from itertools import permutations
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -26,7 +26,7 @@ _LENGTHS, _SIZES = np.geomspace(0.1, 6.0, 10), np.geomspace(0.1, 30.0, 6)
 """Lengths of the process that are tried, octaves, and its powers, in terms of that of the shares."""
 _TOLD = 0.5
 """Share of the process's power that the data may leave open at a line which its neighbours tell."""
-_NESTED: TypeAdapter[Any] = TypeAdapter(list[list[list[Number]]])
+_NESTED: TypeAdapter[Any] = TypeAdapter(list[list[list[Number]]], config=ConfigDict(defer_build=True))
 
 
 def _matrices(value: Any) -> FloatArray:
