@@ -90,7 +90,7 @@ class StoreContours(Result):
 
         words, lines = shipped_words("en"), list[ResultTable | str]()
         for person in self.results.people:
-            lines += [person.subject, law_table(person.estimate, words)]
+            lines += [f"{person.subject}: {person.contours.source}", law_table(person.estimate, words)]
         if self.results.pairs:
             lines.append(pairs_table(self.results.pairs, words))
         lines += [

@@ -127,7 +127,9 @@ def _person(
     grid, levels = _grid(keys, trials), np.array(sorted(keys.levels_db_sl))
     levels = levels[levels > 0.0]
     curves = result.contours(grid, levels)
-    source = f"{len(trials)} matches; law: {result.law}" + ("" if curve is None else f"; dB SL of {curve.name}")
+    measured = sum(all(tone and tone.measured_db_sl is not None for tone in trial.tones) for trial in trials)
+    source = f"{len(trials)} matches, {measured} of them by the levels at the sensor; law: {result.law}"
+    source += "" if curve is None else f"; dB SL of {curve.name}"
     return PersonContours(
         subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, "measured", source, contact)
     )

@@ -194,7 +194,7 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
         *(response.response, response.correct),
     )
     query = (
-        select(*columns, interval.stimulus, interval.commanded_db_sl)
+        select(*columns, interval.stimulus, interval.commanded_db_sl, interval.measured_db_sl)
         .select_from(tables)
         .where(trial.run_id.in_(runs))
         .order_by(trial.run_id, trial.number, interval.position)
@@ -202,7 +202,7 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
     answers: dict[int, list[Answered]] = {}
     for (run, *_), rows in groupby(connection.execute(query), key=lambda row: (row.run_id, row.id)):
         intervals = list(rows)
-        tones = tuple(_tone(row.stimulus, row.commanded_db_sl) for row in intervals)
+        tones = tuple(_tone(row.stimulus, row.commanded_db_sl, row.measured_db_sl) for row in intervals)
         first = intervals[0]
         about = first.level_db_sl, first.response, bool(first.correct)
         point = first.frequency_hz, first.curve_level_db_re_1um
@@ -210,9 +210,9 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
     return {run: tuple(trials) for run, trials in answers.items()}
 
 
-def _tone(label: str, level_db_sl: float | None) -> JudgedTone | None:
+def _tone(label: str, level_db_sl: float | None, measured_db_sl: float | None) -> JudgedTone | None:
     if level_db_sl is None:
         return None
     role, _, rest = label.partition(":")
     finger, _, hertz = rest.rpartition(":")
-    return JudgedTone(role, finger, float(hertz), level_db_sl)
+    return JudgedTone(role, finger, float(hertz), level_db_sl, measured_db_sl=measured_db_sl)

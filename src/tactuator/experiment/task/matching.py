@@ -168,15 +168,17 @@ class MatchingKeys(TaskKeys):
         return tone.finger == self.finger and abs(tone.frequency_hz - self.frequency_hz) < _SAME_HZ
 
     def row(self, tones: Sequence[JudgedTone | None], stronger: bool) -> Row:
-        """Return a match as `Matches.of` takes it, from the tones of both intervals. Raises BadInput for others."""
+        """Return a match for `Matches.of`, by levels at the sensor where both are known. Raises BadInput for others."""
         both = [tone for tone in tones if tone is not None]
         at = [self.is_reference(tone) for tone in both]
         if len(both) != len(INTERVALS) or sum(at) != 1:
             raise BadInput(f"a trial of {len(both)} tones", "a match of the task")
         reference, comparison = both[at.index(True)], both[at.index(False)]
         swapped = comparison.role == STANDARD
-        levels = (comparison.frequency_hz, comparison.level_db_sl, reference.level_db_sl)
-        return (*levels, at[0], swapped, stronger)
+        level, other = comparison.measured_db_sl, reference.measured_db_sl
+        if level is None or other is None:
+            level, other = comparison.level_db_sl, reference.level_db_sl
+        return (comparison.frequency_hz, level, other, at[0], swapped, stronger)
 
     def matches(self, trials: Sequence[Answered]) -> Matches:
         """Return the matches of stored trials."""

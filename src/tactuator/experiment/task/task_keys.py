@@ -28,8 +28,8 @@ GROUP = "tactuator.tasks"
 class JudgedTone:
     """A tone of an interval. role: what it is for (standard, comparison ...), without a colon.
 
-    onset_s: from the interval's beginning. duration_s: None as the protocol's [timing] has it. Raises BadInput for a
-    level above comfort.
+    onset_s: from the interval's beginning. duration_s: None as the protocol's [timing] has it. measured_db_sl: at the
+    sensor, None where nobody knows it. Raises BadInput for a level above comfort.
     """
 
     role: str
@@ -38,6 +38,7 @@ class JudgedTone:
     level_db_sl: float
     onset_s: float = 0.0
     duration_s: float | None = None
+    measured_db_sl: float | None = None
 
     def __post_init__(self) -> None:
         if self.level_db_sl > COMFORT_DB_SL + 1e-9:
