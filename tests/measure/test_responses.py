@@ -70,6 +70,8 @@ def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
     rig = loaded(controller(described), 3)
     found = stepped_sine(rig, [5.0, 250.0], MeasurementOptions(50.0))[0]
     assert found.saturated.tolist() == [False, True]
+    short = replace(paper, channels=(replace(paper.channels[0], travel_mm=0.1),))
+    assert stepped_sine(loaded(controller(short), 3), [5.0, 250.0], MeasurementOptions(50.0))[0].saturated[0]
 
 
 def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_the_stepped_sine() -> None:

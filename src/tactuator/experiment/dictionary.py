@@ -87,7 +87,7 @@ INTERVAL_COLUMNS: tuple[Meaning, ...] = (
     Meaning("stimulus", "Label of what it played; blank: nothing"),
     Meaning("commanded_db_sl", "Commanded level; empty where nothing was commanded", "dB re the threshold curve"),
     Meaning("measured_db_sl", "Level at the sensor, at the frequency of the trial", "dB re the threshold curve"),
-    Meaning("saturated", "1 where a converter or the command reached its limit"),
+    Meaning("saturated", "1 where a converter or the command reached its limit, or the motion travel_mm"),
     Meaning("onset_s", "Onset from the trial's first sample, by the rig's own clock", "s"),
     Meaning("duration_s", "Duration, by the rig's own clock", "s"),
     Meaning("lamp_late_s", "How far the rig was past the onset when the lamp was told to light", "s"),

@@ -334,7 +334,8 @@ def _finding(response: Response, display: Display) -> Finding:
     if bool(np.any(response.saturated)):
         limited = response.frequency_hz[response.saturated]
         more = f" and {limited.size - 1} more" if limited.size > 1 else ""
-        remark = f"{beside}; the command was limited at {limited.min():.4g} Hz{more}: a lower level"
+        words = "a limit (command, converter or travel_mm) was reached"
+        remark = f"{beside}; {words} at {limited.min():.4g} Hz{more}: a lower level"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
         tones = "--method stepped, as friction takes more of a tone alone; " if response.method == "multisine" else ""

@@ -25,7 +25,7 @@ Wish = Literal["run", "pause", "stop"]
 
 @dataclass(frozen=True)
 class Played:
-    """Extent of a playing. saturated_s: time in which a converter or the command's limit was reached."""
+    """Extent of a playing. saturated_s: time in which a limit was reached (`Trace.saturated`)."""
 
     duration_s: float
     played_s: float

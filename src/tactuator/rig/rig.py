@@ -109,8 +109,8 @@ class Trace:
 
     Row k is the instant k / rate_hz of the block: position_v (volts of y) is what the A/D reads then, command_v (volts
     at the motor) what the D/A begins to put out then and holds for one period; it was computed delay_samples earlier.
-    reference: threshold units; zero where the motors were driven directly. saturated: a converter or the command's
-    limit was reached.
+    reference: threshold units; zero where the motors were driven directly. saturated: a converter's or the command's
+    limit was reached, or the sensor read beyond travel_mm.
     """
 
     rate_hz: float
@@ -186,7 +186,8 @@ class Rig(ABC):
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
     reshapes, feeds_forward: whether it plays what [strength] makes of a reference, and adds what [touch] learns of a
-    finger to the command; a rig that does not refuses such a controller.
+    finger to the command; a rig that does not refuses such a controller. travel_v: what a sensor of displacement reads
+    at travel_mm, infinite for another sensor, (channels,).
     """
 
     reshapes = feeds_forward = False
@@ -197,6 +198,8 @@ class Rig(ABC):
         self._began_at: int | None = None
         self._rows_played = 0
         self._fingers: tuple[Finger, ...] = ()
+        moved = [each.travel_mm if each.quantity == "displacement" else np.inf for each in display.channels]
+        self.travel_v = np.array(moved) * [each.sensor_gain_v_per_mm for each in display.channels]
 
     def __repr__(self) -> str:
         runs = "a controller runs" if self._loaded else "no controller yet"

@@ -103,7 +103,8 @@ class ComputedRig(Rig):
 
     def _trace(self, block: Block, reference: FloatArray) -> Trace:
         let_feel(self._fingers, block.displacement_mm)
-        return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)
+        limited = block.saturated | (np.abs(block.position_v) > self.travel_v)
+        return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, limited)
 
 
 class SimulatedRig(ComputedRig):

@@ -23,8 +23,9 @@ class Response:
 
     amplitude_v: complex peak volts of y, phase against the reference. confidence_db: 95 % half-width of the magnitude.
     noise_v, distortion_v: peak volts at that frequency of what does not repeat and of what repeats but is not
-    linear. saturated: a converter's or the command's limit was reached during that point. reached: the confidence asked
-    for was reached in the time allowed. averaged_s: seconds averaged. reference: peak, threshold units (m,).
+    linear. saturated: a converter's, the command's or the travel's limit was reached during that point. reached: the
+    confidence asked for was reached in the time allowed. averaged_s: seconds averaged. reference: peak, threshold units
+    (m,).
     """
 
     channel: str

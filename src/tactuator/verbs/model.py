@@ -76,7 +76,7 @@ class RecordingResult(Result):
         "rate_hz": "sampling rate (Hz)",
         "command_peak_v": "greatest command (V)::.2f",
         "position_peak_v": "greatest position (V of the sensor)::.3f",
-        "saturated": "a converter reached its limit",
+        "saturated": "a converter reached its limit, or the motion did",
         "beyond_travel": "the motion went beyond travel_mm",
     }
 
@@ -149,8 +149,6 @@ def record(
     whole = JointRecord(trace.rate_hz, names, trace.command_v[:, columns], trace.position_v[:, columns], about=about)
     taken = whole if together else whole.of(0)
     peaks_v = np.max(np.abs(whole.position), axis=0)
-    places = [k for k, each in enumerate(driven) if each.quantity == "displacement"]
-    travel_v = [driven[k].travel_mm * driven[k].sensor_gain_v_per_mm for k in places]
     if out is not None:
         write_record(Path(out), taken)
     return RecordingResult(
@@ -161,7 +159,7 @@ def record(
         float(np.max(np.abs(command))),
         float(peaks_v.max()),
         bool(np.any(trace.saturated[:, columns])),
-        bool(np.any(peaks_v[places] > travel_v)),
+        bool(np.any(peaks_v > ready.travel_v[columns])),
         taken,
     )
 

@@ -295,7 +295,8 @@ class BoardRig(Rig):
         command = polarity * (part.command_code * steps) + offsets
         position = (part.position_code * steps).astype(np.float32).astype(np.float64)
         reference = np.zeros(command.shape) if drives else asked.astype(np.float64)
-        return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
+        limited = (part.flags != 0) | (np.abs(position) > self.travel_v)
+        return Trace(self.rate_hz, self.channels, reference, command, position, limited)
 
     def _rows(self, reference: ArrayLike) -> Rows:
         return self._reference(reference).astype(np.float32)

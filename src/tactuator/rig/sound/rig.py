@@ -271,7 +271,7 @@ class SoundRig(Rig):
                 samples = taken[: len(answered), wires.input - 1].astype(np.float64)
                 saturated[:, column] |= np.abs(samples) >= CLIPPED
                 position_v[:, column] = wires.input_full_scale_v * samples
-        return replace(answered, position_v=position_v, saturated=saturated)
+        return replace(answered, position_v=position_v, saturated=saturated | (np.abs(position_v) > self.travel_v))
 
     def _samples(self, command_v: FloatArray) -> tuple[Rows, FloatArray]:
         """Return the card's rows for volts (n, channels), and the volts that they are, within full scale."""
