@@ -72,14 +72,15 @@ def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve 
         runs, keys = answered_runs(store, KIND, group=group), _keys(store)
         contact = _contact(store)
     mine = [run for run in runs if run.finger == keys.finger]
+    simulated = any(run.simulated for run in runs)
+    provenance: Provenance = "simulated" if simulated else "measured"
     people = tuple(
-        _person(subject, _of(mine, subject), keys, contact, curve)
+        _person(subject, _of(mine, subject), keys, contact, curve, provenance)
         for subject in dict.fromkeys(run.subject for run in mine)
     )
     levels = np.array(keys.levels_db_sl)
     pairs = tuple((run, keys.equality(run)) for run in runs if run.frequency_hz is not None)
-    simulated = any(run.simulated for run in runs)
-    together = _group(people, levels, contact, simulated) if people else None
+    together = _group(people, levels, contact, provenance) if people else None
     return ContourResults(people, together, pairs, _balance(runs, keys), simulated)
 
 
@@ -116,7 +117,12 @@ def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
 
 
 def _person(
-    subject: str, trials: Sequence[Answered], keys: MatchingKeys, contact: Contact, curve: ThresholdCurve | None
+    subject: str,
+    trials: Sequence[Answered],
+    keys: MatchingKeys,
+    contact: Contact,
+    curve: ThresholdCurve | None,
+    provenance: Provenance,
 ) -> PersonContours:
     matches, setting = keys.matches(trials), keys.setting_of(trials)
     if curve is not None:
@@ -131,7 +137,7 @@ def _person(
     source = f"{len(trials)} matches, {measured} of them by the levels at the sensor; law: {result.law}"
     source += "" if curve is None else f"; dB SL of {curve.name}"
     return PersonContours(
-        subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, "measured", source, contact)
+        subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, provenance, source, contact)
     )
 
 
@@ -152,7 +158,7 @@ def _above(curve: ThresholdCurve, matches: Matches, setting: ContourSetting) -> 
     )
 
 
-def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contact, simulated: bool) -> Contours:
+def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contact, provenance: Provenance) -> Contours:
     every = [person.contours for person in people]
     first = every[0]
     inside = [curves for curves in every if curves.reference_hz == first.reference_hz]
@@ -167,7 +173,6 @@ def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contac
         half = scipy.stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
         low_db, high_db = mean - half, mean + half
     source = f"{count} people, {sum(person.estimate.matches for person in people)} matches"
-    provenance: Provenance = "simulated" if simulated else "measured"
     return Contours(
         "group", grid, first.level_db_sl, mean, low_db, high_db, first.reference_hz, provenance, source, contact
     )
