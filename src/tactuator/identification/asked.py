@@ -221,8 +221,7 @@ class Asked:
         pins = tuple(pin for pin in (value.pin(ratio) for value in self.fixed) if pin is not None)
         sections = tuple(value.section for value in self.fixed if value.section)
         origin_zeros = DERIVATIVES.get(self.quantity, 0)
-        numbers = (self.order, self.zeros, self.integrators, origin_zeros, self.delay_s)
-        return Known(*numbers, sections, pins, bool(self.fixed))
+        return Known(self.order, self.zeros, self.integrators, origin_zeros, self.delay_s, sections, pins)
 
     @property
     def may_be_motor(self) -> bool:

@@ -231,7 +231,7 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
 
     free = best_of(known.without_values)
     if by_magnitude:
-        allowed = [fit_magnitude(each, given) for each in free.fits.values() if known.allows(each.form, free.fit.form)]
+        allowed = [fit_magnitude(candidate, given) for candidate in free.fits.values() if known.allows(candidate.form)]
         fit = _settled(allowed, value.size)
         return _judged(given, fit, magnitude_covariance(fit, given), local, asked)
     free_fit = _judged(given, free.fit, information(free.problem, free.fit), local, asked)
@@ -296,7 +296,7 @@ def _judged(
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
     departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))
-    num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0, asked.order)
+    num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0)
     missing = left_over(fit, local, response, given.frequency_hz)
     low, high = float(given.frequency_hz[0]), float(given.frequency_hz[-1])
     model = PlantModel(
@@ -325,4 +325,4 @@ def _judged(
         RESPONSE_LEFT.of(100.0 * float(np.sqrt(np.mean(np.abs(off) ** 2))) if given.assumed else 0.0),
         UNLIKELY.of(float(len(doubts)), "; ".join(doubts)),
     )
-    return ResponseFit(model, model.den.size - 1, departure, largest, (*given.remarks, *fit.form.doubts(asked.order)))
+    return ResponseFit(model, fit.form.poles, departure, largest, given.remarks)

@@ -63,7 +63,7 @@ def identification(
     if bent[0] > 0.0 and estimate.advantage < _BENT_TELLS * estimate.enough:  # no form here has what bends it
         estimate = replace(estimate, certain=False, enough=_BENT_TELLS * estimate.enough)
     between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
-    remarks = [*common.remarks, *chosen.fit.form.doubts(common.asked.order)]
+    remarks = list(common.remarks)
     rows = (
         [HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}")] if between.source == "data" else []
     )
@@ -85,7 +85,7 @@ def identification(
     measured = np.concatenate([residual.taken.measured for residual in residuals])
     result = Identification(
         model=model,
-        order=model.den.size - 1,
+        order=chosen.fit.form.poles,
         excitation=replace(common.excitation, needed=chosen.fit.form.count),
         tests=tests,
         fit_percent=fit_percent(measured, simulated),
@@ -180,7 +180,7 @@ def _model(
         beyond = beyond.joined(np.interp(np.log(table), np.log(distortion.frequency_hz), bent) * (1.0 + 1.0j))
     missing = left_over(fit, estimate.local, response_of_rows(fit, estimate.local.frequency_hz), table)
     model = common.model(
-        *physical(fit, covariance, common.gain, common.asked.order),
+        *physical(fit, covariance, common.gain),
         delay_s=fit.delay_s,
         method="refined",
         record={"hold": choice.hold} | asked,

@@ -59,10 +59,6 @@ class Form:
         if not self.origin_zeros <= self.zeros <= self.poles:
             raise BadInput(f"{self.zeros} zeros for {self.poles} poles", f"{self.origin_zeros} to {self.poles}")
 
-    def doubts(self, order: int | None) -> tuple[str, ...]:
-        """Return what is to be said where so many poles were asked for and fewer show."""
-        return (f"{self.poles} of {order} poles show: zeros cancel the others",) if (order or 0) > self.poles else ()
-
     @cached_property
     def free(self) -> int:
         """Return the number of poles that are estimated."""
@@ -276,7 +272,7 @@ MANY = 4
 @dataclass(frozen=True)
 class Known:
     """Knowledge beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time; sections of
-    known poles and known values (by_value: there were any), of time in seconds, of responses in the signals' scale."""
+    known poles and values that are known, of time in seconds, of responses in the scale of the signals."""
 
     poles: int | None = None
     zeros: int | None = None
@@ -285,7 +281,6 @@ class Known:
     delay_s: float | None = None
     sections: tuple[Section, ...] = ()
     pins: tuple[Pin, ...] = ()
-    by_value: bool = False
 
     @property
     def without_values(self) -> Known:
@@ -352,11 +347,10 @@ class Known:
             and len(form.pins_above) <= form.numerators
         )
 
-    def allows(self, form: Form, beside: Form | None = None) -> bool:
-        """Return true for a form that does not contradict what is known, or no more than one with fewer poles does."""
-        most = self.poles if self.poles is None or beside is None else beside.poles
+    def allows(self, form: Form) -> bool:
+        """Return true for a form that does not contradict what is known."""
         return (
-            (most is None or form.poles == self.poles or form.poles <= most != self.poles)
+            (self.poles is None or form.poles == self.poles)
             and (self.zeros is None or form.zeros == self.zeros)
             and form.zeros >= self.origin_zeros
             and form.free >= 0

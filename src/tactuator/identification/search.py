@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -31,7 +30,7 @@ TIE = 6.0
 _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
 COMPARED = 0.47
-_KEPT, _score_of = 6, itemgetter(0)
+_KEPT = 6
 _WORTH, _WORTH_SHARE = 1e-2, 1e-8
 """What a step has to win of the cost, in itself and as a share, while forms are compared."""
 _NEAR = 20.0
@@ -80,32 +79,49 @@ def propose(
     arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
     values that are known, in the same scale, to start from as well.
     """
-
-    def proposed(wanted: Known, least: int, most: int) -> _Proposals:
-        starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
-        proposals = _Proposals(starters, wanted, scale_rad_s)
-        proposals.add_all(least, most, note)
-        return proposals
-
-    proposals = proposed(known, known.poles or known.least_poles, known.poles or MOST_POLES)
-    if known.poles is not None and known.zeros is None and not known.by_value and proposals.shows_fewer():
-        fewer = proposed(replace(known, poles=None), known.least_poles, known.poles - 1)
-        for hold, scored in fewer.scored.items():
-            proposals.scored[hold] += scored
+    proposals = _Proposals(local, rate_hz, scale_rad_s, holds, known, arrival_s)
+    best, stale = np.inf, 0
+    for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
+        now = proposals.add_forms(poles)
+        note(f"{poles} poles")
+        stale = stale + 1 if now > best - 2.0 else 0
+        best = min(best, now)
+        if stale >= 2:
+            break
+    # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
+    if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:
+        late = proposals.leading()[1].form.dead_time
+        for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
+            note(f"{poles} poles and as many zeros")
+            is_tried = np.isfinite(proposals.add_full_forms(poles, late))
+            if is_tried and poles >= proposals.leading()[1].form.poles and proposals.nothing_left():
+                break
     for hold, fits in near.items():
         for fit in fits:
             proposals.add_from_free(hold, fit)
     return {hold: [fit for _, fit in sorted(scored, key=_score_of)] for hold, scored in proposals.scored.items()}
 
 
+def _score_of(pair: tuple[float, SpectralFit]) -> float:
+    return pair[0]
+
+
 class _Proposals:
     """Fits to one local response under several holds, each with its score: -2 log likelihood and Bayes' penalty."""
 
-    def __init__(self, starters: dict[Hold, Starter], known: Known, scale_rad_s: float) -> None:
-        self._known, self._starters = known.in_scale(scale_rad_s), starters
-        self._points = next(iter(starters.values())).local.frequency_hz.size
+    def __init__(
+        self,
+        local: LocalResponse,
+        rate_hz: float,
+        scale_rad_s: float,
+        holds: tuple[Hold, ...],
+        known: Known,
+        arrival_s: float,
+    ) -> None:
+        self._known, self._points = known.in_scale(scale_rad_s), local.frequency_hz.size
         self._delay = None if known.delay_s is None else known.delay_s * scale_rad_s
-        self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in starters}
+        self._starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
+        self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
 
     def leading(self) -> tuple[float, SpectralFit]:
         """Return the best fit with its score."""
@@ -128,31 +144,6 @@ class _Proposals:
             return np.inf
         before.setdefault(form, fit)
         return self._add(hold, fit)
-
-    def add_all(self, least: int, most: int, note: Callable[[str], None]) -> None:
-        """Add forms of so many poles until two more bring nothing."""
-        best, stale = np.inf, 0
-        for poles in range(least, most + 1):
-            now = self.add_forms(poles)
-            note(f"{poles} poles")
-            stale = stale + 1 if now > best - 2.0 else 0
-            best = min(best, now)
-            if stale >= 2:
-                break
-        # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms
-        if self.least_cost() > _POOR * self._points or self._known.origin_zeros:
-            late = self.leading()[1].form.dead_time
-            for poles in range(max(MANY, least if least == most else 0), most + 1):
-                note(f"{poles} poles and as many zeros")
-                is_tried = np.isfinite(self.add_full_forms(poles, late))
-                if is_tried and poles >= self.leading()[1].form.poles and self.nothing_left():
-                    break
-
-    def shows_fewer(self) -> bool:
-        """Return whether the best fit has poles that cost more than they win: they would follow the noise."""
-        _, best = self.leading()
-        known, problem = replace(self._known, poles=None), self._starters[best.grid.hold].problem
-        return _settled(problem, {best.form: best}, known).form.poles < best.form.poles
 
     def add_forms(self, poles: int) -> float:
         """Add the usual forms of so many poles, and return their best score.
@@ -243,11 +234,7 @@ def choose(
             first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
-    others = [  # as far as forms are told apart by: the best ones are gone on with
-        problem.descend(rival.form, rival.theta, rival.delay, most=8, gain=_WORTH, share=_WORTH_SHARE)
-        for rival in kept
-        if rival.form != first.form
-    ]
+    others = [_glance(problem, rival, 8) for rival in kept if rival.form != first.form]
     fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
     for _ in range(1 if quick else 2):
@@ -324,18 +311,28 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
     simpler: SpectralFit | None = now
     while simpler is not None:
         now, least, simpler = simpler, choice.fit, None
-        for form, theta in _simpler(now):
-            if not (form.count < now.form.count and known.allows(form, now.form)):
-                continue
-            delay = now.delay if form.dead_time or known.delay_s is not None else 0.0
-            fit = choice.problem.descend(form, theta, delay, most=12)
-            if fit is not None and is_within(fit):
+        for fit in _fitted_simpler(choice.problem, now, known):
+            if is_within(fit):
                 simpler = fit
                 break
-            least = min(least, fit or least, key=lambda each: each.cost if np.isfinite(each.cost) else np.inf)
+            least = min(least, fit, key=_cost)
         if simpler is None and least is not choice.fit:
             return replace(choice, fit=least, fits={**choice.fits, least.form: least}), True
     return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now}), False
+
+
+def _cost(fit: SpectralFit) -> float:
+    return fit.cost if np.isfinite(fit.cost) else np.inf
+
+
+def _fitted_simpler(problem: SpectralProblem, fit: SpectralFit, known: Known) -> Iterator[SpectralFit]:
+    """Yield fits of the forms of fewer parameters beside the fit's."""
+    for form, theta in _simpler(fit):
+        if form.count < fit.form.count and known.allows(form):
+            delay = fit.delay if form.dead_time or known.delay_s is not None else 0.0
+            fitted = problem.descend(form, theta, delay, most=12)
+            if fitted is not None:
+                yield fitted
 
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
@@ -351,6 +348,11 @@ def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:
         if fit.cost <= _FAR_OFF * proposals[0].cost and sum(other.form.poles == fit.form.poles for other in kept) < 3:
             kept.append(fit)
     return kept[:_KEPT]
+
+
+def _glance(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
+    """Return the fit as far as forms are told apart by: the best ones are gone on with."""
+    return problem.descend(fit.form, fit.theta, fit.delay, most=most, gain=_WORTH, share=_WORTH_SHARE)
 
 
 def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
@@ -374,8 +376,8 @@ def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Kno
     while True:
         best = _best(problem, fits)
         for form, theta in _simpler(best):
-            there, allowed = fits.get(form), known.allows(form, best.form)
-            if form in tried or not allowed or (there is not None and there.cost < best.cost + _NEAR):
+            there = fits.get(form)
+            if form in tried or not known.allows(form) or (there is not None and there.cost < best.cost + _NEAR):
                 continue
             tried.add(form)
             delay = best.delay if form.dead_time or known.delay_s is not None else 0.0

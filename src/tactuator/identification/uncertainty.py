@@ -161,31 +161,30 @@ def moved(fit: SpectralFit, change: FloatArray) -> SpectralFit:
     return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
 
 
-def physical(fit: SpectralFit, covariance: FloatArray, gain: float, order: int | None) -> tuple[FloatArray, ...]:
+def physical(fit: SpectralFit, covariance: FloatArray, gain: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return num, den (descending powers of s in rad/s, den monic) and the covariance of (num, den[1:], delay_s).
 
-    gain: position's unit over command's, as the lines were scaled. order: poles asked for; zeros cancel what it lacks.
+    gain: position's unit over command's, as the lines were scaled.
     """
-    num, den = _polynomials(fit, gain, order)
+    num, den = _polynomials(fit, gain)
     size = num.size + den.size
     slopes = np.zeros((size, covariance.shape[0]))
     for j in range(covariance.shape[0]):
         step = np.zeros(covariance.shape[0])
         step[j] = 1e-5 * max(float(np.sqrt(covariance[j, j])), 1e-12)
         high, low = moved(fit, step), moved(fit, -step)
-        above, below = _polynomials(high, gain, order), _polynomials(low, gain, order)
+        above, below = _polynomials(high, gain), _polynomials(low, gain)
         late = (high.delay_s - low.delay_s) if fit.form.dead_time else 0.0
         change = np.concatenate([above[0] - below[0], (above[1] - below[1])[1:], [late]])
         slopes[:, j] = change / (2.0 * step[j])
     return num, den, slopes @ covariance @ slopes.T
 
 
-def _polynomials(fit: SpectralFit, gain: float, order: int | None) -> tuple[FloatArray, FloatArray]:
-    form, scale = fit.form, fit.grid.scale_rad_s
+def _polynomials(fit: SpectralFit, gain: float) -> tuple[FloatArray, FloatArray]:
+    form: Form = fit.form
+    scale = fit.grid.scale_rad_s
     num = numerator_polynomial(fit.rungs, fit.numerator, form)
     den = denominator_polynomial(fit.theta, form)
-    for k in range((order or 0) - form.poles):  # in the band, and apart from each other
-        num, den = (np.convolve(polynomial, [1.0, 2.0**-k]) for polynomial in (num, den))
     top, under = np.arange(num.size - 1, -1, -1.0), np.arange(den.size - 1, -1, -1.0)
     n = den.size - 1
     return gain * num * scale ** (n - top), den * scale ** (n - under)
