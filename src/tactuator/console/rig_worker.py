@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -118,9 +117,12 @@ class RigWorker:
             self._end_as("gone", str(error))
             if isinstance(error, CardGone):  # PortAudio finds a card again in another process alone
                 self._orders.put(orders.QuitOrder())
+        except TactuatorError as error:
+            self._rest()
+            self._end_as("fault", str(error))
         except Exception as error:
             self._rest()
-            self._end_as("fault", _reason(error))
+            self._end_as("fault", f"{type(error).__name__}: {error}")
 
     def _end_as(self, mode: orders.Mode, fault: str = "") -> None:
         self._say(mode=mode, fault=fault, guard=self._guard() if mode in ("idle", "fault") else {})
@@ -176,11 +178,10 @@ class RigWorker:
             raise BadInput("no controller is loaded", "load one before playing a reference")
         if self._status.mode == "fault" and self._controller is not None:
             self._load(orders.LoadOrder(self._controller))
-        import_module("scipy.signal")  # of the generator's noise, which cannot wait for it amid a stream
         self._halt.clear()
         self._say(mode="live", fault="")
         looked = self._status.given_back
-        self._show(True)
+        self._allow_gaps(True)
         try:
             for trace in self._rig.stream(self._blocks()):
                 self._tell_samples(trace)
@@ -190,16 +191,14 @@ class RigWorker:
             self._rest()
             self._end_as("idle")
         finally:
-            self._show(False)
+            self._allow_gaps(False)
             self._generator = Generator(self._display, np.random.default_rng(self._seed))
             self._say(wave=None)
 
-    def _show(self, live: bool) -> None:
-        """Let the scope alone go on over a sound card's gaps, which are counted and told, and by whole blocks."""
+    def _allow_gaps(self, allowed: bool) -> None:
+        """Let the scope go on over a sound card's gaps, which are counted and told; nothing else may."""
         if isinstance(self._opened, SoundRig):
-            self._opened.allow_gaps = live
-        if isinstance(self._rig, PacedRig):
-            self._rig.in_pieces = not live
+            self._opened.allow_gaps = allowed
 
     def _blocks(self) -> Iterator[FloatArray]:
         """Yield what the generator plays, the fingers pressed, until it is silent and something else is ordered."""
@@ -254,14 +253,16 @@ class RigWorker:
         if not len(trace):
             return
         rows = np.concatenate((trace.reference, trace.command_v, trace.position_v), axis=1).astype(np.float32)
-        self._tell(orders.Piece(self._status.given_back, rows.tobytes(), int(trace.saturated.any(axis=1).sum())))
+        limited = int(trace.saturated.any(axis=1).sum())
+        self._tell(orders.Piece(self._status.given_back, rows.tobytes(), limited))
         self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
     def _present(self, order: orders.PresentOrder) -> None:
         """Play what an experiment asks for; a halt that was ordered before it began counts."""
         if self._rig is None:
-            fault = str(DeviceFault("the rig has gone", "open it again"))
-            self._tell(orders.Presented(order.number, over=True, fault=fault))
+            self._tell(
+                orders.Presented(order.number, over=True, fault=str(DeviceFault("the rig has gone", "open it again")))
+            )
             return
         if self._status.mode == "fault" and self._controller is not None:
             self._load(orders.LoadOrder(self._controller))
@@ -403,15 +404,14 @@ def presented(
     except RigHalted:
         rig.rest()
         say(None, over=True, halted=True)
+    except TactuatorError as error:
+        say(None, over=True, fault=str(error), missed=isinstance(error, TimingMissed))
+        raise
     except Exception as error:
-        say(None, over=True, fault=_reason(error), missed=isinstance(error, TimingMissed))
+        say(None, over=True, fault=f"{type(error).__name__}: {error}")
         raise
     else:
         say(None, over=True)
-
-
-def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}"
 
 
 def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folder: Path, over: bool) -> orders.Points:

@@ -138,7 +138,7 @@ class PacedRig(WrappedRig):
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         super().__init__(rig)
-        self._speed, self.in_pieces = speed, True  # may a computed stream end within a block, for thrice the work?
+        self._speed = speed
         self._coming: Iterator[FloatArray] = iter(())  # what a computed stream that goes on has not played yet
 
     @property
@@ -162,9 +162,9 @@ class PacedRig(WrappedRig):
             yield trace
 
     def _pieces(self, blocks: Iterable[ArrayLike]) -> Iterator[FloatArray]:
+        step = max(1, round(_PIECE_S * self._speed * self.rate_hz))
         for block in blocks:
             rows = np.asarray(block, dtype=np.float64)
-            step = max(1, round(_PIECE_S * self._speed * self.rate_hz) if self.in_pieces else len(rows))
             yield from (rows[start : start + step] for start in range(0, len(rows), step))
 
     def rest(self) -> None:
