@@ -231,7 +231,6 @@ class Store:
             source.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
             copy.execute("PRAGMA user_version = 0")
-        out.chmod(_PRIVATE)
 
     def _make_tables(self, must_exist: bool) -> None:
         """Make the tables in an empty database. Raises BadInput for one of another program, or of another version."""
