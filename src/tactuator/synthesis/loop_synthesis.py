@@ -30,7 +30,7 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.candidates import LoopStructure, shapes
 from tactuator.synthesis.limits import Limit
-from tactuator.synthesis.problem import LoopProblem, Solution, hops, is_sound, problem_of, solve, starts
+from tactuator.synthesis.problem import LoopProblem, Solution, carried_on, hops, is_sound, problem_of, solve, starts
 from tactuator.synthesis.screening import Survivors, Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
@@ -167,6 +167,8 @@ def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate
     if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
         held = _witnesses(problem.task, islice(_blocks(problem.task), 1))
         solutions += _solutions(problem, _held(held, problem))
+    solutions = sorted(solutions, key=lambda solution: solution.merit_db)
+    solutions[:1] = [carried_on(problem, solution) for solution in solutions[:1]]
     means: list[float] = []
     ready: list[Candidate] = []
     for solution in sorted(solutions, key=lambda solution: solution.mean_db):

@@ -229,7 +229,7 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
 
 _PUNISHMENT = 30.0
 _BOX, _SMALLER, _LEAST_BOX, _ROUNDS = 1.0, 4.0, 0.05, 12
-_ITERATIONS = 20
+_ITERATIONS, _TIMES_ON = 20, 6
 _TURNED_DB, _SETTLED_DB, _KEPT_DB = 2.0, 0.05, 1e-3
 
 
@@ -259,6 +259,18 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
     if key not in problem.solved:
         problem.solved[key] = _solved(problem, start, relaxed)
     return problem.solved[key]
+
+
+def carried_on(problem: LoopProblem, solution: Solution) -> Solution:
+    """Return the local solution that programs come to from another, in boxes of full size again as long as that helps:
+    boxes that shrink may end on the way, and where they do depends on the last bits of a processor.
+    """
+    for _ in range(_TIMES_ON):
+        again = solve(problem, solution.parameters)
+        if again is None or again.merit_db > solution.merit_db - _SETTLED_DB:
+            break
+        solution = again
+    return solution
 
 
 def _solved(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit]) -> Solution | None:
