@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import tactuator as tt
 from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
@@ -167,3 +168,30 @@ def test_felt__sensor_that_differentiates__is_the_displacement_down_to_rest(exci
 def test_limits__sensor_that_differentiates__leave_what_comfort_allows(exciter: Controller) -> None:
     limits = channel_limits(exciter, "exciter", 1 << 16)
     assert 50.0 < db(limits.peak) < 55.0
+
+
+def test_design__accelerometer_at_a_low_rate__felt_as_asked_and_not_judged_by_images() -> None:
+    """Found by an outsider: what the sensor read at 20 Hz was a third images of the held command, and 2.5 dB too little
+    was felt of a design that was told to be 0.1 dB off."""
+    rate_hz, gain, den = 5000, 1e-4, [1.0, 89.0, 1.141e6]
+    plant = {"num": [2.0, 0.0, 0.0], "den": den}
+    described = {"quantity": "acceleration", "sensor_gain_v_per_mm": gain, "travel_mm": 0.8, "plant": plant}
+    late = {"display": {"name": "LRA", "rate_hz": rate_hz, "delay_samples": 1}}
+    made = design_controller(sound_display(["lra"], rate_hz, 20.0, described, late, output_full_scale_v=3.0))
+    (actuator,) = made.display.channels
+    hertz, finer = np.array([20.0, 25.0, 55.0]), 40
+    fine = signal.cont2discrete(([2.0], den), 1.0 / (finer * rate_hz), "zoh")
+    times = np.arange(2 * finer * rate_hz) / (finer * rate_hz)
+    for tone in hertz:
+        command = signal.sosfilt(made.channels[0].prefilter_sos, np.sin(2.0 * np.pi * tone * times[::finer]))
+        moved = signal.lfilter(fine[0].ravel(), fine[1], np.repeat(command, finer)) / gain
+        turned = (moved * np.exp(-2j * np.pi * tone * times))[times.size // 2 :]
+        felt = 2.0 * np.abs(turned.mean()) / actuator.threshold.curve.displacement_mm(tone)
+        assert abs(db(felt)) < 1.0
+    rig = tt.SimulatedRig(made.display, 0)
+    rig.load(made)
+    asked = MeasurementOptions(level_db_sl=10.0, load="none", confidence_db=0.25, longest_s=4.0)
+    (read,) = stepped_sine(rig, hertz, asked)
+    (worst, *_) = response_verdict([as_read(read, made, 0.25)], made.display).objectives[0].findings
+    assert (worst.outcome, worst.frequency_hz) == (Outcome.NOT_JUDGED, 20.0)
+    assert "images of the command change what the sensor reads by" in worst.remark

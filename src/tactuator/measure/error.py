@@ -24,7 +24,6 @@ from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.design import headroom
 from tactuator.synthesis.felt import friction_loss_db, gain_beside_hum
 from tactuator.synthesis.touch import adapted_response
@@ -32,14 +31,10 @@ from tactuator.synthesis.touch import adapted_response
 
 @dataclass(frozen=True)
 class ChannelPrediction:
-    """One channel under a controller, touched by the load of that name (None: untouched).
-
-    moved: from the command to what the sensor shows, integrated as often as it differentiates.
-    """
+    """One channel under a controller, touched by the load of that name (None: untouched)."""
 
     channel: Channel
     loop: TwoDegreeLoop
-    moved: SampledSystem | None
 
     @classmethod
     @lru_cache(maxsize=16)  # one is asked for in every trial
@@ -48,23 +43,18 @@ class ChannelPrediction:
         channel, designed = controller.display.channel(name), controller.channel(name)
         rate = controller.rate_hz
         loaded = channel.loaded_plant(None if load is None else channel.load(load))
-        integrated = _integrated(loaded, DERIVATIVES[channel.quantity])
         plant = zero_order_hold(loaded, rate, controller.delay_samples)
-        moved = None if integrated is None else zero_order_hold(integrated, rate, controller.delay_samples)
-        return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant), moved)
+        return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant))
 
     def command(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the volts of command per threshold unit (the computing delay not counted)."""
         return self.loop.command_response(_off_rest(frequency_hz))
 
     def displacement(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the millimetres at the finger per threshold unit: what the sensor shows, integrated as needed."""
+        """Return the millimetres at the finger per threshold unit."""
         frequency = _off_rest(frequency_hz)
-        if self.moved is not None:
-            volts = self.loop.command_response(frequency) * self.moved.response(frequency)
-            return np.asarray(volts / self.channel.sensor_gain_v_per_mm)
         speed = (2j * np.pi * frequency) ** DERIVATIVES[self.channel.quantity]
-        return np.asarray(self.loop.position_response(frequency) / self.channel.sensor_gain_v_per_mm / speed)
+        return np.asarray(self.loop.moved_response(frequency) / self.channel.sensor_gain_v_per_mm / speed)
 
     def felt(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the felt amplitude (threshold units) per threshold unit asked: 1 where the design is exact.
@@ -72,18 +62,6 @@ class ChannelPrediction:
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """
         return self.displacement(frequency_hz) / self.channel.threshold.curve.displacement_mm(frequency_hz)
-
-
-def _integrated(plant: ContinuousSystem, times: int) -> ContinuousSystem | None:
-    """Return 1/s^times of a plant by taking zeros at s = 0 away; None where it has fewer.
-
-    What an accelerometer shows at a sample cannot be integrated afterwards: below some hertz it is images of the held
-    command from above the rate, which move nothing.
-    """
-    at_rest = np.flatnonzero(plant.zeros == 0.0)
-    if times == 0 or at_rest.size < times:
-        return None
-    return ContinuousSystem(np.delete(plant.zeros, at_rest[:times]), plant.poles, plant.gain, plant.delay_s)
 
 
 def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
@@ -123,33 +101,45 @@ _DITHERED, _BLIND = 0.6, 1e-3
 """Noise, in steps of the A/D, from which on a reading follows all that moves; share of a motion that nobody reads."""
 
 
+def images_db(display: Display, name: str, frequency_hz: FloatArray) -> FloatArray:
+    """Return by how much, dB, (m,), images of the held command change what the sensor of a channel reads: of an
+    accelerometer, which nothing filters ahead of its A/D for all we know.
+    """
+    plant = zero_order_hold(display.channel(name).plant, display.rate_hz, display.delay_samples)
+    return np.abs(db(plant.response(frequency_hz) / plant.moved_response(frequency_hz)))
+
+
 def reading_doubt_db(
-    controller: Controller, name: str, amplitude_v: FloatArray, beside_v_rms: FloatArray | float = 0.0
+    controller: Controller,
+    name: str,
+    frequency_hz: FloatArray,
+    amplitude_v: FloatArray,
+    beside_v_rms: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Return by how much, dB, (m,), the steps of the A/D may change the reading of sinusoids of these peak volts at the
-    sensor, wherever it rests between two codes; beside_v_rms: of what moves beside each.
+    """Return by how much, dB, (m,), images, and the steps of the A/D, may change the reading of sinusoids of these peak
+    volts at the sensor, wherever it rests between two codes; beside_v_rms: of what moves beside each.
     """
     channel = controller.display.channel(name)
     step_v, environment = channel.converter.step_v, channel.environment
     noise_v = np.broadcast_to(np.hypot(environment.noise_v_rms, beside_v_rms), amplitude_v.shape)
-    doubt, coarse = np.zeros(amplitude_v.shape), noise_v < _DITHERED * step_v
+    doubt, coarse = images_db(controller.display, name, frequency_hz), noise_v < _DITHERED * step_v
     if np.any(coarse):
         feedback = ChannelPrediction.of(controller, name).loop.feedback
         heard = None if feedback is None else feedback.sensitivity
         for at in np.flatnonzero(coarse):
             read = gain_beside_hum(channel, amplitude_v[at : at + 1], float(noise_v[at]), heard)
-            doubt[at] = np.max(np.abs(db(np.maximum(read, _BLIND))))
+            doubt[at] += np.max(np.abs(db(np.maximum(read, _BLIND))))
     return doubt
 
 
 def as_read(response: Response, controller: Controller, confidence_db: float) -> Response:
-    """Return the response with what the A/D's steps leave unknown in its confidence, and whether it still has
-    `confidence_db`. The lines of a multisine move the sensor for each other.
+    """Return the response with what images and the A/D's steps leave unknown in its confidence, and whether it still
+    has `confidence_db`. The lines of a multisine move the sensor for each other.
     """
     peak_v = expected_v(response, controller)
     power = 0.5 * peak_v**2
     beside = np.sqrt(np.sum(power) - power) if response.method == "multisine" else 0.0
-    doubt = reading_doubt_db(controller, response.channel, peak_v, beside)
+    doubt = reading_doubt_db(controller, response.channel, response.frequency_hz, peak_v, beside)
     if not np.any(doubt):
         return response
     confidence = response.confidence_db + doubt
@@ -339,10 +329,10 @@ def _finding(response: Response, display: Display) -> Finding:
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
         tones = "--method stepped, as friction takes more of a tone alone; " if response.method == "multisine" else ""
-        remark = (
-            f"{beside} leaves it open: {tones}a smaller --confidence-db, or a higher level if converters are coarse"
-        )
-        return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
+        remedy = "a smaller --confidence-db, or a higher level if converters are coarse"
+        if (images := images_db(display, response.channel, response.frequency_hz)[worst]) > 0.5 * doubt[worst]:
+            remedy = f"images of the command change what the sensor reads by {images:.2g} dB: a higher rate_hz"
+        return replace(finding, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: {tones}{remedy}")
     return replace(finding, remark=f"{beside}; {_REMEDY}" if finding.outcome is Outcome.NOT_MET else beside)
 
 

@@ -203,6 +203,12 @@ class TwoDegreeLoop:
         behind = self.plant.response(frequency_hz) if loop is None else loop.complementary(frequency_hz)
         return self.prefilter.response(frequency_hz) * behind
 
+    def moved_response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return what of H moves: where samples also show images of held steps, without these."""
+        if isinstance(self.plant, SampledSystem) and self.plant.held is not None:
+            return self.command_response(frequency_hz) * self.plant.moved_response(frequency_hz)
+        return self.position_response(frequency_hz)
+
     def command_response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return F C S (or F): volts of command per unit of reference."""
         ahead = self.prefilter.response(frequency_hz)

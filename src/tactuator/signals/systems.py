@@ -272,7 +272,8 @@ class ContinuousSystem(_System):
 class SampledSystem(_System):
     """A sampled system gain * prod(z - zeros) / prod(z - poles) * z^-delay_samples, at rate_hz.
 
-    zeros, poles: complex, in the z plane, shape (m,) and (n,).
+    zeros, poles: complex, in the z plane, shape (m,) and (n,). held: what stands behind a hold, computing delay
+    included, where its samples also show images of the held steps: as of an accelerometer's plant.
     """
 
     zeros: NDArray[Any]
@@ -280,6 +281,7 @@ class SampledSystem(_System):
     gain: float
     rate_hz: float
     delay_samples: int = 0
+    held: ContinuousSystem | None = None
 
     __repr__ = brief
 
@@ -318,6 +320,13 @@ class SampledSystem(_System):
         for pole in self.poles:
             denominator = denominator * ((1.0 - pole) + step)
         return np.asarray(numerator, dtype=np.complex128), denominator
+
+    def moved_response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the response without images of held steps, which move nothing at `frequency_hz` (any shape, hertz)."""
+        if self.held is None:
+            return self.response(frequency_hz)
+        cycles = np.asarray(frequency_hz, dtype=np.float64) / self.rate_hz
+        return np.asarray(self.held.response(frequency_hz) * np.sinc(cycles) * np.exp(-1j * np.pi * cycles))
 
     @property
     def is_stable(self) -> bool:

@@ -264,7 +264,7 @@ def headroom(
     comfort: comfort_db_sl, asked for or felt, whichever comes first. answer: H where something is fed forward besides,
     (n,); the command is then what moves the loop's plant so far.
     """
-    moved = loop.position_response(frequency_hz) if answer is None else answer
+    moved = loop.moved_response(frequency_hz) if answer is None else answer
     position = np.abs(moved)
     speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
     displacement_mm = position / channel.sensor_gain_v_per_mm / speed

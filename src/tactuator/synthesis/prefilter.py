@@ -111,7 +111,7 @@ def prefilter_goal(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> Mag
     if zeros.size and np.min(np.abs(zeros - 1.0)) < 1e-9:
         below = np.empty(0)  # a plant that gives nothing at rest asks nothing of the prefilter there
     frequency = np.append(below, inside)
-    level = db(channel.prefilter_voltage(frequency) / np.abs(loop.position_response(frequency)))
+    level = db(channel.prefilter_voltage(frequency) / np.abs(loop.moved_response(frequency)))
     if not np.all(np.isfinite(level)):
         raise BadInput(f"channel {channel.name!r}: the plant gives nothing somewhere in the band", "no such zero")
     allowance = np.append(np.full(below.size, _BELOW_BAND_ALLOWANCE_DB), np.zeros(inside.size))
@@ -143,7 +143,7 @@ def _design_grid_hz(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> Fl
 
 def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: ArrayLike) -> FloatArray:
     """Return the error of |H| against what the prefilter is to give, dB, at `frequency_hz`."""
-    return db(np.abs(loop.position_response(frequency_hz)) / channel.prefilter_voltage(frequency_hz))
+    return db(np.abs(loop.moved_response(frequency_hz)) / channel.prefilter_voltage(frequency_hz))
 
 
 def _fit(
@@ -158,7 +158,7 @@ def _fit(
     low, high = channel.threshold.band_hz
     points = channel.threshold.curve.frequency_hz
     judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), points[(points >= low) & (points <= high)]]))
-    wanted = channel.prefilter_voltage(judged) / np.abs(loop.position_response(judged))
+    wanted = channel.prefilter_voltage(judged) / np.abs(loop.moved_response(judged))
     error = db(np.abs(sections_response(sections, judged, rate_hz)) / wanted)
     above = error - raised_db(judged)
     centre = 0.5 * float(np.max(above) + np.min(above))

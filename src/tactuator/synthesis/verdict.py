@@ -319,8 +319,8 @@ class _Judge:
         """
         asked, frequency = self.display.objectives, _band(self.channel)
         fed = self._fed(frequency)
-        response = self.loop.position_response(frequency) if fed is None else fed
-        change = db(np.abs(response) / np.abs(self.free.position_response(frequency)))
+        response = self.loop.moved_response(frequency) if fed is None else fed
+        change = db(np.abs(response) / np.abs(self.free.moved_response(frequency)))
         edge_hz = asked.load_band_hz if self.feed_forward is None else np.inf
         low = (frequency <= edge_hz) & self.channel.is_known(frequency)
         worst = int(np.argmax(np.abs(change)))

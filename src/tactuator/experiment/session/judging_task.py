@@ -105,8 +105,8 @@ class ToneCourse(Course):
         measured = float(db(max(peak_v, _LEAST_PEAK_V) / threshold_v))
         if not np.isfinite(tone.level_db_sl):
             return at.record(label, None, measured, column)
-        asked_v = np.array([threshold_v * from_db(tone.level_db_sl)])
-        hidden = reading_doubt_db(apparatus.controller, channel.name, asked_v)[0] > _HIDDEN_DB
+        asked_v, hertz = np.array([threshold_v * from_db(tone.level_db_sl)]), np.array([tone.frequency_hz])
+        hidden = reading_doubt_db(apparatus.controller, channel.name, hertz, asked_v)[0] > _HIDDEN_DB
         return at.record(label, tone.level_db_sl, None if hidden else measured, column)
 
     def shape(self, trial: Trial, interval: int) -> Envelope:
