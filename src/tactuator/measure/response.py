@@ -73,9 +73,7 @@ def stepped_sine(
 
 
 def check_asked(rig: Rig, frequency_hz: ArrayLike, options: MeasurementOptions) -> list[int]:
-    """Return the columns of the channels to measure. Raises BadInput for what cannot be measured or should not be
-    felt.
-    """
+    """Return the columns to measure. Raises BadInput for what cannot be measured or should not be felt."""
     check_level(options.level_db_sl)
     check_frequencies(rig, frequency_hz)
     return sensed_columns(rig, options.channels)
