@@ -89,7 +89,6 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store, clock) -> N
     assert len(run.controller_sha256) == 64
     assert (run.practice, run.rig, run.curve) == (True, "simulated", "bolanowski-1988")
     assert (session.contact_area_mm2, session.skin_temperature_c, session.masking_sound) == (78.5, 31.0, "pink")
-    assert (session.site, session.surround) == ("", "")
     assert (session.subject_group, session.experimenter) == ("hearing", "EX")
 
 
