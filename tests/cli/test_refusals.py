@@ -56,7 +56,7 @@ REFUSALS = {
     "identify record.h5 --rate-hz 100": "the rate given is 100 Hz, the file says 1000 Hz",
     "measure --controller controller.json --method guess": "method 'guess'; allowed: stepped, multisine",
     "measure --controller controller.json --level 90": "level (--level) of 90 dB SL; allowed: -60 to 55 dB SL",
-    "measure --controller controller.json --frequency-hz a,b": "frequencies 'a,b'; allowed: numbers of hertz",
+    "measure --controller controller.json --frequency-hz a,b": "frequency_hz is 'a,b'; allowed: real numbers",
     "measure --controller controller.json --frequency-hz 301": "301 Hz; allowed: 0.4 to 300 Hz, the band",
     "noise --controller controller.json --gains -1": "proportional gain is -1; allowed: a positive number",
     "finger --controller controller.json --load toe": "load 'toe' is not described; allowed: finger",

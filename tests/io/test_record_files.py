@@ -47,19 +47,23 @@ def test_hdf5_and_matlab__our_own_variables_and_struct__come_back(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("header", "given", "delimiter", "options"),
+    ("header", "given", "delimiter", "options", "units"),
     [
-        ("time_s,command_v,position_v", (TIME, U, Y), ",", {}),
-        ("t;u;y", (TIME, U, Y), ";", {}),
-        ("time\tin\tout", (TIME, U, Y), "\t", {}),
+        ("time_s,command_v,position_v", (TIME, U, Y), ",", {}, ("V", "V")),
+        ("t;u;y", (TIME, U, Y), ";", {}, ("", "")),
+        ("time\tin\tout", (TIME, U, Y), "\t", {}, ("", "")),
         ("noise,torque_nm,angle_rad,clock_ms", (Y, U, Y, 1e3 * TIME), ",",
-         {"input_name": "torque_nm", "output_name": "angle_rad", "time_name": "clock_ms"}),
-        (None, (U, Y), " ", {"rate_hz": RATE_HZ}),
+         {"input_name": "torque_nm", "output_name": "angle_rad", "time_name": "clock_ms"}, ("nm", "")),
+        (None, (U, Y), " ", {"rate_hz": RATE_HZ}, ("", "")),
+        ("time_ms,u [V],pos [mm]", (1e3 * TIME, U, Y), ",", {}, ("V", "mm")),
+        ("T [\u00b5s],u (mV),x ( \u03bcm )", (1e6 * TIME, U, Y), ",", {"time_name": "T [\u00b5s]"}, ("mV", "um")),
+        ("t;torque [Nm];x_\u00b5m", (TIME, U, Y), ";", {}, ("", "um")),
     ],
-    ids=["long", "letters", "words", "of one's own", "none"],
+    ids=["long", "letters", "words", "of one's own", "none", "brackets", "parentheses", "newton metres"],
 )  # fmt: skip
-def test_csv__names_usual_told_or_none__are_found(tmp_path: Path, header, given, delimiter: str, options) -> None:
+def test_csv__names_usual_told_or_none__are_found(tmp_path: Path, header, given, delimiter, options, units) -> None:
     read = read_record(write_csv(tmp_path / "r.csv", header, *given, delimiter=delimiter), **options)
+    assert (read.command_unit, read.position_unit) == units
     np.testing.assert_allclose((read.command, read.position), (U, Y), rtol=1e-8)
     assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
     assert read.remarks == ()

@@ -293,7 +293,8 @@ def test_write_curve__with_errors_and_where_it_was_felt__is_read_back_whole_by_n
     assert again.standard_error_db is not None
     (tmp_path / "c.csv").write_text("frequency_hz,level_db_re_1um\n1,2\n2,3\n3,4\n")
     assert resolve_curve("bolanowski-1988", tmp_path).name == "bolanowski-1988"
-    assert resolve_curve("c.csv", tmp_path).level_db_re_1um.tolist() == [2.0, 3.0, 4.0]
+    read = resolve_curve("c.csv", tmp_path)
+    assert (read.level_db_re_1um.tolist(), read.provenance) == ([2.0, 3.0, 4.0], "not stated")
 
 
 TABLE = np.array([[10.0, 10.1, 12.0], [20.0, 20.3, 1.0 / 3.0 + 25.0]])
@@ -311,6 +312,8 @@ def test_write_contours__with_a_band_or_without__is_read_back_whole(tmp_path: Pa
         again.level_db_sl_at([5.0, 15.0, 60.0], 100.0), there.level_db_sl_at([5, 15, 60], 100)
     )
     np.testing.assert_array_equal(again.high_db_sl, band[1])
+    (tmp_path / "c.csv").write_text("level_db_sl,frequency_hz,db_sl\n10,100,10\n10,250,12\n")
+    assert read_contours(tmp_path / "c.csv").provenance == "not stated"
 
 
 @pytest.mark.parametrize(

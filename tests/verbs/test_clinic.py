@@ -47,6 +47,7 @@ def test_sheet__with_a_norm__has_z_of_its_own_level_and_every_unmet_condition(st
     assert "the ramp at 210 Hz: 0.01 s (allowed: at least 0.5 s)" in page
     assert "S1 (hearing)" in page
     assert "<dd>52</dd>" in page
+    assert "<dt>Site</dt><dd>–</dd><dt>Contact</dt><dd>78.5 mm²</dd>" in page  # what nobody stated is no fact
     with pytest.raises(BadInput, match="visit 2 of subject 'S1'"):
         sheet("S1", store, tmp_path / "none.html", visit=2)
     assert not (tmp_path / "none.html").exists()

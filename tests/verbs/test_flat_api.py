@@ -58,7 +58,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(scope="module")
 def known(place: Path) -> dict[str, object]:
     controller = tt.design("display.toml")
-    return {"tt": tt, "controller": controller, "rig": tt.SimulatedRig(controller.display, seed=1)}
+    return {"tt": tt, "np": np, "controller": controller, "rig": tt.SimulatedRig(controller.display, seed=1)}
 
 
 def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_import():
@@ -87,6 +87,12 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
         ("SimulatedRig(controller.display, seed='a')", "SimulatedRig: seed is 'a'; allowed: a whole number"),
         ("render('speech.wav', None, 'x.wav', level_db_sl='loud')", "render: level_db_sl is 'loud'; allowed: a number"),
         ("noise(rig, controller, seed=-1)", "noise: seed is -1; allowed: 0 or more"),
+        ("noise(rig, controller, gains=['a'])", "gains is ['a']; allowed: real numbers, in a list or in a text"),
+        ("measure_response(rig, controller, [[1.0], [2.0, 3.0]])", "frequency_hz is [[1.0], [2.0, 3.0]]; allowed"),
+        ("disturb(rig, controller, frequency_hz=np.array([1j]))", "frequency_hz is array([0.+1.j]); allowed"),
+        ("disturb(rig, controller, frequency_hz=np.ones((2, 2)))", "frequency_hz is array([[1., 1.], [1., 1.]])"),
+        ("disturb(rig, controller, frequency_hz=[5.0, float('nan')])", "frequencies [5.0, nan] Hz; allowed: above 0"),
+        ("calibrate((['a'] * 4, [1.0, 2.0, 3.0, 4.0]))", "pairs is ['a', 'a', 'a', 'a']; allowed: real numbers"),
     ],
 )
 def test_verb__argument_of_another_kind_or_out_of_bounds__says_what_is_allowed(known, call: str, words: str):

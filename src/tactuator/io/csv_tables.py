@@ -101,7 +101,7 @@ def read_curve(path: str | Path) -> ThresholdCurve:
         head.get("name", path.stem),
         columns["frequency_hz"],
         level,
-        cast(Provenance, head.get("provenance", "digitised")),
+        cast(Provenance, head.get("provenance", ThresholdCurve.provenance)),
         head.get("source", path.name),
         columns.get(_ERROR),
         _contact(head, path),
@@ -219,7 +219,7 @@ def read_contours(path: str | Path) -> Contours:
         tables.get("low_db_sl"),
         tables.get("high_db_sl"),
         reference_hz,
-        cast(Provenance, head.get("provenance", "measured")),
+        cast(Provenance, head.get("provenance", Contours.provenance)),
         head.get("source", path.name),
         _contact(head, path),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -301,22 +302,26 @@ def _assemble(
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
     if time is not None and columns.values[time].size == u.size:
-        stamps = read_stamps(_seconds(time, columns.values[time]), known).held_against(y)
+        stamps = read_stamps(columns.values[time] * _SECONDS.get(_ending(time), 1.0), known).held_against(y)
         u, y = stamps.spread(u, True), stamps.spread(y, False)
         r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
     elif known is None:
         raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
-    u_unit, y_unit = (columns.units.get(name, _unit(name)) for name in (u_name, y_name))
+    u_unit, y_unit = (columns.units.get(name, _UNITS.get(_ending(name), "")) for name in (u_name, y_name))
     return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
 
 
 _UNITS = {"v": "V", "mv": "mV", "mm": "mm", "um": "um", "m": "m", "nm": "nm"}
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_ENDING = re.compile(r"(?:_|[\[(])\s*(?!Nm\b)([^\W_]+)\s*[\])]?$")
 
 
-def _unit(name: str) -> str:
-    return _UNITS.get(name.lower().rpartition("_")[2], "") if "_" in name else ""
+def _ending(name: str) -> str:
+    """Return what a column's name ends in after `_` or in brackets, in small letters, with u for µ; none for Nm."""
+    match = _ENDING.search(name)
+    return match[1].casefold().replace("\u03bc", "u") if match else ""
 
 
 def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
@@ -336,10 +341,6 @@ def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
     if inside is not None and abs(rate_hz / inside - 1.0) > 0.01:
         raise BadInput(f"the rate given is {rate_hz:g} Hz, the file says {inside:g} Hz", "one that agrees")
     return rate_hz
-
-
-def _seconds(name: str, values: FloatArray) -> FloatArray:
-    return values * {"_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}.get(name.lower()[-3:], 1.0)
 
 
 def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> str | None:

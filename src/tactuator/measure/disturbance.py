@@ -15,6 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
+from tactuator.measure.response import check_frequencies
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
@@ -97,6 +98,7 @@ def disturbance(
     described = controller.display.channel(channel)
     if excursion_mm <= 0.0:
         raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
+    check_frequencies(rig, frequency_hz)
     plant = zero_order_hold(described.plant, rig.rate_hz)
     feedback = ChannelPrediction.of(controller, channel).loop.feedback
 

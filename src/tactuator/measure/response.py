@@ -73,15 +73,17 @@ def stepped_sine(
 
 
 def check_asked(rig: Rig, frequency_hz: ArrayLike, options: MeasurementOptions) -> list[int]:
-    """Return the columns of the channels to measure. Raises BadInput for what cannot be measured or should not be
-    felt.
-    """
+    """Return the columns to measure. Raises BadInput for what cannot be measured or should not be felt."""
     check_level(options.level_db_sl)
-    columns = sensed_columns(rig, options.channels)
+    check_frequencies(rig, frequency_hz)
+    return sensed_columns(rig, options.channels)
+
+
+def check_frequencies(rig: Rig, frequency_hz: ArrayLike) -> None:
+    """Raise BadInput for no frequency at all, or one at which the rig cannot be measured."""
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
         raise BadInput(f"frequencies {frequency.tolist()} Hz", f"above 0, below {0.45 * rig.rate_hz:g} Hz")
-    return columns
 
 
 def sensed_columns(rig: Rig, channels: Sequence[str] | None) -> list[int]:

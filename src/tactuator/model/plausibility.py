@@ -179,7 +179,7 @@ EXPECTED: Mapping[str, Plausible] = {
 }  # fmt: skip
 """The checks by name."""
 
-_UNITS_V_PER_MM = {"mm": 1.0, "um": 1e3, "µm": 1e3, "m": 1e-3, "nm": 1e6, "mV": 1e-3}
+_UNITS_V_PER_MM = {"mm": 1.0, "um": 1e3, "\u00b5m": 1e3, "\u03bcm": 1e3, "m": 1e-3, "nm": 1e6, "mV": 1e-3}
 """A plant whose position is in such a unit reads as so many volts per mm where sensor_gain_v_per_mm is that."""
 
 

@@ -49,7 +49,7 @@ class Contours:
     low_db_sl: Numbers | None = None
     high_db_sl: Numbers | None = None
     reference_hz: Positive = REFERENCE_HZ
-    provenance: Provenance = "measured"
+    provenance: Provenance = "not stated"
     source: str = ""
     contact: Contact = field(default_factory=Contact)
 

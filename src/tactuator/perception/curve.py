@@ -75,7 +75,7 @@ def _words(key: str, value: object) -> str:
     return f"{value:g} {unit(key)}" if isinstance(value, float) else str(value)
 
 
-Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
+Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated", "not stated"]
 
 
 @table("threshold curve", eq=False)
@@ -93,7 +93,7 @@ class ThresholdCurve:
     name: str
     frequency_hz: Numbers
     level_db_re_1um: Numbers
-    provenance: Provenance = "digitised"
+    provenance: Provenance = "not stated"
     source: str = ""
     standard_error_db: Numbers | None = None
     contact: Contact = field(default_factory=Contact)

@@ -17,6 +17,7 @@ from tactuator.verbs.parameters import (
     RigOption,
     Seed,
     chosen_display,
+    numbers,
     opened,
     paths,
     put_load,
@@ -58,7 +59,7 @@ def calibrate(
     from tactuator.verbs.identified import CalibrationResult
 
     if isinstance(pairs, tuple):
-        line = fit_line(*pairs, gauge_error_mm=gauge_error_mm)
+        line = fit_line(*(numbers(each, "pairs") for each in pairs), gauge_error_mm=gauge_error_mm)
     else:
         read = read_pairs(Path(pairs))
         line = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)

@@ -11,7 +11,7 @@ Chosen by such parameters of several verbs: a display, a controller, a rig, a lo
 import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -277,16 +277,17 @@ def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[s
     return touches
 
 
-def numbers(values: Any) -> "NDArray[np.float64]":
-    """Return an array of what is one already, or of a text with commas between numbers. BadInput for another text."""
+def numbers(values: Any, key: str) -> "NDArray[np.float64]":
+    """Return real numbers, or those of a text with commas between, as (n,). BadInput, with that key, for all else."""
     import numpy as np
 
-    if not isinstance(values, str):
-        return np.asarray(values, dtype=np.float64)
-    try:
-        return np.array([float(cell) for cell in values.split(",") if cell.strip()], dtype=np.float64)
-    except ValueError:
-        raise BadInput(f"frequencies {values!r}", "numbers of hertz with commas between") from None
+    cells = [cell for cell in values.split(",") if cell.strip()] if isinstance(values, str) else values
+    with suppress(TypeError, ValueError):
+        array = np.atleast_1d(np.asarray(cells))
+        if array.ndim == 1 and not np.iscomplexobj(array):
+            return array.astype(np.float64)
+    got = " ".join(repr(values).split())[:80]
+    raise BadInput(got, "real numbers, in a list or in a text with commas between", key=key)
 
 
 def paths(places: Any) -> list[Any]:

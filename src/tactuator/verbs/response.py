@@ -195,7 +195,7 @@ def _probes(
 
     played: list[tuple[str, Controller]] = []
     not_played: dict[str, str] = {}
-    for gain in numbers(gains).tolist():
+    for gain in numbers(gains, "gains").tolist():
         name, probe = f"gain {gain:g}", proportional_controller(loop.display, gain)
         unstable = unstable_channels(probe, load)
         if any(channel.feedback_sos is None for channel in loop.channels):
@@ -384,7 +384,7 @@ def measure_response(
     loop = chosen_controller(display, controller)
     require_stable(loop, load)
     band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
-    wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
+    wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else numbers(frequency_hz, "frequency_hz")
     with opened(rig, loop.display, seed) as ready:
         options = MeasurementOptions(
             level_db_sl, channel, put_on(ready, loop, load, channel), confidence_db, longest_s, coverage,
@@ -515,7 +515,7 @@ def disturb(
         if finger is None:
             raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
         ready.load(loop)
-        rng, wanted = np.random.default_rng(seed), numbers(frequency_hz)
+        rng, wanted = np.random.default_rng(seed), numbers(frequency_hz, "frequency_hz")
         how = {"excursion_mm": excursion_mm, "mains_hz": loop.display.mains_hz(None, MAINS_HZ)}
         for name in channel or [each.name for each in loop.channels]:
             with working(f"disturbing {name}"):

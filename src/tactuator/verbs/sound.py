@@ -309,7 +309,7 @@ def _band(described: "Display", band_hz: "ArrayLike | str") -> tuple[float, floa
     if isinstance(band_hz, str) and not band_hz:
         bands = [channel.threshold.band_hz for channel in described.channels]
         return max(low for low, _ in bands), min(high for _, high in bands)
-    values = numbers(band_hz)
+    values = numbers(band_hz, "band_hz")
     if values.size != 2 or not 0.0 < values[0] < values[1]:
         raise BadInput(f"band {band_hz!r}", "two frequencies, low,high")
     return float(values[0]), float(values[1])

@@ -164,7 +164,7 @@ def test_standard_and_group__unmet_or_of_any_name__are_told_or_allowed_and_of_no
     assert "contact area: 78.5 mm² (allowed: at most 20 mm²)" in told
     assert "ramp: 0.01 s (allowed: at least 0.5 s)" in told
     assert "stimulus: 0.05 s (allowed: no limit given, not compared)" in told
-    assert "surround: none (allowed: no limit given, not compared)" in told
+    assert "surround: not given (allowed: no limit given, not compared)" in told
     assert parse_protocol(PROTOCOL, Protocol).unmet() == []
     for group in ("neuropathy", "Diabetes mellitus 2", "hearing-impaired", "contrôle"):
         text = PROTOCOL.replace('group = "hearing"', f'group = "{group}"')

@@ -146,6 +146,7 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
     again = read_contours(tmp_path / "contours.csv")
     assert again == results.group
     assert {again.provenance, results.people[0].contours.provenance} == {"simulated"}
+    assert again.contact.said == {}
     assert np.sqrt(np.mean((again.db_sl - again.level_db_sl[:, None]) ** 2)) < 4.0
     assert all("equal-velocity" in person.estimate.laws for person in results.people)  # the curve is known
     mine = contour_results(tmp_path / "lab.db", curve=MINE)

@@ -160,7 +160,7 @@ def test_group_curve__of_two_studies_or_written__counts_people_and_is_read_back_
     assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
     lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
     row = next(csv.DictReader(lines))
-    assert row["contact_area_mm2"] == "78.5"
+    assert (row["contact_area_mm2"], row["site"], row["surround"]) == ("78.5", "", "")
     assert row["subject_group"] == "hearing;hearing-impaired"
     assert (row["finger"], row["experimenter"], row["masking_sound"], row["preload_n"]) == ("index", "EX", "pink", "")
     with pytest.raises(BadInput, match="2 measured frequencies"):

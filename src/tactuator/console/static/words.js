@@ -16,7 +16,7 @@ export const TERMS = {
   "load": "What touches the display, a resting finger for example; it changes the plant.",
   "plant": "The actuator as the loop sees it: from command to sensor voltage.",
   "threshold curve": "The level at which a sinusoid is just felt, against frequency: what the display is to follow.",
-  "provenance": "Where the curve comes from: measured, digitised, inferred, synthetic or simulated.",
+  "provenance": "Where the curve comes from: measured, digitised, inferred, synthetic, simulated or not stated.",
   "prefilter": "The filter ahead of the loop; with it, equal amplitude of the reference is felt equally far above threshold.",
   "experiment protocol": "The file (TOML) that says what an experiment plays, to whom, in what order, and how levels are chosen.",
   "experiment store": "The database (SQLite) with every trial and answer of a study; an answer is acknowledged once it is in there.",

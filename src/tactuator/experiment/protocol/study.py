@@ -62,9 +62,9 @@ class RunRules:
 class Circumstances:
     """Keys of [circumstances], which psychophysics reports with a threshold; columns of every session."""
 
-    site: Annotated[str, Field(description="place that is stimulated")] = "fingertip"
+    site: Annotated[str, Field(description="place that is stimulated")] = ""
     contact_area_mm2: Annotated[Positive | None, Field(description="area of contact")] = None
-    surround: Annotated[str, Field(description="surround of the contactor")] = "none"
+    surround: Annotated[str, Field(description="surround of the contactor")] = ""
     skin_temperature_c: Annotated[Celsius | None, Field(description="temperature of the skin")] = None
     preload_n: Annotated[NotNegative | None, Field(description="static force of the finger")] = None
     masking_sound: Annotated[Literal["none", "white", "pink"], Field(description="sound of the page")] = "none"

@@ -132,6 +132,7 @@ class _Told(logging.Filter):
 logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_Told())
 
 _SOUND = {True: "a sound SQLite database", False: "a PostgreSQL database that is there and lets one in"}
+_UNWRITABLE = ("SQLITE_FULL", "SQLITE_READONLY", "SQLITE_IOERR_WRITE", "SQLITE_IOERR_SHM")
 _DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises; SQLite's own message can hold bytes of it that are no text."""
 
@@ -163,6 +164,9 @@ class Store:
                 raise self._torn()
         except self._faults as error:
             self.engine.dispose()
+            if getattr(getattr(error, "orig", error), "sqlite_errorname", "").startswith(_UNWRITABLE):
+                got = f"store {self.name}: cannot be written ({_reason(error)})"
+                raise BadInput(got, "a place with room to write") from None
             if self.is_file:
                 require_kind(self.path, "store")
             raise BadInput(f"store {self.name}: {_reason(error)}", _SOUND[self.is_file]) from None
