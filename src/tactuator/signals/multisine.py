@@ -245,9 +245,7 @@ POINT_COUNT = 30
 
 def over_the_band(band_hz: Band, mains_hz: float | None) -> FloatArray:
     """Return 30 frequencies over the band of our own choosing, hertz, moved off mains to the side inside the band."""
-    chosen = np.geomspace(*band_hz, POINT_COUNT)
-    moved = off_mains(chosen, mains_hz or None)
-    return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
+    return off_mains(np.geomspace(*band_hz, POINT_COUNT), mains_hz, band_hz=band_hz)
 
 
 def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> FloatArray:
