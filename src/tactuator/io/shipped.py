@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from tactuator.errors import BadInput
 
 if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
+    from tactuator.model.description import Display
     from tactuator.model.plant_model import PlantModel
 
 _WIDTH = 120
@@ -57,11 +60,39 @@ def protocol_template(kind: str) -> str:
     return _text("protocols", kind, PROTOCOL_KINDS)
 
 
-def protocol_items(kind: str) -> dict[str, bytes]:
-    """Return the files that a protocol of that kind presents, by their names beside it: sounds and their scales."""
-    sounds = [Path(name) for name in re.findall(r'^file = "([^"]+)"', protocol_template(kind), flags=re.MULTILINE)]
-    names = [str(name) for sound in sounds for name in (sound, sound.with_suffix(".json"))]
-    return {name: (EXAMPLES / "protocols" / name).read_bytes() for name in names}
+def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
+    """Return the files of a protocol that the display can play, by name: protocol.toml, and the sounds that it presents
+    with their scales, all of them on every channel where these are not the three of display.toml.
+
+    The finger is index where there is one. Frequencies keep to the band and off mains; without any it is the middle.
+    """
+    import scipy  # noqa: PLC0415  when it is needed
+
+    from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference  # noqa: PLC0415
+    from tactuator.signals.spectra import off_mains  # noqa: PLC0415
+
+    channel = next((each for each in display.channels if each.finger == "index"), display.channels[0])
+    low, high = channel.threshold.band_hz
+
+    def playable(line: re.Match[str]) -> str:
+        inside = [hertz for hertz in json.loads(line[1]) if low <= hertz <= high] or [round(math.sqrt(low * high), 1)]
+        moved = off_mains(inside, display.channels[0].environment.mains_hz, band_hz=(low, high))
+        return f"frequencies_hz = [{', '.join(f'{hertz:g}' for hertz in moved)}]"
+
+    text = re.sub(r"(?m)^fingers = \[.*?\]", f"fingers = {json.dumps([channel.finger])}", protocol_template(kind))
+    text = re.sub(r"(?m)^frequencies_hz = (\[.*?\])", playable, text)
+    names = tuple(each.name for each in display.channels)
+    head = ReferenceHead(display.rate_hz, names, curves_of(display.channels), provenance={"example": kind})
+    with TemporaryDirectory() as folder:
+        for name in re.findall(r'(?m)^file = "([^"]+)"', text):
+            shipped = open_reference(EXAMPLES / "protocols" / name)
+            (samples,) = shipped.blocks(shipped.frames)
+            if shipped.head.channels != names:
+                samples = samples.sum(axis=1, keepdims=True).repeat(len(names), axis=1)
+            with write_reference(Path(folder, name), head) as writer:
+                writer.write(scipy.signal.resample(samples, round(shipped.duration_s * head.rate_hz)))
+        files = {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+    return {"protocol.toml": text.encode(), **files}
 
 
 def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:

@@ -49,14 +49,16 @@ def init(
     ] = None,
 ) -> WrittenFiles:
     """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside
-    it, or beside one that is there.
+    it, or beside one that is there, whose finger, band and mains it keeps to.
 
     Raises BadInput where a file is there already.
 
     >>> tt.init(out="mine.toml").headline()["first"]
     'mine.toml'
     """
-    from tactuator.io.shipped import copy_examples, protocol_items, protocol_template, write_all
+    from tactuator.io.display import parse_display
+    from tactuator.io.shipped import copy_examples, protocol_files, write_all
+    from tactuator.io.text import parse_toml
 
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
@@ -68,18 +70,18 @@ def init(
     contents: dict[Path, bytes] = {}
     if protocol is None or like is not None or model is not None or not target.exists():
         contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()
-    if protocol is not None:
-        contents[target.parent / _PROTOCOL] = protocol_template(protocol).encode()
-    for path in contents:
+    for path in (*contents, *(() if protocol is None else (target.parent / _PROTOCOL,))):
         if path.exists():
             raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
     if not target.parent.is_dir():
         raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
     if protocol is not None:
-        contents |= {target.parent / name: content for name, content in protocol_items(protocol).items()}
+        written = contents.get(target)
+        display = parse_display(parse_toml(written.decode()), target.parent) if written else read_display(target)
+        contents |= {target.parent / name: content for name, content in protocol_files(protocol, display).items()}
     write_all(contents)
-    written = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
-    return WrittenFiles(tuple(contents), "" if model is None else written)
+    note = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
+    return WrittenFiles(tuple(contents), "" if model is None else note)
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:

@@ -116,7 +116,7 @@ class Apparatus:
     @property
     def mains_hz(self) -> float:
         """Return the fundamental of the hum that the display's first channel is said to have; 0 for none."""
-        return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
+        return self.controller.display.channels[0].environment.mains_hz
 
     @property
     def simulated(self) -> bool:
