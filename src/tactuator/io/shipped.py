@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -75,7 +75,7 @@ def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
     low, high = channel.threshold.band_hz
 
     def playable(line: re.Match[str]) -> str:
-        inside = [hertz for hertz in json.loads(line[1]) if low <= hertz <= high] or [round(math.sqrt(low * high), 1)]
+        inside = [hertz for hertz in json.loads(line[1]) if low <= hertz <= high] or [round((low * high) ** 0.5, 1)]
         moved = off_mains(inside, display.channels[0].environment.mains_hz, band_hz=(low, high))
         return f"frequencies_hz = [{', '.join(f'{hertz:g}' for hertz in moved)}]"
 
@@ -169,21 +169,18 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
     a folder cannot be written.
     """
     missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
-    written: list[Path] = []
-    folders: list[Path] = []
     try:
-        for target, content in missing.items():
-            folders += _made_folders(target.parent)
-            written.append(target)
-            target.write_bytes(content)
-    except BaseException as error:
-        for path in written:
-            path.unlink(missing_ok=True)
-        for path in reversed(folders):
-            path.rmdir()
-        if isinstance(error, OSError):
-            raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
-        raise
+        with ExitStack() as undo:
+            for target, content in missing.items():
+                for folder in reversed((target.parent, *target.parent.parents)):
+                    if not folder.exists():
+                        folder.mkdir()
+                        undo.callback(folder.rmdir)
+                undo.callback(target.unlink, missing_ok=True)
+                target.write_bytes(content)
+            undo.pop_all()
+    except OSError as error:
+        raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
 
 
 def _is_there(target: Path, content: bytes) -> bool:
@@ -192,11 +189,3 @@ def _is_there(target: Path, content: bytes) -> bool:
     if not target.is_file() or target.read_bytes() != content:
         raise BadInput(f"{target} is there already, and not the example", "a folder without it")
     return True
-
-
-def _made_folders(folder: Path) -> list[Path]:
-    """Make a folder and those above it; return those that were not there, the highest first."""
-    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()][::-1]
-    for parent in missing:
-        parent.mkdir()
-    return missing
