@@ -15,13 +15,14 @@ from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
 from tactuator.paper import report as publish
 from tactuator.paper import run as reproduce
-from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ, Plan, paper_display
+from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ, Plan
 from tactuator.paper.report import plates
 from tactuator.paper.run import PaperStudy, judge_objectives
-from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, paper_controller, worst_error_db
+from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.summary import comparison, summary
 from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db, observers_at_work
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
+from tactuator.verbs.parameters import paper_controller, paper_display
 from tests.paper.conftest import Reproduced
 
 CHANNELS = ("index", "thumb", "middle")
