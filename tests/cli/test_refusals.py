@@ -1,8 +1,5 @@
-"""A refusal of every verb: status 2, one line, nothing left; `init` as a newcomer uses it; `play` at a terminal.
-
-Every rule's own sentence is tested where the rule is.
-
-record, identify, measure, noise, disturb and calibrate, as a user types them.
+"""A refusal of every verb: status 2, one line, nothing left, each rule's sentence where the rule is; `init` as a
+newcomer uses it; `play` at a terminal; record, identify, measure, noise, disturb and calibrate, as a user types them.
 """
 
 import csv
@@ -12,7 +9,6 @@ import pty
 import select
 import sys
 import time
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +23,7 @@ from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller
 from tactuator.io.display import read_display
 from tactuator.io.reference import ReferenceHead, write_reference
-from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS, example_names
+from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS, display_template, example_names
 from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import controller, display
 from tests.one_finger import DISPLAY
@@ -67,7 +63,8 @@ REFUSALS = {
     "noise --controller controller.json --gains -1": "proportional gain is -1; allowed: a positive number",
     "finger --controller controller.json --load toe": "load 'toe' is not described; allowed: finger",
     "disturb --controller controller.json --channel toe": "channel 'toe' is not there; allowed: index",
-    "init --like maglev": "'maglev' is no kind",
+    "init --like maglev": "'maglev' is no kind that is known; allowed: tactuator, ",
+    "init --protocol maglev": "'maglev' is no kind that is known; allowed: imece2004, ",
     "init --from none.json": "none.json: No such file",
     "init --examples . --like lra": "--examples alone",
     "init --out nowhere/display.toml": "nowhere is not a folder",
@@ -179,19 +176,19 @@ MINE = DISPLAY.replace('finger = "index"', 'finger = "ring"') + "band_hz = [59, 
 
 @pytest.mark.parametrize("kind", [*DISPLAY_KINDS, "mine"])
 def test_init__display_and_protocol__are_named_and_a_study_opens_with_both(kind: str, empty, run) -> None:
-    like = ("--like", kind) if kind in DISPLAY_KINDS else ()
     for protocol in PROTOCOL_KINDS:
         (out := empty / protocol / "display.toml").parent.mkdir()
-        if not like:
+        if kind == "mine":
             out.write_text(MINE)
+        like = () if out.exists() else ("--like", kind)
         written = run.json("init", *like, "--protocol", protocol, "--out", str(out))["written"]
         assert (str(out) in written, {str(out), *written}) == (bool(like), {*map(str, out.parent.iterdir())})
         read, text = read_protocol(out.parent / "protocol.toml", StudyProtocol)
-        shown = read_display(out)
+        shown, store = read_display(out), Store(out.with_suffix(".db"))
         at = Apparatus(SimulatedRig(shown, 0), replace(controller(display()), display=shown), "simulated")
-        with closing(Store(out.with_suffix(".db"))) as store:
-            open_study(store, task_of(read, out.parent, at), text, SystemClock(), fresh_token)
-    assert out.read_text() == MINE if not like else ("flexure" in out.read_text()) == (kind == "voice-coil")
+        open_study(store, task_of(read, out.parent, at), text, SystemClock(), fresh_token)
+        store.close()
+    assert out.read_text() == (MINE if kind == "mine" else display_template(kind))
 
 
 @pytest.mark.slow

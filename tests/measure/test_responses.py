@@ -18,7 +18,6 @@ from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tactuator.signals.record import Response
 from tactuator.signals.spectra import lock_in, power_spectrum
 from tests.measure.loops import FULL, PLANT, QUIETER, RATE_HZ, controller, display, loaded, loop_response
 from tests.rig.guard.guarded import designed
@@ -89,17 +88,13 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
     stepped = stepped_sine(rig, found.frequency_hz[::6], MeasurementOptions(30.0))[0]
     assert np.max(np.abs(found.magnitude_db[::6] - stepped.magnitude_db)) < 0.25
     np.testing.assert_allclose(np.angle(found.amplitude_v[::6] / stepped.amplitude_v), 0.0, atol=0.03)
-
-    def at(level_db_sl: float) -> Response:
-        options = MeasurementOptions(level_db_sl, confidence_db=50.0)
-        return multisine_response(rig, asked, options, np.random.default_rng(1), exactly=False)[0]
-
+    hastily, rng = MeasurementOptions(45.0, confidence_db=50.0), np.random.default_rng
     with pytest.raises(BadInput, match=r"level \(--level\) of 45 dB SL for 30 frequencies at once") as refused:
-        at(45.0)
+        multisine_response(rig, asked, hastily, rng(1), exactly=False)
     most = float(re.search(r"up to ([\d.]+) dB SL", str(refused.value))[1])
-    assert at(most).level_db_sl == most
+    multisine_response(rig, asked, replace(hastily, level_db_sl=most), rng(1), exactly=False)
     with pytest.raises(BadInput, match=f"up to {most:g} dB SL"):
-        at(most + 0.1)
+        multisine_response(rig, asked, replace(hastily, level_db_sl=most + 0.1), rng(1), exactly=False)
 
 
 def test_multisine__friction__shows_on_silent_lines() -> None:

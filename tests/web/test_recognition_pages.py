@@ -161,16 +161,14 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
 
 
 def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
-    text, none = protocol_text(test=1), "no results yet; allowed: after a finished run (practice and training do not"
+    text, none = protocol_text(training=0, test=1), "no results yet; allowed: after a finished run (practice and tr"
     with at_pages(make(text), "S1", "operator", "operator") as (socket, first, second):
         until(first, "snapshot")
         session = until(second, "snapshot")["sessions"][0]["id"]
-        block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 0)])
         for of, words in ((session, none), (99, "not of this study"), (None, "results without a session")):
             second.send_json({"type": "results", "session": of})
             assert words in until(second, "refused")["message"]
-        go_on(socket, "break")
-        block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 1)])
+        block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 0)])
         second.send_json({"type": "results", "session": session})
         results = until(second, "results")
     assert results["subject"] == "S1"

@@ -55,16 +55,12 @@ def _left_out(key: str, about: Any, value: str | None = None) -> str:
     return meaning if len(meaning) <= _WIDTH else line
 
 
-def protocol_template(kind: str) -> str:
-    """Return the text of a commented protocol file of that kind; BadInput for another kind."""
-    return _text("protocols", kind, PROTOCOL_KINDS)
-
-
 def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
     """Return the files of a protocol that the display can play, by name: protocol.toml, and the sounds that it presents
     with their scales, all of them on every channel where these are not the three of display.toml.
 
     The finger is index where there is one. Frequencies keep to the band and off mains; without any it is the middle.
+    Raises BadInput for another kind.
     """
     import scipy  # noqa: PLC0415  when it is needed
 
@@ -79,8 +75,8 @@ def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
         moved = off_mains(inside, display.channels[0].environment.mains_hz, band_hz=(low, high))
         return f"frequencies_hz = [{', '.join(f'{hertz:g}' for hertz in moved)}]"
 
-    text = re.sub(r"(?m)^fingers = \[.*?\]", f"fingers = {json.dumps([channel.finger])}", protocol_template(kind))
-    text = re.sub(r"(?m)^frequencies_hz = (\[.*?\])", playable, text)
+    text = re.sub(r"(?m)^frequencies_hz = (\[.*?\])", playable, _text("protocols", kind, PROTOCOL_KINDS))
+    text = re.sub(r"(?m)^fingers = \[.*?\]", f"fingers = {json.dumps([channel.finger])}", text)
     names = tuple(each.name for each in display.channels)
     head = ReferenceHead(display.rate_hz, names, curves_of(display.channels), provenance={"example": kind})
     with TemporaryDirectory() as folder:

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from tactuator.verbs.designed import ControllerResult
     from tactuator.verbs.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
 
-_PROTOCOL = "protocol.toml"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrittenFiles(Result):
@@ -67,18 +65,18 @@ def init(
         note = f"{len(copied)} files written into {examples}; {Path(examples) / 'README.md'} says what each is"
         return WrittenFiles(copied, note)
     target = Path(out)
+    if not target.parent.is_dir():
+        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
     contents: dict[Path, bytes] = {}
     if protocol is None or like is not None or model is not None or not target.exists():
         contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()
-    for path in (*contents, *(() if protocol is None else (target.parent / _PROTOCOL,))):
-        if path.exists():
-            raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
-    if not target.parent.is_dir():
-        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
     if protocol is not None:
         written = contents.get(target)
         display = parse_display(parse_toml(written.decode()), target.parent) if written else read_display(target)
         contents |= {target.parent / name: content for name, content in protocol_files(protocol, display).items()}
+    for path in contents:
+        if path.exists() and (path == target or path.suffix == ".toml"):
+            raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
     write_all(contents)
     note = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
     return WrittenFiles(tuple(contents), "" if model is None else note)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tactuator.experiment.store.chain import Altered
     from tactuator.experiment.store.merge import Conflict
     from tactuator.experiment.store.records import Found
+    from tactuator.experiment.store.stored_runs import StoredRun
     from tactuator.experiment.words import Words
 
 
@@ -205,7 +206,7 @@ def sheet(
     words = shipped_words(language if protocol.study.language_file is None else "en")
     unmet = [*gated, *(map(str, protocol.unmet()) if isinstance(protocol, Protocol) else ())]
     scored = [_scored(threshold, given, years) for threshold in measured]
-    about = _about(protocol, row, min(each.run.started_utc for each in runs), years, posture, measured)
+    about = _about(protocol, row, years, posture, runs)
     simulated = any(threshold.simulated for threshold in measured)
     page = _page(words, about, [cells for cells, _ in scored], unmet, given.source if given else "", simulated)
     write_text(Path(out), page)
@@ -238,21 +239,16 @@ def _scored(
 
 
 def _about(
-    protocol: "StudyProtocol",
-    row: "Found",
-    began_utc: str,
-    age: float | None,
-    posture: str,
-    measured: "Sequence[MeasuredThreshold]",
+    protocol: "StudyProtocol", row: "Found", age: float | None, posture: str, runs: "Sequence[StoredRun]"
 ) -> list[tuple[str, str]]:
-    area = protocol.circumstances.contact_area_mm2
+    area, began_utc = protocol.circumstances.contact_area_mm2, min(each.run.started_utc for each in runs)
     return [
         ("study", protocol.study.name),
         ("subject", f"{row.subject_code} ({row.subject_group})"),
         ("age", _with_unit(age, "")),
         ("visit", f"{row.visit}: {began_utc[:16].replace('T', ' ')}"),
         ("experimenter", protocol.study.experimenter),
-        ("procedure", ", ".join(sorted({threshold.procedure for threshold in measured}))),
+        ("procedure", ", ".join(sorted({each.run.procedure for each in runs}))),
         ("site", protocol.circumstances.site),
         ("contact", "; ".join(part for part in (_with_unit(area, "mm²"), protocol.circumstances.surround) if part)),
         ("force", _with_unit(row.preload_n, "N")),
