@@ -171,7 +171,7 @@ def test_init__examples__copies_them_and_names_them(empty, run) -> None:
     assert sorted(p.relative_to(empty).as_posix() for p in empty.rglob("*") if p.is_file()) == list(example_names())
 
 
-MINE = DISPLAY.replace('finger = "index"', 'finger = "ring"') + "band_hz = [59, 250]\nhum_hz = [50]\nhum_v_peak = [0]\n"
+MINE = DISPLAY.replace('finger = "index"', 'finger = "ring"') + "band_hz = [59, 250]\nhum_hz = [45]\nhum_v_peak = [0]\n"
 
 
 @pytest.mark.parametrize("kind", [*DISPLAY_KINDS, "mine"])
