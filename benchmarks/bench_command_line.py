@@ -24,10 +24,10 @@ from timing import in_turn, of_program
 import tactuator
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
-from tactuator.paper.plan import Plan, observers, paper_display
-from tactuator.paper.steps import paper_controller
+from tactuator.paper.plan import Plan, observers
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.verbs.parameters import paper_controller, paper_display
 from tactuator.verbs.table import top_verbs
 
 REPEATS = 5

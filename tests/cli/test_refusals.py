@@ -1,8 +1,5 @@
-"""A refusal of every verb: status 2, one line, nothing left; `init` as a newcomer uses it; `play` at a terminal.
-
-Every rule's own sentence is tested where the rule is.
-
-record, identify, measure, noise, disturb and calibrate, as a user types them.
+"""A refusal of every verb: status 2, one line, nothing left, each rule's sentence where the rule is; `init` as a
+newcomer uses it; `play` at a terminal; record, identify, measure, noise, disturb and calibrate, as a user types them.
 """
 
 import csv
@@ -12,17 +9,22 @@ import pty
 import select
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.experiment.protocol.file import RecognitionProtocol, read_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
+from tactuator.experiment.session.studies import fresh_token, open_study, task_of
+from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller
+from tactuator.io.display import read_display
 from tactuator.io.reference import ReferenceHead, write_reference
-from tactuator.io.shipped import DISPLAY_KINDS, example_names
+from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS, display_template, example_names
+from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import controller, display
 from tests.one_finger import DISPLAY
 from tests.rig.guard.guarded import designed
@@ -61,7 +63,8 @@ REFUSALS = {
     "noise --controller controller.json --gains -1": "proportional gain is -1; allowed: a positive number",
     "finger --controller controller.json --load toe": "load 'toe' is not described; allowed: finger",
     "disturb --controller controller.json --channel toe": "channel 'toe' is not there; allowed: index",
-    "init --like maglev": "'maglev' is no kind",
+    "init --like maglev": "'maglev' is no kind that is known; allowed: tactuator, ",
+    "init --protocol maglev": "'maglev' is no kind that is known; allowed: imece2004, ",
     "init --from none.json": "none.json: No such file",
     "init --examples . --like lra": "--examples alone",
     "init --out nowhere/display.toml": "nowhere is not a folder",
@@ -82,7 +85,7 @@ REFUSALS = {
     "experiment thresholds --store none.db": "store none.db is not there",
     "experiment information": "--store and --matrix; allowed: one of the two",
     "experiment information --store . --seconds 1": "--seconds with --store",
-    "experiment observe mains.toml --store lab.db": "60 Hz is 0 Hz from the mains line",
+    "experiment observe mains.toml --store lab.db": "at 60 Hz; allowed: 40 Hz or 80 Hz, 20 Hz away, the",
     "experiment serve words.toml --store lab.db": "reference M-index.wav: no such file",
     "experiment serve protocol.toml --store lab.db --speed -1": "speed -1; allowed: a positive number",
     "experiment serve protocol.toml --store lab.db --rig emulated:abacus": "board 'abacus' is not known",
@@ -168,20 +171,24 @@ def test_init__examples__copies_them_and_names_them(empty, run) -> None:
     assert sorted(p.relative_to(empty).as_posix() for p in empty.rglob("*") if p.is_file()) == list(example_names())
 
 
-def test_init__display_and_protocol__are_written_and_named(empty, run) -> None:
-    ended = run("init", "--like", "voice-coil", "--protocol", "quest-plus")
-    assert ended.out.split() == ["written:", "display.toml", "written:", "protocol.toml"]
-    assert "flexure" in (empty / "display.toml").read_text()
+MINE = DISPLAY.replace('finger = "index"', 'finger = "ring"') + "band_hz = [59, 250]\nhum_hz = [45]\nhum_v_peak = [0]\n"
 
 
-def test_init__protocol_that_presents_items_beside_a_display__brings_them_alone(empty, run) -> None:
-    (empty / "display.toml").write_text("mine")
-    written = run.json("init", "--protocol", "recognition")["written"]
-    assert {"protocol.toml", "a.wav", "a.json", "i.wav", "u.wav"} <= set(written)
-    assert all((empty / name).exists() for name in written)
-    protocol, _ = read_protocol(empty / "protocol.toml", RecognitionProtocol)
-    assert [item.label for item in protocol.item] == ["a", "i", "u"]
-    assert (empty / "display.toml").read_text() == "mine"
+@pytest.mark.parametrize("kind", [*DISPLAY_KINDS, "mine"])
+def test_init__display_and_protocol__are_named_and_a_study_opens_with_both(kind: str, empty, run) -> None:
+    for protocol in PROTOCOL_KINDS:
+        (out := empty / protocol / "display.toml").parent.mkdir()
+        if kind == "mine":
+            out.write_text(MINE)
+        like = () if out.exists() else ("--like", kind)
+        written = run.json("init", *like, "--protocol", protocol, "--out", str(out))["written"]
+        assert (str(out) in written, {str(out), *written}) == (bool(like), {*map(str, out.parent.iterdir())})
+        read, text = read_protocol(out.parent / "protocol.toml", StudyProtocol)
+        shown, store = read_display(out), Store(out.with_suffix(".db"))
+        at = Apparatus(SimulatedRig(shown, 0), replace(controller(display()), display=shown), "simulated")
+        open_study(store, task_of(read, out.parent, at), text, SystemClock(), fresh_token)
+        store.close()
+    assert out.read_text() == (MINE if kind == "mine" else display_template(kind))
 
 
 @pytest.mark.slow

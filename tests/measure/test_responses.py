@@ -1,5 +1,6 @@
 """Stepped sine and multisine against the loop's own response; felt noise against the finger port; rejection."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,13 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
     stepped = stepped_sine(rig, found.frequency_hz[::6], MeasurementOptions(30.0))[0]
     assert np.max(np.abs(found.magnitude_db[::6] - stepped.magnitude_db)) < 0.25
     np.testing.assert_allclose(np.angle(found.amplitude_v[::6] / stepped.amplitude_v), 0.0, atol=0.03)
+    hastily, rng = MeasurementOptions(45.0, confidence_db=50.0), np.random.default_rng
+    with pytest.raises(BadInput, match=r"level \(--level\) of 45 dB SL for 30 frequencies at once") as refused:
+        multisine_response(rig, asked, hastily, rng(1), exactly=False)
+    most = float(re.search(r"up to ([\d.]+) dB SL", str(refused.value))[1])
+    multisine_response(rig, asked, replace(hastily, level_db_sl=most), rng(1), exactly=False)
+    with pytest.raises(BadInput, match=f"up to {most:g} dB SL"):
+        multisine_response(rig, asked, replace(hastily, level_db_sl=most + 0.1), rng(1), exactly=False)
 
 
 def test_multisine__friction__shows_on_silent_lines() -> None:

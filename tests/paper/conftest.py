@@ -9,10 +9,11 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.paper import run as reproduce
-from tactuator.paper.plan import Plan, paper_display
+from tactuator.paper.plan import Plan
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.steps import check_speech
 from tactuator.report.plate import Plate
+from tactuator.verbs.parameters import paper_display
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

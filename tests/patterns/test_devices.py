@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
-from tactuator.paper.plan import paper_display
 from tactuator.patterns.acf import acf_text, parse_json5, read_acf
 from tactuator.patterns.android import FrequencyProfile, profile_text, read_profile, threshold_db_g
 from tactuator.patterns.clip import Tap
@@ -31,6 +30,7 @@ from tactuator.patterns.taps import (
 )
 from tactuator.perception.curve import curve
 from tactuator.synthesis.design import design_controller
+from tactuator.verbs.parameters import paper_display
 from tests.patterns.formats import ACF
 
 HERTZ = [90.0, 120.0, 150.0, 60.0, 30.0, 210.0, 270.0, 300.0, 240.0, 180.0]

@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.signals import excitation
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.excitation import ramps, tone
-from tactuator.signals.multisine import multisine, place_lines
+from tactuator.signals.multisine import multisine, over_the_band, place_lines
 from tactuator.signals.spectra import lock_in, mains_multiples, off_mains, power_spectrum, third_octave_bands
 from tactuator.signals.systems import ContinuousSystem
 
@@ -164,6 +164,9 @@ def test_off_mains__any_frequency__keeps_two_hertz_from_multiples(hertz: float) 
     nearest = 60.0 * max(round(moved / 60.0), 1)
     assert abs(moved - nearest) >= 2.0 - 1e-9
     assert abs(moved - hertz) <= 4.0
+    chosen = over_the_band((hertz, hertz + 70.0), 60.0)  # an edge of the band may lie beside mains
+    assert np.min(np.abs(chosen - 60.0 * np.maximum(np.round(chosen / 60.0), 1.0))) >= 2.0 - 1e-9
+    assert hertz <= chosen.min() <= chosen.max() <= hertz + 70.0 + 1e-9
     assert mains_multiples(None, hertz).size == 0
     assert mains_multiples(60.0, 300.0).tolist() == [60.0, 120.0, 180.0, 240.0, 300.0]
 

@@ -36,6 +36,7 @@ def store(tmp_path_factory):
 def test_sheet__with_a_norm__has_z_of_its_own_level_and_every_unmet_condition(store, tmp_path) -> None:
     (tmp_path / "norm.csv").write_text(NORM + "index,50,59,30,0.0,2.0\nany,20,49,90,0,2\n")
     result = sheet("S1", store, tmp_path / "sheet.html", norm=tmp_path / "norm.csv")
+    assert list(result.tables()) == list(result.unmet)  # the command tells by itself what it wrote
     page, table = (tmp_path / "sheet.html").read_text(), rows(tmp_path / "sheet.html")
     assert result.thresholds == len(table) == 3
     scored = next(row for row in table if row[1] == "30")
@@ -50,6 +51,9 @@ def test_sheet__with_a_norm__has_z_of_its_own_level_and_every_unmet_condition(st
     assert "<dt>Site</dt><dd>–</dd><dt>Contact</dt><dd>78.5 mm²</dd>" in page  # what nobody stated is no fact
     with pytest.raises(BadInput, match="visit 2 of subject 'S1'"):
         sheet("S1", store, tmp_path / "none.html", visit=2)
+    for age in (-1.0, 300.0, float("nan")):
+        with pytest.raises(BadInput, match=rf"age of {age:g} years; allowed: 0 to 130"):
+            sheet("S1", store, tmp_path / "none.html", age=age)
     assert not (tmp_path / "none.html").exists()
 
 
@@ -58,10 +62,11 @@ def test_sheet__of_who_feels_nothing__has_intervals_that_are_open_above(tmp_path
         return next(each for each in trial.responses if each != trial.correct)
 
     monkeypatch.setattr(apparatuses, "response_of", wrong)
-    text = TEXT.replace("reversals = 6", "reversals = 6\ntrial_limit = 12")
+    text = TEXT.replace("reversals = 6", "reversals = 6\ntrial_limit = 12").replace("consent =", "# consent =")
     result = sheet("S1", answered(tmp_path, text), tmp_path / "sheet.html")
     assert all(row[2].startswith("≥ ") and row[3].endswith("… ∞") for row in rows(tmp_path / "sheet.html"))
     assert result.z == (None, None, None)
+    assert "<dd>1: 2026-03-01 12:" in (tmp_path / "sheet.html").read_text()  # when it was, without a consent too
     assert "there are no z-scores" in (tmp_path / "sheet.html").read_text()
 
 

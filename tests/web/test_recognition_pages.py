@@ -161,11 +161,11 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
 
 
 def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
-    text = protocol_text(training=0, test=1)
+    text, none = protocol_text(training=0, test=1), "no results yet; allowed: after a finished run (practice and tr"
     with at_pages(make(text), "S1", "operator", "operator") as (socket, first, second):
         until(first, "snapshot")
         session = until(second, "snapshot")["sessions"][0]["id"]
-        for of, words in ((session, "no results yet"), (99, "not of this study"), (None, "results without a session")):
+        for of, words in ((session, none), (99, "not of this study"), (None, "results without a session")):
             second.send_json({"type": "results", "session": of})
             assert words in until(second, "refused")["message"]
         block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 0)])

@@ -28,9 +28,8 @@ from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.model.controller import Controller
-from tactuator.paper.plan import paper_display
-from tactuator.paper.steps import paper_controller
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.verbs.parameters import paper_controller, paper_display
 
 CODES = [f"S{number}" for number in range(1, 61)]
 _ANSWERS = """

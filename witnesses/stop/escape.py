@@ -34,10 +34,9 @@ from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store
-from tactuator.paper.plan import paper_display
-from tactuator.paper.steps import paper_controller
 from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.verbs.parameters import paper_controller, paper_display
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app
 from tests.browser import ARGUMENTS, chromium

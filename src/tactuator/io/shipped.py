@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from tactuator.errors import BadInput
 
 if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
+    from tactuator.model.description import Display
     from tactuator.model.plant_model import PlantModel
 
 _WIDTH = 120
@@ -52,16 +55,40 @@ def _left_out(key: str, about: Any, value: str | None = None) -> str:
     return meaning if len(meaning) <= _WIDTH else line
 
 
-def protocol_template(kind: str) -> str:
-    """Return the text of a commented protocol file of that kind; BadInput for another kind."""
-    return _text("protocols", kind, PROTOCOL_KINDS)
+def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
+    """Return the files of a protocol that the display can play, by name: protocol.toml, and the sounds that it presents
+    with their scales, all of them on every channel where these are not the three of display.toml.
 
+    The finger is index where there is one. Frequencies keep to the band and off mains; without any it is the middle.
+    Raises BadInput for another kind.
+    """
+    import scipy  # noqa: PLC0415  when it is needed
 
-def protocol_items(kind: str) -> dict[str, bytes]:
-    """Return the files that a protocol of that kind presents, by their names beside it: sounds and their scales."""
-    sounds = [Path(name) for name in re.findall(r'^file = "([^"]+)"', protocol_template(kind), flags=re.MULTILINE)]
-    names = [str(name) for sound in sounds for name in (sound, sound.with_suffix(".json"))]
-    return {name: (EXAMPLES / "protocols" / name).read_bytes() for name in names}
+    from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference  # noqa: PLC0415
+    from tactuator.signals.spectra import off_mains  # noqa: PLC0415
+
+    channel = next((each for each in display.channels if each.finger == "index"), display.channels[0])
+    low, high = channel.threshold.band_hz
+
+    def playable(line: re.Match[str]) -> str:
+        inside = [hertz for hertz in json.loads(line[1]) if low <= hertz <= high] or [round((low * high) ** 0.5, 1)]
+        moved = off_mains(inside, display.channels[0].environment.mains_hz, band_hz=(low, high))
+        return f"frequencies_hz = [{', '.join(f'{hertz:g}' for hertz in moved)}]"
+
+    text = re.sub(r"(?m)^frequencies_hz = (\[.*?\])", playable, _text("protocols", kind, PROTOCOL_KINDS))
+    text = re.sub(r"(?m)^fingers = \[.*?\]", f"fingers = {json.dumps([channel.finger])}", text)
+    names = tuple(each.name for each in display.channels)
+    head = ReferenceHead(display.rate_hz, names, curves_of(display.channels), provenance={"example": kind})
+    with TemporaryDirectory() as folder:
+        for name in re.findall(r'(?m)^file = "([^"]+)"', text):
+            shipped = open_reference(EXAMPLES / "protocols" / name)
+            (samples,) = shipped.blocks(shipped.frames)
+            if shipped.head.channels != names:
+                samples = samples.sum(axis=1, keepdims=True).repeat(len(names), axis=1)
+            with write_reference(Path(folder, name), head) as writer:
+                writer.write(scipy.signal.resample(samples, round(shipped.duration_s * head.rate_hz)))
+        files = {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+    return {"protocol.toml": text.encode(), **files}
 
 
 def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:
@@ -138,21 +165,18 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
     a folder cannot be written.
     """
     missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
-    written: list[Path] = []
-    folders: list[Path] = []
     try:
-        for target, content in missing.items():
-            folders += _made_folders(target.parent)
-            written.append(target)
-            target.write_bytes(content)
-    except BaseException as error:
-        for path in written:
-            path.unlink(missing_ok=True)
-        for path in reversed(folders):
-            path.rmdir()
-        if isinstance(error, OSError):
-            raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
-        raise
+        with ExitStack() as undo:
+            for target, content in missing.items():
+                for folder in reversed((target.parent, *target.parent.parents)):
+                    if not folder.exists():
+                        folder.mkdir()
+                        undo.callback(folder.rmdir)
+                undo.callback(target.unlink, missing_ok=True)
+                target.write_bytes(content)
+            undo.pop_all()
+    except OSError as error:
+        raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
 
 
 def _is_there(target: Path, content: bytes) -> bool:
@@ -161,11 +185,3 @@ def _is_there(target: Path, content: bytes) -> bool:
     if not target.is_file() or target.read_bytes() != content:
         raise BadInput(f"{target} is there already, and not the example", "a folder without it")
     return True
-
-
-def _made_folders(folder: Path) -> list[Path]:
-    """Make a folder and those above it; return those that were not there, the highest first."""
-    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()][::-1]
-    for parent in missing:
-        parent.mkdir()
-    return missing

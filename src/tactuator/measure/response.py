@@ -20,7 +20,8 @@ from tactuator.errors import BadInput
 from tactuator.measure.options import MeasurementOptions
 from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig, Trace, recut_traces, require_sensors
-from tactuator.signals.decibels import from_db, half_width_db
+from tactuator.runtime.simulation import REFERENCE_MAX
+from tactuator.signals.decibels import db, from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import LockIn, mains_multiples, off_mains
@@ -232,13 +233,18 @@ def multisine_response(
     the band: the shortest period that has them all. Not `exactly`: the nearest lines inside the band, for a sweep whose
     frequencies nobody asked for. After settle_s of the same signal two periods are averaged, and more until every
     line's 95 % half-width is at most confidence_db or longest_s are over. The half-width covers noise and distortion.
-    Raises BadInput as `stepped_sine` does.
+    Raises BadInput as `stepped_sine` does, and for a level at which all lines together pass a reference's full scale.
     """
     columns = check_asked(rig, frequency_hz, options)
     frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
     band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
     period, bins = multisine_lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz, exactly)
     excited = multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
+    beyond_db = float(db(np.max(np.abs(excited.one_period())) / REFERENCE_MAX))
+    if beyond_db > 0.0:
+        level, most = options.level_db_sl, np.floor(10.0 * (options.level_db_sl - beyond_db)) / 10.0
+        asked = f"level (--level) of {level:g} dB SL for {bins.size} frequencies at once"
+        raise BadInput(asked, f"up to {most:g} dB SL for so many, or --method stepped")
     return _Player(rig, excited, columns, options).responses(settle_s)
 
 

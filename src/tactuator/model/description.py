@@ -241,6 +241,11 @@ class Environment:
         if len(self.hum_hz) != len(self.hum_v_peak):
             raise BadInput(f"{len(self.hum_hz)} hum_hz and {len(self.hum_v_peak)} hum_v_peak", "as many of each")
 
+    @property
+    def mains_hz(self) -> float:
+        """Return the lowest line of hum; 0 for none."""
+        return min(self.hum_hz, default=0.0)
+
 
 @table("[environment]")
 class MeasuredEnvironment:
@@ -498,8 +503,7 @@ class Display:
         usual.
         """
         stated = (channel.environment for channel in self.channels if "hum" not in channel.environment.assumed)
-        lines = [min(environment.hum_hz) for environment in stated if environment.hum_hz]
-        return asked if asked is not None else lines[0] if lines else usual
+        return asked if asked is not None else next(filter(None, (each.mains_hz for each in stated)), usual)
 
 
 SHARED_TABLES: dict[str, tuple[type, ...]] = {

@@ -5,12 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
 
-import tactuator as tt
 from tactuator.experiment.simulated.sitting import Observer
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
@@ -52,12 +50,6 @@ class Plan:
         """Return a seed of its own for every step, so that one step's randomness does not hang on another's."""
         digest = hashlib.sha256(f"{self.seed}/{step}".encode()).digest()
         return int.from_bytes(digest[:4], "little")
-
-
-def paper_display() -> Display:
-    """Return the display as the paper describes it, index finger first, with two plausible siblings."""
-    with as_file(files("tactuator.io") / "examples" / "display.toml") as path:
-        return tt.read_display(path)
 
 
 def observers(library: ThresholdCurve) -> tuple[Observer, ...]:

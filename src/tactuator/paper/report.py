@@ -17,7 +17,7 @@ from tactuator.model.verdict import Finding, Objective
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, sampled_loop, worst_error_db
 from tactuator.paper.summary import comparison, summary_text
-from tactuator.paper.thresholds import bias_and_spread_db
+from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.report.configuration import loop_plate, mechanism_plate, processor_plate
 from tactuator.report.controller import prefilter_plate, resolution_plate
@@ -234,8 +234,8 @@ def _person_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Secti
             (
                 f"Three simulated observers, on three fingers each, by the paper's procedure: {len(study.thresholds)} "
                 "runs, felt through the display. Estimate minus truth: "
-                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. A run of this procedure is expected "
-                "to come out about 0.4 dB low.",
+                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. Of the procedure itself "
+                f"{expected_bias_db(study.plan):+.1f} dB is expected, by runs of these observers without the display.",
                 f"The prefilter reshaped to the new curve follows it within {study.reshaped.max_error_db:.2f} dB.",
             ),
             plates=_some(plates, "fig11", "reshaped"),

@@ -26,7 +26,6 @@ from tactuator.paper.steps import (
     bits_needed,
     judge_prefilters,
     measure_responses,
-    paper_controller,
     paper_loop,
     reshaped_controller,
     speak,
@@ -40,7 +39,9 @@ from tactuator.speech.reading import SpeechFile
 from tactuator.synthesis.verdict import RESONANCE, judge
 from tactuator.verbs.designed import ControllerResult
 from tactuator.verbs.identified import CalibrationResult
+from tactuator.verbs.parameters import paper_controller
 from tactuator.verbs.response import FeltLevels
+from tactuator.verbs.result import promoted
 from tactuator.wordlength.bits import Needed
 
 JUDGED_AT_DB_SL = 30.0
@@ -143,7 +144,7 @@ class PaperStudy:
 
 def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     """Run the whole study; file: the plan's speech as `check_speech` found it: a bad one is refused first."""
-    controller = paper_controller(plan.display)
+    controller = promoted(ControllerResult, paper_controller(plan.display))
     with observers_at_work(plan, controller) as detected_by:  # they take longer than all the rest together
         calibration = calibrate(plan)
         progress("calibration", 1.0)

@@ -25,16 +25,10 @@ from tactuator.speech.reading import SpeechFile, sample_path, scan_speech
 from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
 from tactuator.verbs.designed import ControllerResult
+from tactuator.verbs.parameters import paper_controller
+from tactuator.verbs.result import promoted
 from tactuator.verbs.speech import SpokenResult
 from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
-
-
-def paper_controller(display: Display) -> ControllerResult:
-    """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
-    channels = tuple(
-        replace(channel, feedback=replace(channel.feedback, structure="paper")) for channel in display.channels
-    )
-    return tt.design(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
 
 
 def reshaped_controller(display: Display, curve: ThresholdCurve) -> ControllerResult:
@@ -44,7 +38,7 @@ def reshaped_controller(display: Display, curve: ThresholdCurve) -> ControllerRe
         low, high = channel.threshold.band_hz
         band = (max(low, float(curve.frequency_hz[0])), min(high, float(curve.frequency_hz[-1])))
         channels.append(replace(channel, threshold=replace(channel.threshold, curve=curve, band_hz=band)))
-    return paper_controller(replace(display, channels=tuple(channels)))
+    return promoted(ControllerResult, paper_controller(replace(display, channels=tuple(channels))))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,9 @@ from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.psychometric import Weibull
 from tactuator.processors import begin_helper, helper_context
+from tactuator.verbs.experiment import simulate
 
 _PROTOCOL = """
 [study]
@@ -156,6 +158,16 @@ def _known(measured: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold
 
 
 def bias_and_spread_db(known: Sequence[KnownThreshold]) -> tuple[float, float]:
-    """Return mean and standard deviation of estimate minus truth over all runs (facts: about -0.4 and 1 dB)."""
+    """Return mean and standard deviation of estimate minus truth over all runs."""
     errors: FloatArray = np.array([threshold.level_db_re_1um - threshold.true_db for threshold in known])
     return float(errors.mean()), float(errors.std(ddof=1))
+
+
+def expected_bias_db(plan: Plan) -> float:
+    """Return what is expected of estimate minus truth: the mean of runs of the observers without the display."""
+    biases = []
+    for person in observers(plan.display.channels[0].threshold.curve):
+        model, seed = person.psychometric, plan.seed_of(f"bias of {person.name}")
+        assert isinstance(model.shape, Weibull)
+        biases.append(simulate(slope=f"{model.shape.slope}", lapse=model.lapse, seed=seed).figures["bias_db"])
+    return float(np.mean(biases))

@@ -53,11 +53,12 @@ def reproduce(
     tactuator.errors.BadInput: nothing.wav: no such file; allowed: a sound file
     """
     from tactuator.io.atomic import atomic_folder
-    from tactuator.paper.plan import Plan, paper_display
+    from tactuator.paper.plan import Plan
     from tactuator.paper.report import OWN_NAMES, publish
     from tactuator.paper.run import STEPS, run_study
     from tactuator.paper.steps import check_speech
     from tactuator.paper.summary import comparison, summary
+    from tactuator.verbs.parameters import paper_display
 
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
     file = check_speech(plan)

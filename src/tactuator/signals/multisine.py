@@ -245,9 +245,7 @@ POINT_COUNT = 30
 
 def over_the_band(band_hz: Band, mains_hz: float | None) -> FloatArray:
     """Return 30 frequencies over the band of our own choosing, hertz, moved off mains to the side inside the band."""
-    chosen = np.geomspace(*band_hz, POINT_COUNT)
-    moved = off_mains(chosen, mains_hz or None)
-    return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
+    return off_mains(np.geomspace(*band_hz, POINT_COUNT), mains_hz, band_hz=band_hz)
 
 
 def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> FloatArray:
@@ -257,25 +255,17 @@ def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> Flo
     the band and off mains.
     """
     asked = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-    return np.unique([_tone(float(hertz), mains_hz, band_hz) for hertz in asked])
-
-
-def _tone(hertz: float, mains_hz: float | None, band_hz: Band) -> float:
-    _require_inside(hertz, band_hz)
-    if not mains_hz:
-        return hertz
-    line = mains_hz * max(round(hertz / mains_hz), 1.0)
-    if abs(hertz - line) >= _KEEP_OFF_HZ:
-        return hertz
-    sides = sorted((line - _KEEP_OFF_HZ, line + _KEEP_OFF_HZ), key=lambda side: (abs(side - hertz), -side))
-    for side in sides:
-        if band_hz[0] <= side <= band_hz[1] and abs(side - hertz) <= TOLERANCE * hertz:
-            return side
-    raise BadInput(
-        f"{hertz:g} Hz lies beside {line:g} Hz of mains, and nothing within 2 % of it is {_KEEP_OFF_HZ:g} Hz off and "
-        f"inside the band",
-        f"{' or '.join(f'{side:g} Hz' for side in sorted(sides))}, or no mains",
-    )
+    moved = off_mains(asked, mains_hz, band_hz=band_hz)
+    for hertz, played in zip(asked.tolist(), moved.tolist(), strict=True):
+        _require_inside(hertz, band_hz)
+        if abs(played - hertz) > TOLERANCE * hertz or not band_hz[0] <= played <= band_hz[1]:
+            line = (mains_hz or 0.0) * max(round(hertz / (mains_hz or hertz)), 1)
+            raise BadInput(
+                f"{hertz:g} Hz lies beside {line:g} Hz of mains, and nothing within 2 % of it is {_KEEP_OFF_HZ:g} Hz "
+                "off and inside the band",
+                f"{line - _KEEP_OFF_HZ:g} Hz or {line + _KEEP_OFF_HZ:g} Hz, or no mains",
+            )
+    return np.unique(moved)
 
 
 def _require_inside(hertz: float, band_hz: Band) -> None:

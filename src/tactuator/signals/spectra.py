@@ -87,15 +87,20 @@ def mains_multiples(mains_hz: float | None, high_hz: float) -> FloatArray:
 _KEEP_OFF_HZ = 2.0
 
 
-def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0) -> FloatArray:
-    """Return the frequencies (m,); those nearer than 2 Hz to a multiple of mains are moved to that distance from it."""
+def off_mains(
+    frequency_hz: ArrayLike,
+    mains_hz: float | None = 60.0,
+    clearance_hz: float = _KEEP_OFF_HZ,
+    band_hz: tuple[float, float] = (0.0, np.inf),
+) -> FloatArray:
+    """Return frequencies (m,); those too near a multiple of mains are moved to clearance_hz from it, in the band."""
     frequency = np.array(np.atleast_1d(frequency_hz), dtype=np.float64)
     if not mains_hz:
         return frequency
     nearest = mains_hz * np.maximum(np.round(frequency / mains_hz), 1.0)
     away = frequency - nearest
-    moved = nearest + np.where(away >= 0.0, _KEEP_OFF_HZ, -_KEEP_OFF_HZ)
-    return np.where(np.abs(away) < _KEEP_OFF_HZ, moved, frequency)
+    down = (nearest + clearance_hz > band_hz[1]) | ((away < 0.0) & (nearest - clearance_hz >= band_hz[0]))
+    return np.where(np.abs(away) < clearance_hz, nearest + np.where(down, -clearance_hz, clearance_hz), frequency)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from tactuator.verbs.designed import ControllerResult
     from tactuator.verbs.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
 
-_PROTOCOL = "protocol.toml"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrittenFiles(Result):
@@ -49,14 +47,16 @@ def init(
     ] = None,
 ) -> WrittenFiles:
     """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside
-    it, or beside one that is there.
+    it, or beside one that is there, whose finger, band and mains it keeps to.
 
     Raises BadInput where a file is there already.
 
     >>> tt.init(out="mine.toml").headline()["first"]
     'mine.toml'
     """
-    from tactuator.io.shipped import copy_examples, protocol_items, protocol_template, write_all
+    from tactuator.io.display import parse_display
+    from tactuator.io.shipped import copy_examples, protocol_files, write_all
+    from tactuator.io.text import parse_toml
 
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
@@ -65,21 +65,21 @@ def init(
         note = f"{len(copied)} files written into {examples}; {Path(examples) / 'README.md'} says what each is"
         return WrittenFiles(copied, note)
     target = Path(out)
+    if not target.parent.is_dir():
+        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
     contents: dict[Path, bytes] = {}
     if protocol is None or like is not None or model is not None or not target.exists():
         contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()
     if protocol is not None:
-        contents[target.parent / _PROTOCOL] = protocol_template(protocol).encode()
+        written = contents.get(target)
+        display = parse_display(parse_toml(written.decode()), target.parent) if written else read_display(target)
+        contents |= {target.parent / name: content for name, content in protocol_files(protocol, display).items()}
     for path in contents:
-        if path.exists():
+        if path.exists() and (path == target or path.suffix == ".toml"):
             raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
-    if not target.parent.is_dir():
-        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
-    if protocol is not None:
-        contents |= {target.parent / name: content for name, content in protocol_items(protocol).items()}
     write_all(contents)
-    written = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
-    return WrittenFiles(tuple(contents), "" if model is None else written)
+    note = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
+    return WrittenFiles(tuple(contents), "" if model is None else note)
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tactuator.experiment.store.chain import Altered
     from tactuator.experiment.store.merge import Conflict
     from tactuator.experiment.store.records import Found
+    from tactuator.experiment.store.stored_runs import StoredRun
     from tactuator.experiment.words import Words
 
 
@@ -156,7 +157,7 @@ class SheetResult(Result):
     unmet: tuple[str, ...]
 
     def tables(self) -> Sequence[str]:
-        return [*self.unmet, f"written: {self.out}"]
+        return self.unmet
 
 
 def sheet(
@@ -166,7 +167,7 @@ def sheet(
     norm: Annotated[
         Place | None, Option("Norm by age, with its source (CSV); none is shipped.", file=True, type=Path | None)
     ] = None,
-    age: Annotated[float | None, Option("Age, years; default: the item `age` of the subject.", ge=0.0)] = None,
+    age: Annotated[float | None, Option("Age, years; default: the item `age` of the subject.")] = None,
     study: StudyName = None,
     visit: Annotated[int, Option("Visit of the subject.", ge=1)] = 1,
 ) -> SheetResult:
@@ -196,20 +197,23 @@ def sheet(
             noted = [each for kind in ("gate", "standard") for each in records.details(connection, row.id, kind)]
             gated = [] if row.protocol_version_id is None else noted
             posture = records.latest(connection, row.id, "posture")
-        asked = thresholds(detection_runs(database, session=row.id))
-    measured = sorted(asked, key=lambda each: (each.finger, each.frequency_hz))
+        runs = detection_runs(database, session=row.id)
+    measured = sorted(thresholds(runs), key=lambda each: (each.finger, each.frequency_hz))
     years = float(facts["age"]) if age is None and "age" in facts else age
+    if years is not None and not 0.0 <= years <= _OLDEST:
+        raise BadInput(f"age of {years:g} years", f"0 to {_OLDEST:g}")
     protocol, language = books.protocol, books.protocol.study.language
     words = shipped_words(language if protocol.study.language_file is None else "en")
     unmet = [*gated, *(map(str, protocol.unmet()) if isinstance(protocol, Protocol) else ())]
     scored = [_scored(threshold, given, years) for threshold in measured]
-    about = _about(protocol, row, years, posture, measured)
+    about = _about(protocol, row, years, posture, runs)
     simulated = any(threshold.simulated for threshold in measured)
     page = _page(words, about, [cells for cells, _ in scored], unmet, given.source if given else "", simulated)
     write_text(Path(out), page)
     return SheetResult(Path(out), code, visit, len(measured), tuple(z for _, z in scored), tuple(unmet))
 
 
+_OLDEST = 130.0
 _HEADS = ("finger", "frequency", "threshold", "interval", "z", "norm", "flags")
 
 
@@ -235,16 +239,16 @@ def _scored(
 
 
 def _about(
-    protocol: "StudyProtocol", row: "Found", age: float | None, posture: str, measured: "Sequence[MeasuredThreshold]"
+    protocol: "StudyProtocol", row: "Found", age: float | None, posture: str, runs: "Sequence[StoredRun]"
 ) -> list[tuple[str, str]]:
-    area = protocol.circumstances.contact_area_mm2
+    area, began_utc = protocol.circumstances.contact_area_mm2, min(each.run.started_utc for each in runs)
     return [
         ("study", protocol.study.name),
         ("subject", f"{row.subject_code} ({row.subject_group})"),
         ("age", _with_unit(age, "")),
-        ("visit", f"{row.visit}: {(row.consented_utc or '')[:16].replace('T', ' ')}"),
+        ("visit", f"{row.visit}: {began_utc[:16].replace('T', ' ')}"),
         ("experimenter", protocol.study.experimenter),
-        ("procedure", ", ".join(sorted({threshold.procedure for threshold in measured}))),
+        ("procedure", ", ".join(sorted({each.run.procedure for each in runs}))),
         ("site", protocol.circumstances.site),
         ("contact", "; ".join(part for part in (_with_unit(area, "mm²"), protocol.circumstances.surround) if part)),
         ("force", _with_unit(row.preload_n, "N")),

@@ -12,6 +12,7 @@ from tactuator.verbs.parameters import Argument, Figures, Option, Place
 from tactuator.verbs.result import Result, columns_of, plain, working
 
 if TYPE_CHECKING:
+    from tactuator.arrays import FloatArray
     from tactuator.experiment.result.strength_results import ContourResults
     from tactuator.perception.contours import Contours
 
@@ -32,20 +33,19 @@ class StoreContours(Result):
         return figures | ({"simulated": "nobody felt this"} if self.results.simulated else {})
 
     def _rows(self) -> list[tuple[float, ...]]:
-        group = self._contours()
-        low, high = group.low_db_sl, group.high_db_sl
-        assert low is not None
-        assert high is not None
+        group, low, high = self._contours()
         return [
             (level, hertz, float(group.db_sl[row, column]), float(low[row, column]), float(high[row, column]))
             for row, level in enumerate(group.level_db_sl.tolist())
             for column, hertz in enumerate(group.frequency_hz.tolist())
         ]
 
-    def _contours(self) -> "Contours":
-        if self.results.group is None:
+    def _contours(self) -> "tuple[Contours, FloatArray, FloatArray]":
+        """Return the group's contours, and the ends of their bands."""
+        group = self.results.group
+        if group is None or group.low_db_sl is None or group.high_db_sl is None:
             raise BadInput("no matches on the standard's own finger", "contours of some")
-        return self.results.group
+        return group, group.low_db_sl, group.high_db_sl
 
     def columns(self) -> Mapping[str, Any]:
         names = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl", "simulated")
@@ -53,10 +53,7 @@ class StoreContours(Result):
         return columns_of(names, [(*row, last) for row in self._rows()])
 
     def chart(self) -> Chart:
-        group = self._contours()
-        low, high = group.low_db_sl, group.high_db_sl
-        assert low is not None
-        assert high is not None
+        group, low, high = self._contours()
         curves = [
             ChartLine(
                 f"{level:g} dB SL", group.frequency_hz, group.db_sl[row], half=0.5 * (high[row] - low[row]), colour=row
@@ -131,7 +128,7 @@ def contours(
         people = {person.subject: person.contours for person in results.people}
         if subject is not None and subject not in people:
             raise BadInput(f"subject {subject!r} has no matches", ", ".join(people) or "one who has")
-        write_contours(Path(out), result._contours() if subject is None else people[subject])
+        write_contours(Path(out), result._contours()[0] if subject is None else people[subject])
     if figures is not None and results.group is not None:
         from tactuator.report.chart import chart_plate
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.requirements import Touch
-from tactuator.paper.plan import paper_display
 from tactuator.rig.board.link import IMAGE, STREAM, LinkClient, Mode, Request
 from tactuator.rig.board.rig import SENSOR_FAULTS, BoardRig
 from tactuator.rig.transport import InProcess
@@ -17,6 +16,7 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault
 from tactuator.synthesis.design import design_controller
+from tactuator.verbs.parameters import paper_display
 
 SENSORS = SENSOR_FAULTS[:5]
 

@@ -28,6 +28,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.parameters import Band, NotNegative, Number, Positive, Share, Whole, table
+from tactuator.signals.spectra import off_mains
 
 _EDGE_DECADES = 0.02
 """Width of an edge's logistic: narrower than the spacing of any grid of points in use."""
@@ -187,7 +188,7 @@ class CurvePrior(CurveShares):
     @cached_property
     def frequency_hz(self) -> FloatArray:
         """Return the frequencies at which trials may be put, shape (points,)."""
-        return clear_of_mains(np.geomspace(*self.band_hz, self.points), self.mains_hz, self.clearance_hz, self.band_hz)
+        return off_mains(np.geomspace(*self.band_hz, self.points), self.mains_hz, self.clearance_hz, self.band_hz)
 
     @cached_property
     def kinds(self) -> tuple[CurveKind, ...]:
@@ -240,19 +241,6 @@ class CurvePrior(CurveShares):
                 for hertz in edges.tolist()
             ),
         ]  # fmt: skip
-
-
-def clear_of_mains(
-    frequency_hz: FloatArray, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]
-) -> FloatArray:
-    """Move frequencies that are too near a multiple of mains_hz to clearance_hz from it, inside the band."""
-    if mains_hz == 0.0:
-        return frequency_hz
-    nearest = np.maximum(np.round(frequency_hz / mains_hz), 1.0) * mains_hz
-    gap = frequency_hz - nearest
-    down = (nearest + clearance_hz > band_hz[1]) | ((gap < 0.0) & (nearest - clearance_hz >= band_hz[0]))
-    moved = nearest + np.where(down, -clearance_hz, clearance_hz)
-    return np.where(np.abs(gap) < clearance_hz, moved, frequency_hz)
 
 
 _TAIL = 0.025

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Practice, Procedure
+from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.procedure.whole_curve import WholeCurve
@@ -33,16 +33,22 @@ from tactuator.table import ResultTable
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 
 
-def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None:
+def keep_off_mains(frequency_hz: float, at: Playable, timing: Timing) -> None:
     """Raise BadInput for a frequency at which hum would be felt with the stimulus, within its own bandwidth."""
-    if mains_hz == 0.0:
-        return
-    line = max(round(frequency_hz / mains_hz), 1) * mains_hz
-    clearance = timing.clearance_hz(frequency_hz)
-    if abs(frequency_hz - line) < clearance:
+
+    def line_near(hertz: float) -> float | None:
+        line = max(round(hertz / at.mains_hz), 1) * at.mains_hz if at.mains_hz else math.inf
+        return line if abs(hertz - line) < timing.clearance_hz(hertz) else None
+
+    line = line_near(frequency_hz)
+    if line is not None:
+        clearance, (low, high) = timing.clearance_hz(frequency_hz), at.band_hz
+        sides = math.floor(10.0 * (line - clearance)) / 10.0, math.ceil(10.0 * (line + clearance)) / 10.0
+        free = [f"{side:g} Hz" for side in sides if low <= side <= high and line_near(side) is None]
         raise BadInput(
             f"{frequency_hz:g} Hz is {abs(frequency_hz - line):.3g} Hz from the mains line at {line:g} Hz",
-            f"{clearance:.3g} Hz or more, the bandwidth of {timing.duration_s(frequency_hz):g} s",
+            f"{' or '.join(free) or 'one'}, {clearance:.3g} Hz away, the bandwidth of "
+            f"{timing.duration_s(frequency_hz):g} s",
         )
 
 
@@ -85,7 +91,7 @@ class DetectionTask(ToneTask):
         if connection.execute(begun).first() is None:
             timing = self.protocol.timing
             for frequency in self.protocol.conditions.frequencies_hz:
-                keep_off_mains(frequency, self.apparatus.mains_hz, timing)
+                keep_off_mains(frequency, self.apparatus.playable(timing), timing)
 
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Return practice, then every condition in the subject's order."""

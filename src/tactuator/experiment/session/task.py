@@ -111,12 +111,8 @@ class Apparatus:
 
     def playable(self, timing: Timing) -> Playable:
         """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
-        return Playable(self.band_hz, self.mains_hz, timing.clearance_hz(self.mains_hz or 100.0))
-
-    @property
-    def mains_hz(self) -> float:
-        """Return the fundamental of the hum that the display's first channel is said to have; 0 for none."""
-        return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
+        mains_hz = self.controller.display.channels[0].environment.mains_hz
+        return Playable(self.band_hz, mains_hz, timing.clearance_hz(mains_hz or 100.0))
 
     @property
     def simulated(self) -> bool:

@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.procedure.up_down import UpDown, UpDownRule
 from tactuator.experiment.task.estimate import Equality, StrengthEstimate, equality, estimate
@@ -37,6 +36,7 @@ from tactuator.experiment.words import Words
 from tactuator.parameters import Band, Positive, Whole, table
 from tactuator.perception.contours import REFERENCE_HZ
 from tactuator.perception.curve import COMFORT_DB_SL, Level, ThresholdCurve
+from tactuator.signals.spectra import off_mains
 from tactuator.table import ResultTable
 
 STANDARD, COMPARISON = "standard", "comparison"
@@ -147,7 +147,7 @@ class MatchingKeys(TaskKeys):
         if not band[0] < self.frequency_hz < band[1]:
             raise BadInput(f"band {band[0]:g} to {band[1]:g} Hz", f"with {self.frequency_hz:g} Hz inside")
         hertz = np.geomspace(*band, self.points)
-        clear = clear_of_mains(hertz, playable.mains_hz, playable.clearance_hz, band)
+        clear = off_mains(hertz, playable.mains_hz, playable.clearance_hz, band)
         return Candidates(clear[np.abs(clear - self.frequency_hz) > _SAME_HZ], np.array(self.levels_db_sl))
 
     def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Judgement:
