@@ -75,17 +75,26 @@ def identify_response(
         if not is_clear:
             whole = _identify_response(_with_own_noise(given, fits), asked, note)
         if not astray.any():
-            return whole
+            return _narrowed(whole, given)
         note("leaving out points that stand off all others")
         kept = _at(given, ~astray)
         without = _identify_response(_with_own_noise(kept, _beginning(kept, asked, note)), asked, note)
-        without = _reaching(without, given, kept, "far off what all others follow, left out")
+        without = _reaching(_narrowed(without, kept), given, kept, "far off what all others follow, left out")
         if is_clear:
             return without
-        whole = replace(whole, model=whole.model.holding(without.model))
+        whole = _narrowed(replace(whole, model=whole.model.holding(without.model)), given)
         return _reaching(
             whole, given, kept, "bad readings or poles (more points near them will tell), the band holds both"
         )
+
+
+def _narrowed(result: ResponseFit, given: FrequencyResponse) -> ResponseFit:
+    """Return the fit, of magnitudes alone valid where its band of the magnitude is narrow."""
+    if given.phase_rad is not None:
+        return result
+    (low, high), valid = result.model.band_hz, valid_range(result.model, result.model.band_hz, np.inf)
+    share = 100.0 * float(np.log(valid[1] / valid[0]) / np.log(high / low))
+    return replace(result, model=replace(result.model, valid_hz=valid).judged(trust.VALID.of(share)))
 
 
 def _at(given: FrequencyResponse, kept: NDArray[np.bool_]) -> FrequencyResponse:
@@ -375,10 +384,6 @@ def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, aske
     doubts = response_doubts(given)
     is_coarse = given.assumed and departure > 0.5
     largest = float(np.max(np.abs(off_db)))
-    if given.phase_rad is None:
-        valid = valid_range(model, (low, high), np.inf)
-        share = 100.0 * float(np.log(valid[1] / valid[0]) / np.log(high / low))
-        model = replace(model, valid_hz=valid).judged(trust.VALID.of(share))
     model = model.judged(
         trust.GROWING.of(float(np.sum(np.roots(den).real > 0.0))),
         trust.RESPONSE_OFF.of(departure, f"by up to {largest:.3g} dB"),
