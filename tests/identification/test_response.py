@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
-from tactuator.identification.trust import RESPONSE_ALIKE, RESPONSE_OFF
+from tactuator.identification.trust import FIXED_DB, RESPONSE_ALIKE, RESPONSE_OFF
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
 from tests.cli.refusals import refused
 from tests.identification.others import Plant
@@ -73,6 +73,21 @@ def test_identify_response__bad_readings__are_left_out_and_named_and_the_band_re
     assert np.max(np.abs(off)) < 0.1
     assert np.all(found.model.band_db(HERTZ[bad]) >= np.abs(off_db) - 0.3)
     assert np.all(np.delete(found.model.band_db(HERTZ), bad) < 0.1)
+
+
+@pytest.mark.parametrize(("order", "right"), [(None, True), (3, False), (5, True), (6, True)])
+def test_identify_response__magnitudes_alone_and_an_order_that_they_do_not_show__is_right_or_refused(order, right):
+    """With five poles it was 2.8 dB off, and trusted."""
+    pair = np.array([-100.0 + 1540.0j, -100.0 - 1540.0j])
+    plant = Plant(0.88 * pair, np.array([*np.roots([1.0, 94.0, 290.0]), *pair]), 9.0, 2e-3)
+    hertz, below = np.geomspace(1.0, 500.0, 90), np.geomspace(1.0, 300.0, 500)
+    size = np.abs(plant.response(hertz)) * (1.0 + 0.012 * np.random.default_rng(7).standard_normal(90))
+    given = FrequencyResponse(hertz, size, None, np.full(90, 0.01), assumed=True)
+    found = identify_response(given, Asked(order=order))
+    off_db = 20.0 * np.log10(np.abs(found.model.response(below) / plant.response(below)))
+    assert (found.order, found.distrust == (), np.max(np.abs(off_db)) < 0.2) == (order or 4, right, right)
+    assert (found.model.valid_hz[1] < 200.0) is not right
+    assert right or any(reason.startswith(f"{FIXED_DB.name}, by itself it shows 4 poles") for reason in found.distrust)
 
 
 def test_identify_response__bad_first_of_few__is_a_bad_reading_or_a_pole_and_the_band_holds_both() -> None:

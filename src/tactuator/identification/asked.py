@@ -199,6 +199,8 @@ class Asked:
             except ValidationError:
                 raise BadInput(f"{value!r}", _allowed(annotation), key=name) from None
         origin_zeros, most = DERIVATIVES.get(self.quantity, 0), MOST_POLES if self.order is None else self.order
+        if self.method == "refined" and most < origin_zeros:
+            raise BadInput(f"{most} for the {self.quantity}", f"{origin_zeros} to {MOST_POLES}", key="order")
         if self.zeros is not None and not origin_zeros <= self.zeros <= most:
             raise BadInput(f"{self.zeros}", f"{origin_zeros} to {most}", key="zeros")
         if self.integrators > most:

@@ -4,22 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.identification import trust
 from tactuator.identification.asked import Asked, solvable
-from tactuator.identification.form import Known, is_stable
-from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.form import (
+    Form,
+    Known,
+    free_poles,
+    is_stable,
+    ladder,
+    numerator_polynomial,
+    numerator_weights,
+    sections_of,
+)
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem, information
 from tactuator.identification.lines import LocalResponse
-from tactuator.identification.search import TIE, Choice, choose, propose
+from tactuator.identification.prepared import valid_range
+from tactuator.identification.search import Choice, best_few, choose, propose, pruned
 from tactuator.identification.spectral_estimate import CERTAIN
 from tactuator.identification.standing import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.starts import Starter
-from tactuator.identification.trust import GROWING, RESPONSE_ALIKE, RESPONSE_LEFT, RESPONSE_OFF, UNLIKELY
-from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
+from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.processors import single_threaded
@@ -54,23 +65,36 @@ def identify_response(
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     asked = asked.of(given.about)
+    if given.phase_rad is None:
+        if asked.fixed:
+            raise BadInput("fixed values with a magnitude without phase", "with a response of both, or a record")
+        asked = replace(asked, delay_s=asked.delay_s or 0.0)
     with single_threaded(scipys=False), solvable():
         fits = _beginning(given, asked, note)
         astray, is_clear = _astray(given, fits)
         if not is_clear:
             whole = _identify_response(_with_own_noise(given, fits), asked, note)
         if not astray.any():
-            return whole
+            return _narrowed(whole, given)
         note("leaving out points that stand off all others")
         kept = _at(given, ~astray)
         without = _identify_response(_with_own_noise(kept, _beginning(kept, asked, note)), asked, note)
-        without = _reaching(without, given, kept, "far off what all others follow, left out")
+        without = _reaching(_narrowed(without, kept), given, kept, "far off what all others follow, left out")
         if is_clear:
             return without
-        whole = replace(whole, model=whole.model.holding(without.model))
+        whole = _narrowed(replace(whole, model=whole.model.holding(without.model)), given)
         return _reaching(
             whole, given, kept, "bad readings or poles (more points near them will tell), the band holds both"
         )
+
+
+def _narrowed(result: ResponseFit, given: FrequencyResponse) -> ResponseFit:
+    """Return the fit, of magnitudes alone valid where its band of the magnitude is narrow."""
+    if given.phase_rad is not None:
+        return result
+    (low, high), valid = result.model.band_hz, valid_range(result.model, result.model.band_hz, np.inf)
+    share = 100.0 * float(np.log(valid[1] / valid[0]) / np.log(high / low))
+    return replace(result, model=replace(result.model, valid_hz=valid).judged(trust.VALID.of(share)))
 
 
 def _at(given: FrequencyResponse, kept: NDArray[np.bool_]) -> FrequencyResponse:
@@ -89,10 +113,10 @@ def _off(fit: SpectralFit | PlantModel, given: FrequencyResponse) -> ComplexArra
 def _beginning(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> list[SpectralFit]:
     """Return fits of all forms, best first, that leave half the equations to tell the noise by."""
     local, rate_hz, scale = _prepared(given)
-    known = asked.known(1.0).without_values
-    fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
+    fits = propose(local, rate_hz, scale, ("band-limited",), _free(given, asked), note)["band-limited"]
     fits = [fit for fit in fits if fit.form.count < given.magnitude.size]
-    return fits if given.phase_rad is not None else [fit_magnitude(fit, given, _FEW_STEPS) for fit in fits]
+    problem = _problem(given)
+    return [problem.sized(fit, _FEW_STEPS) for fit in fits] if isinstance(problem, _Magnitudes) else fits
 
 
 _OUT, _MOST_OUT = 40.0, 0.1
@@ -118,7 +142,8 @@ def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> tuple[NDAr
     def criterion(cost: float, fit: SpectralFit, out: int) -> float:
         return parts * points * float(np.log(max(cost, 1e-300))) + price * (fit.form.count + parts * out)
 
-    trials = [(fit, *_trimmed(given, fit, int(_MOST_OUT * points))) for fit in fits]
+    problem = replace(_problem(given), stable=True)
+    trials = [(fit, *_trimmed(problem, given, fit, int(_MOST_OUT * points))) for fit in fits]
     scores = [criterion(cost, fit, int(out.sum())) for fit, cost, out in trials]
     usual = [fit for fit in fits if is_stable(fit.theta, fit.form)]
     whole, poles = min(((criterion(fit.cost, fit, 0), fit.form.poles) for fit in usual), default=(np.inf, 0))
@@ -129,15 +154,15 @@ def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> tuple[NDAr
     return trials[best][2], scores[best] < whole - _CLEAR
 
 
-def _trimmed(given: FrequencyResponse, fit: SpectralFit, most: int) -> tuple[float, NDArray[np.bool_]]:
+def _trimmed(
+    problem: SpectralProblem, given: FrequencyResponse, fit: SpectralFit, most: int
+) -> tuple[float, NDArray[np.bool_]]:
     """Return the cost of the fit of that form after it was freed of the points that stand off it, and which they are,
     (m,), `most` of them.
 
     At first every point counts the less, the farther it stands off (Cauchy's weights), later not at all. Bad points
     draw poles to them, also into the right half plane: they are mirrored.
     """
-    local, rate_hz, scale = _prepared(given)
-    problem = replace(Starter(local, rate_hz, "band-limited", scale).problem, stable=True)
     cost, out = fit.cost, np.zeros(problem.weight.size, dtype=np.bool_)
     for k in range(2 * _ROUNDS):
         off = np.abs(_off(fit, given) / given.deviation) ** 2
@@ -146,13 +171,8 @@ def _trimmed(given: FrequencyResponse, fit: SpectralFit, most: int) -> tuple[flo
         if (k == 0 and not out.any()) or (k >= _ROUNDS and np.array_equal(out, before)):
             break
         share = np.where(out, 1e-9, 1.0) if k >= _ROUNDS else 1.0 / np.sqrt(1.0 + off / usual / 4)
-        if given.phase_rad is None:
-            again: SpectralFit | None = fit_magnitude(
-                fit, replace(given, deviation=given.deviation / share), _FEW_STEPS
-            )
-        else:
-            weighted = replace(problem, weight=share * problem.weight)
-            again = weighted.descend(fit.form, np.abs(fit.theta), fit.delay, most=_FEW_STEPS)
+        weighted = replace(problem, weight=share * problem.weight)
+        again = weighted.descend(fit.form, np.abs(fit.theta), fit.delay, most=_FEW_STEPS)
         if again is None:
             break
         fit, cost = again, again.cost
@@ -202,25 +222,28 @@ def _prepared(given: FrequencyResponse) -> tuple[LocalResponse, float, float]:
     """
     value = given.value()
     # the error of a phase is as large as that of the magnitude, and adds as much power
-    power = 2.0 * given.deviation**2 if given.phase_rad is not None else _unsure(given) ** 2
-    variance, ones = power * given.magnitude**2, np.ones(value.size)
+    variance, ones = 2.0 * (given.deviation * given.magnitude) ** 2, np.ones(value.size)
     local = LocalResponse(given.frequency_hz, value, variance, variance, ones, ones)
     return local, 4.0 * float(given.frequency_hz[-1]), 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
 
 
+def _free(given: FrequencyResponse, asked: Asked) -> Known:
+    """Return what is known without fixed values, and where magnitudes alone have to tell, without a form asked for."""
+    known = asked.known(1.0).without_values
+    return known if given.phase_rad is not None else replace(known, poles=None, zeros=None)
+
+
 def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> ResponseFit:
-    value, by_magnitude = given.value(), given.phase_rad is None
     local, rate_hz, scale = _prepared(given)
-    delay_s = 0.0 if given.phase_rad is None and asked.delay_s is None else asked.delay_s
-    if by_magnitude and asked.fixed:
-        raise BadInput("fixed values with a magnitude without phase", "with a response of both, or a record")
-    known = replace(asked, delay_s=delay_s).known(1.0)
-    problem = Starter(local, rate_hz, "band-limited", scale).problem
+    known, alone, problem = asked.known(1.0), _free(given, asked), _problem(given)
 
     def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
         fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note, near={"band-limited": near})
         if not fits["band-limited"]:
             raise BadInput("no model of the form asked for fits the response", "another order, or more zeros")
+        if isinstance(problem, _Magnitudes):
+            begun = {fit.form: problem.sized(fit) for fit in best_few(fits["band-limited"])}
+            return Choice("band-limited", pruned(problem, begun, wanted), begun, problem)
         # forms beside the best one are tried from it: a pole and a zero that all but cancel go together
         best = choose(problem.given, fits["band-limited"], "band-limited", wanted, weight=problem.weight)
         if is_stable(best.fit.theta, best.fit.form):
@@ -229,76 +252,119 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
         stable = choose(problem.given, mirrored, "band-limited", wanted, weight=problem.weight, stable=True)
         return stable if stable.criterion(stable.fit) < best.criterion(best.fit) + CERTAIN else best
 
-    free = best_of(known.without_values)
-    if by_magnitude:
-        allowed = [fit_magnitude(candidate, given) for candidate in free.fits.values() if known.allows(candidate.form)]
-        fit = _settled(allowed, value.size)
-        return _judged(given, fit, magnitude_covariance(fit, given), local, asked)
-    free_fit = _judged(given, free.fit, information(free.problem, free.fit), local, asked)
-    if not asked.fixed:
+    free = best_of(alone)
+    free_fit = _judged(given, free, local, asked)
+    if not asked.fixed and known.allows(free.fit.form):
         return free_fit
-    bound = best_of(known, tuple(free.fits.values()))
-    bound_fit = _judged(given, bound.fit, information(bound.problem, bound.fit), local, asked)
+    bound = best_of(known, tuple(free.fits.values()) if asked.fixed else ())
+    form, better = free.fit.form, free.criterion(free.fit) < bound.criterion(bound.fit)
+    zeros = form.zeros if known.zeros is None else known.zeros
+    poles = known.poles or max(form.poles, zeros)
+    if isinstance(problem, _Magnitudes) and better and poles >= form.poles and zeros >= form.zeros:
+        more = problem.sized(problem.shown(free.fit, replace(form, poles=poles, zeros=zeros))[0], 0)
+        padded = _judged(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, asked)
+        said = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
+        return replace(padded, remarks=(*padded.remarks, said))
+    bound_fit = _judged(given, bound, local, asked)
     both: ResponseFit = beside_free(bound_fit, free_fit.model, asked.fixed, bound, [free])
     return both
 
 
-def _unsure(given: FrequencyResponse) -> FloatArray:
-    """Return the relative error of a response of computed phase: what lies beyond its ends turns it most there."""
-    place = np.log(given.frequency_hz)
-    to_end = np.minimum(place - place[0], place[-1] - place)
-    return np.asarray(np.hypot(given.deviation, 0.02 + 0.13 * np.exp(-2.0 * to_end)))
+def _problem(given: FrequencyResponse) -> SpectralProblem:
+    """Return the problem of a response; where it has no phase, descents begin with the one that is computed."""
+    local, rate_hz, scale = _prepared(given)
+    problem = Starter(local, rate_hz, "band-limited", scale).problem
+    if given.phase_rad is not None:
+        return problem
+    return _Magnitudes(problem.given, 1.0 / (given.deviation * given.magnitude), problem.grid, with_transient=False)
 
 
-def _settled(fits: list[SpectralFit], equations: int) -> SpectralFit:
-    """Return the form of best criterion (Bayes); of those within a tie the one of fewer poles."""
-    price = float(np.log(equations))
-    scores = [2.0 * fit.cost + price * fit.form.count for fit in fits]
-    rows = [(fit.form.poles, score, k) for k, (fit, score) in enumerate(zip(fits, scores, strict=True))]
-    return fits[min(row for row in rows if row[1] < min(scores) + TIE)[2]]
+_REACH = 30.0
+"""How far beyond the ends of the magnitudes poles and zeros may lie, over them: farther off nothing shows where."""
+_UNKNOWN = 3.0
+"""Deviation of the logarithm of a section's coefficient of which nothing is seen."""
 
 
-def fit_magnitude(fit: SpectralFit, given: FrequencyResponse, steps: int = _STEPS) -> SpectralFit:
-    """Return the fit after Gauss and Newton's descent on the logarithm of the magnitudes alone."""
-    goal, fit = np.log(given.magnitude), replace(fit, theta=np.abs(fit.theta))  # no mirrored pole changes a magnitude
+class _Magnitudes(SpectralProblem):
+    """A response of which the magnitudes alone are known, weighted by their logarithms' errors: fits of least phase.
 
-    def misfit(trial: SpectralFit) -> FloatArray:
-        return np.asarray((goal - np.log(np.abs(trial.response(given.frequency_hz)))) / given.deviation)
+    A magnitude follows the square of a slow pole, so one at zero would never leave it. No pole or zero lies far beyond
+    the ends, or rings so long that points as far apart as these do not show it.
+    """
 
-    now = misfit(fit)
-    for _ in range(steps):
-        slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
-        size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-        if not np.all(np.isfinite(slopes)):
-            break
-        step = np.linalg.lstsq(slopes / size, now, rcond=1e-9)[0] / size
-        trials = [moved(fit, share * step) for share in (1.0, 0.3, 0.1, 0.03)]
-        trials = [trial for trial in trials if is_stable(trial.theta, trial.form)] or [fit]
-        sums = [float(np.sum(misfit(trial) ** 2)) for trial in trials]
-        best = int(np.nanargmin([value if np.isfinite(value) else np.inf for value in sums]))
-        if not sums[best] < float(now @ now) - 1e-6:
-            break
-        fit, now = trials[best], misfit(trials[best])
-    return replace(fit, cost=0.5 * float(now @ now))
+    def descend(self, form: Form, theta: FloatArray, delay: float, **limits: Any) -> SpectralFit | None:
+        """Return the fit to the magnitudes, begun with the numerator of the complex response."""
+        begun = super().descend(form, theta, delay, most=0)
+        return None if begun is None else self.sized(begun, limits["most"])
+
+    def sized(self, begun: SpectralFit, most: int = _STEPS) -> SpectralFit:
+        """Return the fit after Levenberg and Marquardt's descent on the logarithm of the magnitudes."""
+        (fit, rest), damping, first = self.shown(begun, begun.form), 1e-3, begun.numerator.size
+        slopes = self._slopes(fit)
+        for _ in range(most):
+            size = np.linalg.norm(slopes, axis=0) + 1e-300
+            gram, downhill = (slopes / size).T @ (slopes / size), (slopes / size).T @ rest
+            for _ in range(8):
+                step = np.linalg.solve(gram + damping * np.eye(size.size), downhill) / size
+                theta = fit.theta * np.exp(np.clip(step[first:], -2.0, 2.0))
+                trial, ahead = self.shown(replace(fit, numerator=fit.numerator + step[:first], theta=theta), fit.form)
+                if float(ahead @ ahead) < float(rest @ rest):
+                    break
+                damping *= 5.0
+            if not float(rest @ rest - ahead @ ahead) > 1e-6:
+                break
+            fit, rest, slopes, damping = trial, ahead, self._slopes(trial), max(damping / 10.0, 1e-9)
+        fit = replace(fit, cost=0.5 * float(rest @ rest))
+        unknown = np.diag(np.repeat([0.0, 1.0 / _UNKNOWN], [first, fit.theta.size]))
+        root = np.linalg.pinv(np.concatenate([slopes, unknown])) * np.append(np.ones(first), fit.theta)[:, None]
+        self.informed[fit] = root @ root.T
+        return fit
+
+    def shown(self, fit: SpectralFit, form: Form) -> tuple[SpectralFit, FloatArray]:
+        """Return the fit in that form, its poles and zeros moved to where the points show them, those that it lacks far
+        off, and what it leaves of the magnitudes' logarithms in their errors, (m,).
+        """
+        zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, fit.form)[: fit.form.numerators])
+        pairs = (zeros, form.numerators - 1), (free_poles(fit.theta, fit.form), form.free)
+        above, below = (self._within(np.append(roots, np.full(count - roots.size, -np.inf))) for roots, count in pairs)
+        theta = sections_of(below)
+        rungs = ladder(theta, form)
+        numerator = numerator_weights(rungs, np.atleast_1d(np.poly(above)).real, form)
+        fit = replace(fit, form=form, theta=theta, rungs=rungs, numerator=numerator)
+        weight = np.abs(self.weight * self.given.goal)
+        rest = np.log(np.abs(self.given.goal / fit.response(self.grid.frequency_hz)))
+        gain = np.average(rest, weights=weight**2)
+        return replace(fit, numerator=np.exp(gain) * numerator), (rest - gain) * weight
+
+    def _slopes(self, fit: SpectralFit) -> FloatArray:
+        """Return the magnitudes' derivatives by (numerator, logarithm of theta) in their errors, (m, k)."""
+        slopes = log_slopes(fit, self.grid.frequency_hz).real * np.append(np.ones(fit.numerator.size), fit.theta)
+        return np.asarray(slopes * np.abs(self.weight * self.given.goal)[:, None])
+
+    def _within(self, roots: ComplexArray) -> ComplexArray:
+        """Return roots of the left half plane, (n,), in reach of the points, that ring no longer than these show."""
+        hertz, to_hz = self.grid.frequency_hz, self.grid.scale_rad_s / (2.0 * np.pi)
+        size = np.clip(np.abs(roots), hertz[0] / to_hz / _REACH, hertz[-1] / to_hz * _REACH)
+        least = np.interp(size * to_hz, hertz, np.gradient(hertz)) / self.grid.scale_rad_s
+        decay = np.maximum(np.abs(np.cos(np.angle(roots))) * size, least)
+        turn = np.sqrt(np.maximum(size**2 - decay**2, 0.0)) * np.sign(roots.imag)
+        return np.asarray(np.where(roots.imag == 0.0, -size, -decay + 1j * turn))
 
 
-def magnitude_covariance(fit: SpectralFit, given: FrequencyResponse) -> FloatArray:
-    """Return the covariance of (numerator, theta, dead time) by the magnitudes alone."""
-    slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
-    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-    gram = (slopes / size).T @ (slopes / size)
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.outer(size, size))
-
-
-def _judged(
-    given: FrequencyResponse, fit: SpectralFit, covariance: FloatArray, local: LocalResponse, asked: Asked
-) -> ResponseFit:
+def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, asked: Asked) -> ResponseFit:
+    fit, covariance = choice.fit, information(choice.problem, choice.fit)
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
     departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))
     num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0)
     missing = left_over(fit, local, response, given.frequency_hz)
+    excess = Excess(given.frequency_hz, missing, missing)
     low, high = float(given.frequency_hz[0]), float(given.frequency_hz[-1])
+    if given.phase_rad is None:
+        variance, seen = (given.deviation * given.magnitude) ** 2, given.magnitude * response / np.abs(response)
+        local = replace(local, value=seen, variance=variance, noise=variance)
+        beyond = left_over(fit, local, response, given.frequency_hz)
+        excess = other_forms(choice, given.frequency_hz).joined(beyond + 1j * missing)
     model = PlantModel(
         num=num,
         den=den,
@@ -308,7 +374,7 @@ def _judged(
         quantity=asked.quantity,
         method="response",
         record=dict(given.about),
-        excess=Excess(given.frequency_hz, missing, missing),
+        excess=excess,
         valid_hz=(low, high),
     )
     if fit.form.pins or fit.form.known:
@@ -319,10 +385,10 @@ def _judged(
     is_coarse = given.assumed and departure > 0.5
     largest = float(np.max(np.abs(off_db)))
     model = model.judged(
-        GROWING.of(float(np.sum(np.roots(den).real > 0.0))),
-        RESPONSE_OFF.of(departure, f"by up to {largest:.3g} dB"),
-        RESPONSE_ALIKE.of(alike if is_coarse else 0.0),
-        RESPONSE_LEFT.of(100.0 * float(np.sqrt(np.mean(np.abs(off) ** 2))) if given.assumed else 0.0),
-        UNLIKELY.of(float(len(doubts)), "; ".join(doubts)),
+        trust.GROWING.of(float(np.sum(np.roots(den).real > 0.0))),
+        trust.RESPONSE_OFF.of(departure, f"by up to {largest:.3g} dB"),
+        trust.RESPONSE_ALIKE.of(alike if is_coarse else 0.0),
+        trust.RESPONSE_LEFT.of(100.0 * float(np.sqrt(np.mean(np.abs(off) ** 2))) if given.assumed else 0.0),
+        trust.UNLIKELY.of(float(len(doubts)), "; ".join(doubts)),
     )
     return ResponseFit(model, fit.form.poles, departure, largest, given.remarks)

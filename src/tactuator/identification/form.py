@@ -226,6 +226,17 @@ def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> Floa
     return numerator
 
 
+def numerator_basis(rungs: Ladder, form: Form) -> FloatArray:
+    """Return the numerators of weight one on each rung as columns, descending, (zeros + 1, numerators)."""
+    return np.stack([numerator_polynomial(rungs, unit, form) for unit in np.eye(form.numerators)], axis=1)
+
+
+def numerator_weights(rungs: Ladder, polynomial: FloatArray, form: Form) -> FloatArray:
+    """Return the weights (numerators,) of the numerator that is this polynomial, descending, of degree `zeros`."""
+    basis = numerator_basis(rungs, form)[: form.numerators]
+    return np.asarray(np.linalg.solve(basis, polynomial[: form.numerators]), dtype=np.float64)
+
+
 def denominator_values(theta: FloatArray, form: Form, s: ComplexArray) -> ComplexArray:
     """Return the denominator at s (m,)."""
     value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
@@ -422,7 +433,7 @@ def _conditions(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArra
     )
     if not pins:
         return rows, wanted, slopes
-    basis = np.stack([numerator_polynomial(rungs, unit, form) for unit in np.eye(form.numerators)], axis=1)
+    basis = numerator_basis(rungs, form)
     last = float(np.prod([section[-1] for section in all_sections(theta, form)]))
     for k, pin in enumerate(pins):
         rows[k] = basis[{"gain": -1, "lead": 0}.get(pin.kind, -1 - pin.power)]

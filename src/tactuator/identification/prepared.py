@@ -250,13 +250,15 @@ _HIGHEST = 0.47
 _SHARE, _FEWEST, _POINTS = 0.02, 12, 200
 
 
-def valid_range(model: PlantModel, moved_hz: tuple[float, float]) -> tuple[float, float]:
+def valid_range(
+    model: PlantModel, moved_hz: tuple[float, float], widest_deg: float = BAND_DEG.limit
+) -> tuple[float, float]:
     """Return the longest range within moved_hz over which the band of the model is narrow, Hz; a range of two
     neighbouring frequencies stands for none.
     """
     low, high = moved_hz
     frequency = np.geomspace(low, max(high, 1.01 * low), _POINTS)
-    widest_rad = np.radians(BAND_DEG.limit)
+    widest_rad = np.radians(widest_deg)
     narrow = np.flatnonzero((model.band_db(frequency) <= BAND_DB.limit) & (model.band_rad(frequency) <= widest_rad))
     if not narrow.size:
         return (float(frequency[0]), float(frequency[1]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -99,11 +100,7 @@ def propose(
     for hold, fits in near.items():
         for fit in fits:
             proposals.add_from_free(hold, fit)
-    return {hold: [fit for _, fit in sorted(scored, key=_score_of)] for hold, scored in proposals.scored.items()}
-
-
-def _score_of(pair: tuple[float, SpectralFit]) -> float:
-    return pair[0]
+    return {hold: [fit for _, fit in sorted(scored, key=itemgetter(0))] for hold, scored in proposals.scored.items()}
 
 
 class _Proposals:
@@ -125,7 +122,7 @@ class _Proposals:
 
     def leading(self) -> tuple[float, SpectralFit]:
         """Return the best fit with its score."""
-        return min((pair for scored in self.scored.values() for pair in scored), key=_score_of)
+        return min((pair for scored in self.scored.values() for pair in scored), key=itemgetter(0))
 
     def least_cost(self) -> float:
         """Return the least cost of all fits."""
@@ -218,7 +215,7 @@ def choose(
     what the model leaves tells it otherwise.
     """
     highest = _HIGHEST[hold] * given.rate_hz
-    kept = _kept(proposals)[: 2 if quick else _KEPT]
+    kept = best_few(proposals)[: 2 if quick else _KEPT]
     first, first_hz = kept[0], kept[0].grid.frequency_hz[0]
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
 
@@ -234,9 +231,13 @@ def choose(
             first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
-    others = [_glance(problem, rival, 8) for rival in kept if rival.form != first.form]
+    others = [  # as far as forms are told apart by: the best ones are gone on with
+        problem.descend(rival.form, rival.theta, rival.delay, most=8, gain=_WORTH, share=_WORTH_SHARE)
+        for rival in kept
+        if rival.form != first.form
+    ]
     fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
-    best = _best(problem, fits) if quick else _settled(problem, fits, known)
+    best = _best(problem, fits) if quick else pruned(problem, fits, known)
     for _ in range(1 if quick else 2):
         problem = weighed(problem, best)
         best = _again(problem, best, 10) or best
@@ -311,28 +312,17 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
     simpler: SpectralFit | None = now
     while simpler is not None:
         now, least, simpler = simpler, choice.fit, None
-        for fit in _fitted_simpler(choice.problem, now, known):
-            if is_within(fit):
-                simpler = fit
-                break
-            least = min(least, fit, key=_cost)
+        for form, theta in _simpler(now):
+            if form.count < now.form.count and known.allows(form):
+                delay = now.delay if form.dead_time or known.delay_s is not None else 0.0
+                fit = choice.problem.descend(form, theta, delay, most=12)
+                if fit is not None and is_within(fit):
+                    simpler = fit
+                    break
+                least = min(least, fit or least, key=lambda each: each.cost if np.isfinite(each.cost) else np.inf)
         if simpler is None and least is not choice.fit:
             return replace(choice, fit=least, fits={**choice.fits, least.form: least}), True
     return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now}), False
-
-
-def _cost(fit: SpectralFit) -> float:
-    return fit.cost if np.isfinite(fit.cost) else np.inf
-
-
-def _fitted_simpler(problem: SpectralProblem, fit: SpectralFit, known: Known) -> Iterator[SpectralFit]:
-    """Yield fits of the forms of fewer parameters beside the fit's."""
-    for form, theta in _simpler(fit):
-        if form.count < fit.form.count and known.allows(form):
-            delay = fit.delay if form.dead_time or known.delay_s is not None else 0.0
-            fitted = problem.descend(form, theta, delay, most=12)
-            if fitted is not None:
-                yield fitted
 
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
@@ -341,18 +331,13 @@ def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: Spectra
     return {fit.form: _again(problem, fit, 4) or fit for fit in near if fit is not best}
 
 
-def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:
+def best_few(proposals: list[SpectralFit]) -> list[SpectralFit]:
     """Return the best few, three of each number of poles at most, without those that are far off."""
     kept: list[SpectralFit] = []
     for fit in proposals:
         if fit.cost <= _FAR_OFF * proposals[0].cost and sum(other.form.poles == fit.form.poles for other in kept) < 3:
             kept.append(fit)
     return kept[:_KEPT]
-
-
-def _glance(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
-    """Return the fit as far as forms are told apart by: the best ones are gone on with."""
-    return problem.descend(fit.form, fit.theta, fit.delay, most=most, gain=_WORTH, share=_WORTH_SHARE)
 
 
 def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
@@ -370,7 +355,7 @@ def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFi
     return min(near, key=lambda fit: (fit.form.poles, _score(problem, fit)))
 
 
-def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
+def pruned(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
     """Return the best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
     tried: set[Form] = set()
     while True:

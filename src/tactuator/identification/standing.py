@@ -121,7 +121,8 @@ def weighed_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, fre
     frequency = np.geomspace(low, high, 200)
     apart = 8.685890 * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
     rows = [FIXED.of(100.0 * value.off, str(value)) for value in known]
-    return [*rows, FIXED_DB.of(apart, _evaded(model, free, low))]
+    alone = f"by itself it shows {free.den.size - 1} poles and {free.num.size - 1} zeros"
+    return [*rows, FIXED_DB.of(apart, _evaded(model, free, low) if known else alone)]
 
 
 def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:

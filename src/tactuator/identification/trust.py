@@ -63,5 +63,3 @@ RESPONSE_OFF = Standard("mean squared departure from the response over its confi
 RESPONSE_LEFT = Standard("scatter of the response about the model", "%", 10.0)
 UNLIKELY = Standard("figures of the response that can hardly be", "", 0.0)
 RESPONSE_ALIKE = Standard("likeness of neighbouring departures", "", 0.5)
-STANDARDS = tuple(value for value in list(globals().values()) if isinstance(value, Standard))
-"""The table of trust, as the page on identification has it."""

@@ -16,6 +16,7 @@ from tactuator.identification.form import (
     monic_values,
     numerator_polynomial,
     numerator_values,
+    numerator_weights,
     section_list,
     sections_of,
 )
@@ -208,8 +209,7 @@ def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> 
     form = Form(poles.size, zeros, dead_time=True)
     theta = sections_of(poles / scale)
     rungs = ladder(theta, form)
-    basis = np.stack([numerator_polynomial(rungs, row, form) for row in np.eye(zeros + 1)], axis=1)
     powers = poles.size - np.arange(zeros, -1, -1.0)
-    numerator = np.asarray(np.linalg.solve(basis, model.num / gain / scale**powers), dtype=np.float64)
+    numerator = numerator_weights(rungs, model.num / gain / scale**powers, form)
     grid = Grid(np.zeros(0), rate_hz, scale, hold)
     return SpectralFit(form, theta, model.delay_s * scale, numerator, rungs, grid, 0.0)
