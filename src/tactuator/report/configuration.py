@@ -139,7 +139,7 @@ def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> Plate
     drawing, axes = _canvas(10.0, 3.6)
     boxes = {}
     for x, width, letter, system in (
-        (1.9, 2.3, "F(z)", _as_corners(f)),
+        (1.9, 2.7, "F(z)", _as_corners(f)),
         (5.1, 2.1, "C(s)", c),
         (7.7, 1.7, "P(s)", channel.plant),
     ):
