@@ -139,6 +139,7 @@ def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduc
     page = (reproduced.folder / "report.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
+    assert "`" not in page
     assert f"{expected_bias_db(study.plan):+.1f} dB is expected" in page
     assert all(f"id='{name}'" in page for name in names)
     json.loads((reproduced.folder / "summary.json").read_text())

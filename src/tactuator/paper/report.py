@@ -57,7 +57,7 @@ class Table:
         """Return the table as HTML."""
         head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
         kinds = {"met": " class='met'", "not met": " class='not-met'"}
-        cells = ("".join(f"<td{kinds.get(cell, '')}>{escape(cell)}</td>" for cell in row) for row in self.rows)
+        cells = ("".join(f"<td{kinds.get(cell, '')}>{_with_code(cell)}</td>" for cell in row) for row in self.rows)
         body = "".join(f"<tr>{row}</tr>" for row in cells)
         return f"<div class='table'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
 
@@ -88,9 +88,13 @@ def page(title: str, introduction: Sequence[str], sections: Sequence[Section], f
     )
 
 
+def _with_code(text: str) -> str:
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
 def _section(section: Section) -> str:
     parts = [f"<h2>{escape(section.title)}</h2>"]
-    parts += [f"<p>{escape(text)}</p>" for text in section.paragraphs]
+    parts += [f"<p>{_with_code(text)}</p>" for text in section.paragraphs]
     parts += [table.html() for table in section.tables]
     parts += [_figure(plate) for plate in section.plates]
     return f"<section id='{_anchor(section.title)}'>{''.join(parts)}</section>"
