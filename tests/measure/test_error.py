@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 import tactuator as tt
-from tactuator.measure.error import ChannelPrediction, as_read, error_db, response_verdict
+from tactuator.measure.error import ChannelPrediction, as_read, error_db, images_db, response_verdict
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
@@ -175,9 +175,10 @@ def test_design__accelerometer_at_a_low_rate__felt_as_asked_and_not_judged_by_im
     was felt of a design that was told to be 0.1 dB off."""
     rate_hz, gain, den = 5000, 1e-4, [1.0, 89.0, 1.141e6]
     plant = {"num": [2.0, 0.0, 0.0], "den": den}
-    described = {"quantity": "acceleration", "sensor_gain_v_per_mm": gain, "travel_mm": 0.8, "plant": plant}
+    lra = {"quantity": "acceleration", "sensor_gain_v_per_mm": gain, "travel_mm": 0.8, "plant": plant}
     late = {"display": {"name": "LRA", "rate_hz": rate_hz, "delay_samples": 1}}
-    made = design_controller(sound_display(["lra"], rate_hz, 20.0, described, late, output_full_scale_v=3.0))
+    on_a_card = sound_display(["lra"], rate_hz, 20.0, lra, late, output_full_scale_v=3.0)
+    made = design_controller(replace(on_a_card, sound=None))
     (actuator,) = made.display.channels
     hertz, finer = np.array([20.0, 25.0, 55.0]), 40
     fine = signal.cont2discrete(([2.0], den), 1.0 / (finer * rate_hz), "zoh")
@@ -195,3 +196,4 @@ def test_design__accelerometer_at_a_low_rate__felt_as_asked_and_not_judged_by_im
     (worst, *_) = response_verdict([as_read(read, made, 0.25)], made.display).objectives[0].findings
     assert (worst.outcome, worst.frequency_hz) == (Outcome.NOT_JUDGED, 20.0)
     assert "images of the command change what the sensor reads by" in worst.remark
+    assert not images_db(on_a_card, "lra", hertz).any()  # a card's converters have filters

@@ -103,8 +103,10 @@ _DITHERED, _BLIND = 0.6, 1e-3
 
 def images_db(display: Display, name: str, frequency_hz: FloatArray) -> FloatArray:
     """Return by how much, dB, (m,), images of the held command change what the sensor of a channel reads: of an
-    accelerometer, which nothing filters ahead of its A/D for all we know.
+    accelerometer, which nothing filters ahead of its A/D for all we know. Sound cards have such filters.
     """
+    if display.sound is not None:
+        return np.zeros(frequency_hz.shape)
     plant = zero_order_hold(display.channel(name).plant, display.rate_hz, display.delay_samples)
     return np.abs(db(plant.response(frequency_hz) / plant.moved_response(frequency_hz)))
 
