@@ -24,6 +24,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import FrequencyResponse
+from tactuator.signals.spectra import nearest_mains
 from tactuator.signals.systems import ContinuousSystem
 
 PERIOD_S = 4.0
@@ -44,7 +45,7 @@ def broadband(
     bins = np.arange(max(1, round(0.5 * band_hz[0] / spacing)), round(_BEYOND * band_hz[1] / spacing))
     if mains_hz:
         hertz = bins * spacing
-        bins = bins[np.abs(hertz - mains_hz * np.maximum(np.round(hertz / mains_hz), 1.0)) > _OFF_MAINS_HZ]
+        bins = bins[np.abs(hertz - nearest_mains(hertz, mains_hz)) > _OFF_MAINS_HZ]
     wave = multisine(rate_hz, count, bins, 1.0 / bins, rng, rounds=_CREST_ROUNDS)
     return replace(wave, amplitude=wave.amplitude / float(np.max(np.abs(wave.one_period()))))
 

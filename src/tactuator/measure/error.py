@@ -105,9 +105,9 @@ def images_db(display: Display, name: str, frequency_hz: FloatArray) -> FloatArr
     """Return by how much, dB, (m,), images of the held command change what the sensor of a channel reads: of an
     accelerometer, which nothing filters ahead of its A/D for all we know. Sound cards have such filters.
     """
-    if display.sound is not None:
-        return np.zeros(frequency_hz.shape)
     plant = zero_order_hold(display.channel(name).plant, display.rate_hz, display.delay_samples)
+    if plant.held is None or display.sound is not None:
+        return np.zeros(frequency_hz.shape)
     return np.abs(db(plant.response(frequency_hz) / plant.moved_response(frequency_hz)))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -37,6 +38,7 @@ def matrix_exponential(matrix: FloatArray) -> FloatArray:
     return result
 
 
+@lru_cache(maxsize=32)  # of a display's plants: an experiment asks for them after every interval
 def zero_order_hold(system: ContinuousSystem, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
     """Return the sampled equivalent of a plant driven through a zero-order hold, `delay_samples` late. Of one with
     fewer than two poles more than zeros it keeps the plant itself (`held`); of others, images of the hold are below

@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.signals.spectra import off_mains
+from tactuator.signals.spectra import KEEP_OFF_HZ, nearest_mains, off_mains
 
 Bins = NDArray[np.int64]
 _KEYS = ("period_samples", "periods", "realisations", "excited_lines")
-_ONE_SILENT_OF, _KEEP_OFF_HZ = 4, 2.0
+_ONE_SILENT_OF = 4
 _MAINS_HZ = (50.0, 60.0)
 
 
@@ -70,7 +70,7 @@ def place_lines(frequency_hz: ArrayLike, rate_hz: float, period: int, *, mains_h
     odd = np.arange(1, period // 2, 2)
     if mains_hz:
         off = np.abs(odd * spacing - mains_hz * np.round(odd * spacing / mains_hz))
-        near = (off < _KEEP_OFF_HZ - 1e-9) & (odd * spacing > 0.5 * mains_hz)
+        near = (off < KEEP_OFF_HZ - 1e-9) & (odd * spacing > 0.5 * mains_hz)
         odd = odd[~near]
     chosen: list[int] = []
     for hertz in np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))):
@@ -231,7 +231,7 @@ def odd_lines(band_hz: tuple[float, float], rate_hz: float, period: int, count: 
 
 def _off_mains_hz(frequency_hz: FloatArray) -> FloatArray:
     """Return how far frequencies (n,) lie from a multiple of either mains frequency."""
-    off = [np.abs(frequency_hz - mains * np.maximum(np.round(frequency_hz / mains), 1.0)) for mains in _MAINS_HZ]
+    off = [np.abs(frequency_hz - nearest_mains(frequency_hz, mains)) for mains in _MAINS_HZ]
     return np.asarray(np.minimum(*off))
 
 
@@ -259,11 +259,11 @@ def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> Flo
     for hertz, played in zip(asked.tolist(), moved.tolist(), strict=True):
         _require_inside(hertz, band_hz)
         if abs(played - hertz) > TOLERANCE * hertz or not band_hz[0] <= played <= band_hz[1]:
-            line = (mains_hz or 0.0) * max(round(hertz / (mains_hz or hertz)), 1)
+            line = nearest_mains(hertz, mains_hz or hertz)
             raise BadInput(
-                f"{hertz:g} Hz lies beside {line:g} Hz of mains, and nothing within 2 % of it is {_KEEP_OFF_HZ:g} Hz "
+                f"{hertz:g} Hz lies beside {line:g} Hz of mains, and nothing within 2 % of it is {KEEP_OFF_HZ:g} Hz "
                 "off and inside the band",
-                f"{line - _KEEP_OFF_HZ:g} Hz or {line + _KEEP_OFF_HZ:g} Hz, or no mains",
+                f"{line - KEEP_OFF_HZ:g} Hz or {line + KEEP_OFF_HZ:g} Hz, or no mains",
             )
     return np.unique(moved)
 

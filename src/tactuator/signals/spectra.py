@@ -84,20 +84,26 @@ def mains_multiples(mains_hz: float | None, high_hz: float) -> FloatArray:
     return mains_hz * np.arange(1.0, int(high_hz / mains_hz) + 1.0)
 
 
-_KEEP_OFF_HZ = 2.0
+KEEP_OFF_HZ = 2.0
+"""Distance that what is played keeps from multiples of mains, hertz, unless told otherwise."""
+
+
+def nearest_mains(frequency_hz: ArrayLike, mains_hz: float) -> FloatArray:
+    """Return the multiple of mains_hz that is nearest to each frequency, hertz, the fundamental at least."""
+    return np.asarray(mains_hz * np.maximum(np.round(np.asarray(frequency_hz) / mains_hz), 1.0))
 
 
 def off_mains(
     frequency_hz: ArrayLike,
     mains_hz: float | None = 60.0,
-    clearance_hz: float = _KEEP_OFF_HZ,
+    clearance_hz: float = KEEP_OFF_HZ,
     band_hz: tuple[float, float] = (0.0, np.inf),
 ) -> FloatArray:
     """Return frequencies (m,); those too near a multiple of mains are moved to clearance_hz from it, in the band."""
     frequency = np.array(np.atleast_1d(frequency_hz), dtype=np.float64)
     if not mains_hz:
         return frequency
-    nearest = mains_hz * np.maximum(np.round(frequency / mains_hz), 1.0)
+    nearest = nearest_mains(frequency, mains_hz)
     away = frequency - nearest
     down = (nearest + clearance_hz > band_hz[1]) | ((away < 0.0) & (nearest - clearance_hz >= band_hz[0]))
     return np.where(np.abs(away) < clearance_hz, nearest + np.where(down, -clearance_hz, clearance_hz), frequency)

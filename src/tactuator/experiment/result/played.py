@@ -17,6 +17,7 @@ from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
 from tactuator.experiment.trial import Timing
 from tactuator.signals.decibels import from_db
+from tactuator.signals.spectra import nearest_mains
 
 _LAPSE_RATE = 0.03
 _FALSE_ALARM_RATE = 0.02
@@ -135,8 +136,7 @@ def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, thre
     more of the power of a stimulus at threshold.
     """
     clearance = timing.clearance_hz(frequency_hz)
-    lines = [max(round(frequency_hz / mains), 1) * mains for mains in _MAINS_HZ]
-    if min(abs(frequency_hz - line) for line in lines) >= clearance:
+    if min(abs(frequency_hz - float(nearest_mains(frequency_hz, mains))) for mains in _MAINS_HZ) >= clearance:
         return False
     blank = seen.measured_db_sl[np.isnan(seen.commanded_db_sl) & np.isfinite(seen.measured_db_sl)]
     if blank.size == 0:

@@ -28,6 +28,7 @@ from tactuator.experiment.task.task_keys import JudgedTone
 from tactuator.experiment.trial import BLANK, LOUD, NOT_FELT, SIGNAL, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
+from tactuator.signals.spectra import nearest_mains
 from tactuator.table import ResultTable
 
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
@@ -37,7 +38,7 @@ def keep_off_mains(frequency_hz: float, at: Playable, timing: Timing) -> None:
     """Raise BadInput for a frequency at which hum would be felt with the stimulus, within its own bandwidth."""
 
     def line_near(hertz: float) -> float | None:
-        line = max(round(hertz / at.mains_hz), 1) * at.mains_hz if at.mains_hz else math.inf
+        line = float(nearest_mains(hertz, at.mains_hz)) if at.mains_hz else math.inf
         return line if abs(hertz - line) < timing.clearance_hz(hertz) else None
 
     line = line_near(frequency_hz)
