@@ -29,8 +29,9 @@
 #ifndef TACT_SECTION_H
 #define TACT_SECTION_H
 
+#include <stdint.h>
+
 #include "arithmetic/finite.h"
-#include "arithmetic/float_pair.h"
 
 typedef struct {
     float b0, b1, b2, a1, a2;
@@ -52,14 +53,12 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
     return y;
 }
 
-/* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
-inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
+/* One sample through `count` sections in a row. */
+inline float tact_sections_step(const tact_section *section, tact_section_state *state, int32_t count, float x)
 {
-    const tact_float_pair s = tact_float_pair_get(state);
-    const float y = b0 * x + s.first;
-    state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
-    state->s2 = s.second + (b2 * x - a2 * y);
-    return y;
+    for (int32_t i = 0; i < count; i++)
+        x = tact_section_step(&section[i], &state[i], x);
+    return x;
 }
 
 /* Changes the states as one sample with an input greater by x would have; returns the change of y. */

@@ -115,7 +115,6 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->safety = *safety;
     board->channels = safety->channels;
     board->image.format = board->image.adapts = 0;
-    board->is_designed = board->is_adaptive = 0;
     board->delay_at = 0;
     board->turn = 0;
     board->turns = safety->turns;
@@ -135,36 +134,12 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     return 1;
 }
 
-/* Whether a table has the form for which period.c has a piece of its own. */
-static int is_designed(const tact_controller *table)
-{
-    return table->prefilter_count == 2 && table->feedback_count == 3 && table->feedback[2].b0 == 1.0f &&
-           table->feedback[2].a2 == 0.0f;
-}
-
-static void lay_out_filters(float *to, const tact_controller *table)
-{
-    const tact_section *sections[4] = {&table->prefilter[0], &table->prefilter[1], &table->feedback[0],
-                                       &table->feedback[1]};
-    for (int i = 0; i < 4; i++, to += 5) {
-        to[0] = sections[i]->b0;
-        to[1] = sections[i]->b1;
-        to[2] = sections[i]->b2;
-        to[3] = sections[i]->a1;
-        to[4] = sections[i]->a2;
-    }
-    to[0] = table->feedback[2].b1;
-    to[1] = table->feedback[2].b2;
-    to[2] = table->feedback[2].a1;
-}
-
 int tact_board_take_image(tact_board *board, const tact_image *image)
 {
     if (board->mode != TACT_OFF)
         return 0;
     board->taken++;
     board->image = *image;
-    int32_t designed = image->format == TACT_FLOAT32, adapts = 1;
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
         const float most = board->safety.channel[c].command_max_v;
@@ -172,7 +147,6 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
         channel->q31 = &board->image.tables.q31[c];
         channel->touch = &board->image.touch[c];
         channel->strength = &board->image.strength[c];
-        adapts &= channel->touch->feedback_count && channel->touch->is_designed;
         if (image->format == TACT_Q31) {
             tact_controller_q31 *table = &board->image.tables.q31[c];
             const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);
@@ -181,12 +155,7 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
             tact_controller *table = &board->image.tables.single[c];
             table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
             table->command_min_v = -table->command_max_v;
-            designed &= is_designed(table);
-            lay_out_filters(channel->filters, table);
-            channel->command_max_v = table->command_max_v;
         }
     }
-    board->is_designed = designed && image->adapts == 0;
-    board->is_adaptive = designed && adapts && board->safety.delay_samples == 1;
     return 1;
 }

@@ -44,13 +44,10 @@ typedef union {
     tact_controller_q31_state q31;
 } tact_board_controller_state;
 
-/* What one channel's period works on, side by side and in the order of its use, so that few instructions load it. What
- * is read in pairs (float_pair.h) lies at multiples of 8 bytes. */
+/* What one channel's period works on. */
 typedef struct {
     tact_board_controller_state controller;
     tact_guard_table guard_table;
-    float filters[23];     /* a designed controller's: F's two sections and two of C; of C's last b1 b2 a1 */
-    float command_max_v;   /* its limit */
     tact_float_pair to_code;     /* D/A: offset_v | steps per volt */
     tact_guard_state guard;
     float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
@@ -82,13 +79,10 @@ typedef struct {
     float fade, command_fade; /* of the reference, of the command */
     float fade_step, command_fade_step;
     int32_t fading; /* one of the two steps is not zero */
-    int32_t steady; /* RUNNING as designed, in time, both fades whole: period.c has a short way for it */
     int32_t cuts;   /* channels that are cut */
     int32_t turn, turns; /* the channels at turn, turn + turns, ... are compared next; turns: of the safety table */
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */
-    int32_t is_designed;   /* the image's controllers are of the form that `design` gives: period.c */
-    int32_t runs_designed; /* and this run has them run */
     float *stream;
     uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
     uint32_t tones_end; /* tick up to which the stimulus has been asked */
@@ -98,8 +92,6 @@ typedef struct {
     tact_stimulus stimulus[TACT_CHANNELS_MAX];
     tact_safety safety;
     tact_image image;
-    /* is_designed, runs_designed and steady where every channel also feeds forward, in the form of `design` */
-    int32_t is_adaptive, runs_adaptive, steady_adaptive;
 } tact_board;
 
 /* value within +/- most; NaN gives 0. */

@@ -35,12 +35,8 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
     table->still_codes = safety->still_codes;
     table->stray_max_v = safety->stray_max_v;
     table->reversed_share = share;
-    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++) {
-        const tact_section *from = &safety->weighting[i];
-        const float to[5] = {from->b0, from->b1, from->b2, from->a1, from->a2};
-        for (int j = 0; j < 5; j++)
-            table->weighting[5 * i + j] = to[j];
-    }
+    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
+        table->weighting[i] = safety->weighting[i];
     table->frozen_ticks = safety->frozen_ticks < TACT_SAFETY_NEVER ? (uint32_t)safety->frozen_ticks : UINT32_MAX;
 }
 

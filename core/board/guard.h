@@ -33,6 +33,7 @@
 #include <stdint.h>
 
 #include "arithmetic/float_pair.h"
+#include "arithmetic/section.h"
 #include "board/safety.h"
 
 #define TACT_GUARD_KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
@@ -62,7 +63,7 @@ typedef struct {
     tact_float_pair resting;    /* stop_lead | stop_max_v */
     tact_float_pair differing;  /* half of disagreement_v | least power of a reversal */
     tact_float_pair comparing;  /* comfort_max | agreement below which the power is looked at */
-    float weighting[5 * TACT_WEIGHTING_COUNT];
+    tact_section weighting[TACT_WEIGHTING_COUNT];
     tact_float_pair jumping; /* share of the model's own change of motion, per its w | most that remains, volts of y */
     tact_float_pair staying;      /* of the motion that a still reading hides, in a turn: what stays | per its place */
     tact_float_pair uncorrecting; /* per volt of nu since then: taken from its velocity | and from its place */
@@ -144,12 +145,7 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
 /* y to felt reference. */
 inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
 {
-    const float *k = table->weighting;
-    const tact_float_pair b0b1 = tact_float_pair_get(k), b2a1 = tact_float_pair_get(k + 2), a2b0 = tact_float_pair_get(k + 4);
-    const tact_float_pair b1b2 = tact_float_pair_get(k + 6), a1a2 = tact_float_pair_get(k + 8);
-    const float value =
-        tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
-    return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
+    return tact_sections_step(table->weighting, state, TACT_WEIGHTING_COUNT, y);
 }
 
 /* How far the motor would have come if the reading, which stands still, were a lie: the observer's place, less all that

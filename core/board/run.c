@@ -43,14 +43,11 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->tick = board->stream_at = board->stream_end = board->tones_end = 0;
     board->source = source;
     board->drives = drives;
-    board->runs_designed = board->is_designed && !drives;
-    board->runs_adaptive = board->is_adaptive && !drives;
     board->holds = holds;
     board->silence = 0;
     board->ending = TACT_STAYS;
     fade_in(board);
     board->fading = 1;
-    board->steady = board->steady_adaptive = 0;
     board->mode = TACT_RUNNING;
     return 1;
 }
@@ -62,7 +59,6 @@ static void leave(tact_board *board, int32_t how)
         return;
     board->ending = how;
     board->fading = 1;
-    board->steady = board->steady_adaptive = 0;
     if (how == TACT_FADES)
         board->fade_step = -1.0f / (float)board->safety.fade_ticks;
     if (how == TACT_RAMPS)
@@ -154,15 +150,6 @@ int tact_board_stop(tact_board *board)
     return board->mode != TACT_FAULT;
 }
 
-/* The fades are over: may the usual ticks go a short way? */
-static __attribute__((noinline)) void find_steady(tact_board *board)
-{
-    const int32_t steady = board->mode == TACT_RUNNING && board->ending == TACT_STAYS && board->fade == 1.0f &&
-                           board->command_fade == 1.0f && board->safety.delay_samples == 1;
-    board->steady = steady && board->runs_designed;
-    board->steady_adaptive = steady && board->runs_adaptive;
-}
-
 void tact_board_fade(tact_board *board)
 {
     board->fade += board->fade_step;
@@ -185,6 +172,4 @@ void tact_board_fade(tact_board *board)
             board->mode = TACT_ARMED;
     }
     board->fading = board->fade_step != 0.0f || board->command_fade_step != 0.0f;
-    if (!board->fading)
-        find_steady(board);
 }

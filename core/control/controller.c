@@ -5,6 +5,8 @@ extern inline int tact_controller_is_sound(float wanted);
 extern inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess);
 extern inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
                                           float wanted);
+extern inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
+                                             float position_v);
 extern inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
                                          float position_v);
 
@@ -35,44 +37,6 @@ void tact_controller_unwind(const tact_controller *table, tact_controller_state 
     const float missing = excess - change;
     last->s1 += table->anti_windup[0] * missing;
     last->s2 += table->anti_windup[1] * missing;
-}
-
-/* Sections in a row. Only a silent input can bring them to rest. */
-static float cascade(const tact_section *section, tact_section_state *state, int32_t count, float x)
-{
-    float value = x;
-    for (int32_t i = 0; i < count; i++)
-        value = x == 0.0f ? tact_section_step(&section[i], &state[i], value)
-                          : tact_section_awake(section[i].b0, section[i].b1, section[i].b2, section[i].a1,
-                                               section[i].a2, &state[i], value);
-    return value;
-}
-
-float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
-                               float position_v)
-{
-    const float value = cascade(table->prefilter, state->prefilter, table->prefilter_count, reference);
-    if (table->feedback_count == 0)
-        return value;
-    return cascade(table->feedback, state->feedback, table->feedback_count, value - position_v);
-}
-
-static inline void rest(tact_section_state *state, float x)
-{
-    if (x == 0.0f && __builtin_fabsf(state->s1) < TACT_TINY && __builtin_fabsf(state->s2) < TACT_TINY)
-        state->s1 = state->s2 = 0.0f;
-}
-
-float tact_controller_rest(tact_controller_state *state, float y, float smooth, float error, float lead, float x)
-{
-    rest(&state->prefilter[0], 0.0f);
-    rest(&state->prefilter[1], smooth);
-    if (error != 0.0f)
-        return y;
-    rest(&state->feedback[0], error);
-    rest(&state->feedback[1], lead);
-    rest(&state->feedback[2], x);
-    return y;
 }
 
 void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,

@@ -96,29 +96,24 @@ inline float tact_controller_limit(const tact_controller *table, tact_controller
     return state->broken ? 0.0f : command;
 }
 
+/* F's and C's answer to a sound reference, before its limits. */
+inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
+                                      float position_v)
+{
+    const float value = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);
+    if (table->feedback_count == 0)
+        return value;
+    return tact_sections_step(table->feedback, state->feedback, table->feedback_count, value - position_v);
+}
+
 /* One sample: reference (threshold units, any bits) and position (volts, finite: a converter gave it) in, command
  * (volts, within the limits) out. */
 inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
                                   float position_v)
 {
     const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
-    float value = asked;
-    for (int32_t i = 0; i < table->prefilter_count; i++)
-        value = tact_section_step(&table->prefilter[i], &state->prefilter[i], value);
-    if (table->feedback_count)
-        value = value - position_v;
-    for (int32_t i = 0; i < table->feedback_count; i++)
-        value = tact_section_step(&table->feedback[i], &state->feedback[i], value);
-    return tact_controller_limit(table, state, asked, value);
+    return tact_controller_limit(table, state, asked, tact_controller_sections(table, state, asked, position_v));
 }
-
-/* The same sections without the limits: their answer, for tact_controller_limit(). */
-float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
-                               float position_v);
-
-/* Where two sections of F and three of C were stepped as if awake, with a silent reference: what decays comes to rest as
- * in tact_section_step(). smooth, error, lead, x: what went into F's second section and C's three. Gives y. */
-float tact_controller_rest(tact_controller_state *state, float y, float smooth, float error, float lead, float x);
 
 /* samples of one channel, for tests and benchmarks: no converters, no delay, no device. position_v: any bits. */
 void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,

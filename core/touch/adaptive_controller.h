@@ -23,15 +23,9 @@
 inline float tact_adaptive_step(const tact_controller *table, const tact_touch *touch, tact_controller_state *state,
                                 tact_touch_state *touch_state, float reference, float position_v)
 {
-    float value = reference;
-    for (int32_t i = 0; i < table->prefilter_count; i++)
-        value = tact_section_step(&table->prefilter[i], &state->prefilter[i], value);
-    const float added_v = tact_touch_step(touch, touch_state, value, position_v);
-    if (table->feedback_count)
-        value = value - position_v;
-    for (int32_t i = 0; i < table->feedback_count; i++)
-        value = tact_section_step(&table->feedback[i], &state->feedback[i], value);
-    return value + added_v;
+    const float wanted_v = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);
+    const float added_v = tact_touch_step(touch, touch_state, wanted_v, position_v);
+    return tact_sections_step(table->feedback, state->feedback, table->feedback_count, wanted_v - position_v) + added_v;
 }
 
 /* The same in Q31, limited: volts of the command out. */

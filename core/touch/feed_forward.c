@@ -4,24 +4,18 @@
 
 extern inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
                                    float position_v);
-extern inline float tact_touch_sections(const tact_touch *table, tact_touch_state *state, float x);
-extern inline float tact_touch_designed_sections(const tact_touch *table, tact_touch_state *state, float x);
 extern inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v);
 extern inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v);
-extern inline float tact_touch_designed_step(const tact_touch *table, tact_touch_state *state, float wanted_v,
-                                             float position_v, float put_v);
 extern inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v);
 
 float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v)
 {
-    if (table->is_designed)
-        return tact_touch_designed_step(table, state, wanted_v, position_v, state->command_v[0]);
     if (--state->left <= 0)
         tact_touch_learn(table, state);
     const int32_t at = state->at;
     const float model_v = state->model_v[at];
     tact_touch_pass(table, state, state->command_v[at], model_v, position_v);
     state->model_v[at] = state->plant.s1;
-    const float command_v = tact_touch_sections(table, state, wanted_v - model_v);
+    const float command_v = tact_sections_step(table->feedback, state->feedback, table->feedback_count, wanted_v - model_v);
     return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
 }

@@ -43,32 +43,6 @@ inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, fl
     state->model[0] = p1.second + corner * (model_v - p1.second);
 }
 
-/* C's sections, any number of them; silence is seen to when learning. */
-inline float tact_touch_sections(const tact_touch *table, tact_touch_state *state, float x)
-{
-    for (int32_t i = 0; i < table->feedback_count; i++) {
-        const tact_section *section = &table->feedback[i];
-        x = tact_section_awake(section->b0, section->b1, section->b2, section->a1, section->a2, &state->feedback[i], x);
-    }
-    return x;
-}
-
-/* C's three sections as `design` gives them: the last one's b0 = 1 and a2 = 0. */
-inline float tact_touch_designed_sections(const tact_touch *table, tact_touch_state *state, float x)
-{
-    const float *k = &table->feedback[0].b0;
-    tact_section_state *c = state->feedback;
-    const tact_float_pair k0 = tact_float_pair_get(k), k1 = tact_float_pair_get(k + 2), k2 = tact_float_pair_get(k + 4);
-    const float lead = tact_section_awake(k0.first, k0.second, k1.first, k1.second, k2.first, &c[0], x);
-    const tact_float_pair k3 = tact_float_pair_get(k + 6), k4 = tact_float_pair_get(k + 8);
-    const float last = tact_section_awake(k2.second, k3.first, k3.second, k4.first, k4.second, &c[1], lead);
-    const tact_float_pair s = tact_float_pair_get(&c[2]), k6 = tact_float_pair_get(k + 12);
-    const float y = last + s.first;
-    c[2].s1 = s.first + ((k[11] * last - k6.second * y) + s.second);
-    c[2].s2 = s.second + k6.first * last;
-    return y;
-}
-
 /* The unloaded plant one sample on, with its command; gives u_ff. */
 inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v)
 {
@@ -91,19 +65,6 @@ inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state
 
 /* One sample: F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
 float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
-
-/* The same for a table whose is_designed is 1. put_v: the command that was put out last. */
-inline float tact_touch_designed_step(const tact_touch *table, tact_touch_state *state, float wanted_v,
-                                      float position_v, float put_v)
-{
-    if (--state->left <= 0)
-        tact_touch_learn(table, state);
-    const float model_v = state->model_v[0], next_v = state->plant.s1;
-    tact_touch_pass(table, state, put_v, model_v, position_v);
-    state->model_v[0] = next_v;
-    const float command_v = tact_touch_designed_sections(table, state, wanted_v - model_v);
-    return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
-}
 
 /* The command that was put out in answer to this sample. */
 inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v)

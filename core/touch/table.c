@@ -55,12 +55,10 @@ static int is_valid(const tact_touch *table)
 
 int tact_touch_settle(tact_touch *table)
 {
-    const tact_section *last = &table->feedback[2];
     if (!is_valid(table))
         return 0;
     table->until_hum = table->turn + 1;
     table->until_learning = table->turns - table->until_hum;
     table->soon = (float)TACT_TOUCH_LEVEL_RATE * table->forgetting;
-    table->is_designed = table->feedback_count == 3 && table->delay == 1 && last->b0 == 1.0f && last->a2 == 0.0f;
     return 1;
 }

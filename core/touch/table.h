@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+#include "arithmetic/float_pair.h"
 #include "arithmetic/section.h"
 
 enum { TACT_TOUCH_FEEDBACK_MAX = 4, TACT_TOUCH_DELAY_MAX = 16, TACT_TOUCH_HUM_MAX = 4 };
@@ -23,7 +24,7 @@ typedef struct {
     float plant[4]; /* b1 b2 a1 a2 of a section with b0 = 0: the position, one sample after the command */
     tact_section feedback[TACT_TOUCH_FEEDBACK_MAX];
     float push_max_v;
-    int32_t is_designed;    /* of the form that `design` gives, which has a short way: tact_touch_settle() knows */
+
     int32_t turns, turn;    /* learns in every turns-th sample, first after all but `turn` of them */
     int32_t until_hum, until_learning; /* samples from one to the other: tact_touch_settle() gives them */
     int32_t feedback_count; /* 0: nothing is fed forward */

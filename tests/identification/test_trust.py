@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import fft, linalg, signal, special
+from scipy import linalg, signal
 
 from tactuator.identification import trust
 from tactuator.identification.constancy import losses, resampled, without_images
@@ -18,9 +18,9 @@ from tactuator.identification.friction import _REACH, _uphill
 from tactuator.identification.hold import Grid
 from tactuator.identification.identify import identify
 from tactuator.identification.likelihood import SpectralProblem
-from tactuator.identification.lines import fast_length, points, spectrum
+from tactuator.identification.lines import points, spectrum
 from tactuator.identification.residual import Residual, _solutions, explained_by_loop
-from tactuator.identification.residual_tests import _time_scales, apply_filter, check_residual, chi_squared_tail
+from tactuator.identification.residual_tests import _time_scales, check_residual
 from tactuator.identification.search import Choice, _best, simplest
 from tactuator.identification.trust import DISTORTION, GROWING, LASTING, Standard
 from tactuator.model.plant_model import reasons
@@ -245,15 +245,6 @@ def test_identify__held_loop_whose_noise_a_prompt_model_would_take__is_told_or_l
     assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
 
 
-@pytest.mark.parametrize("taps", [1, 2, 3, 9, 41])
-@pytest.mark.parametrize("count", [41, 60, 100, 217, 2000, 50_001])
-def test_apply_filter__any_length__is_scipys_overlapping_convolution(count: int, taps: int) -> None:
-    random = np.random.default_rng(count + taps)
-    coefficients, values = random.standard_normal(taps), random.standard_normal(count)
-    wanted = signal.oaconvolve(values, coefficients)[:count]
-    assert np.array_equal(apply_filter(coefficients, values), wanted)
-
-
 @pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
 def test_time_scales__noise__are_scipys_filters_of_first_order(rate_hz: float) -> None:
     command = np.random.default_rng(5).standard_normal(3000)
@@ -263,14 +254,6 @@ def test_time_scales__noise__are_scipys_filters_of_first_order(rate_hz: float) -
         assert np.array_equal(passed, signal.lfilter([1.0 - decay], [1.0, -decay], late))
 
 
-@pytest.mark.parametrize("degrees", [1, 2, 3, 14, 40])
-def test_chi_squared_tail__any_value__is_scipys(degrees: int) -> None:
-    values = np.geomspace(1e-6, 1200.0, 50)
-    found = [chi_squared_tail(degrees, value) for value in values]
-    np.testing.assert_allclose(found, special.chdtrc(degrees, values), rtol=1e-12)
-    assert (chi_squared_tail(degrees, 0.0), chi_squared_tail(degrees, np.inf)) == (1.0, 0.0)
-
-
 def test_solutions__every_length__are_scipys_of_toeplitz_equations() -> None:
     row, goal = 0.8 ** np.arange(43.0) * np.cos(np.arange(43)), np.random.default_rng(0).standard_normal(43)
     lengths = [
@@ -278,13 +261,6 @@ def test_solutions__every_length__are_scipys_of_toeplitz_equations() -> None:
         for taps in _solutions(row, goal)
     ]
     assert len(lengths) == 43
-
-
-def test_fast_length__any_count__is_scipys() -> None:
-    for count in (*range(1, 400), 239_999, 999_983):
-        assert fast_length(count) == fft.next_fast_len(count, real=True)
-        assert fast_length(count, up=False) == fft.prev_fast_len(count, real=True)
-        assert fast_length(count, primes=(2, 3, 5, 7, 11)) == fft.next_fast_len(count)
 
 
 @pytest.mark.parametrize("step", [1, 8])

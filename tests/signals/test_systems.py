@@ -13,7 +13,7 @@ from scipy import linalg, signal
 from tactuator.errors import BadInput
 from tactuator.signals import loop as module
 from tactuator.signals.decibels import db, half_width_db
-from tactuator.signals.discretise import bilinear, matrix_exponential, zero_order_hold
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, paired_sections, sections_response
 from tactuator.synthesis import paper
@@ -179,21 +179,6 @@ def test_bilinear__paper_controller__is_scipys() -> None:
 def test_zero_order_hold__gain_alone__stays_a_gain() -> None:
     static = zero_order_hold(ContinuousSystem(np.empty(0), np.empty(0), 3.0, 1.5 / 4000.0), 4000.0)
     assert (static.gain, static.delay_samples) == (3.0, 2)
-
-
-@settings(max_examples=60)
-@given(hnp.arrays(np.float64, st.integers(1, 9).map(lambda n: (n, n)), elements=st.floats(-0.7, 0.7)))
-def test_exponential__any_small_matrix__agrees_with_scipy(matrix: NDArray[np.float64]) -> None:
-    expected = linalg.expm(matrix)
-    assert matrix_exponential(matrix) == pytest.approx(expected, abs=1e-12 * np.max(np.abs(expected)))
-
-
-def test_exponential__slow_and_fast_together__keeps_the_slow_ones_digits() -> None:
-    matrix = np.array([[0.0, 0.02, 0.0], [-0.02, -8.0, 1.0], [0.0, 0.0, 0.0]])
-    with mpmath.workdps(40):
-        exact = mpmath.expm(mpmath.matrix(matrix.tolist()))
-        expected = np.array([[float(exact[i, j]) for j in range(3)] for i in range(3)])
-    assert matrix_exponential(matrix) == pytest.approx(expected, rel=1e-13, abs=1e-16)
 
 
 IMPROPER = ContinuousSystem(np.array([-1.0, -2.0]), np.array([-3.0]), 1.0)

@@ -22,7 +22,6 @@ from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.coupling import CROSSTALK, TOGETHER, coupled_loops, judge_coupling, shares_at
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.even_points import even_points
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants, monte_carlo
 from tactuator.synthesis.verdict import drawn_assumptions, judge, judge_drawn
@@ -241,14 +240,6 @@ MODELS = tuple(
     ContinuousSystem.from_polynomials([2875.0 * gain], [1.0, 94.0 * damping, 290.0])
     for gain, damping in ((0.8, 1.2), (1.1, 0.9), (1.3, 0.8))
 )
-
-
-@pytest.mark.parametrize(("dimensions", "first", "count"), [(1, 0, 8), (11, 1, 4096), (11, 4097, 16384), (13, 1, 128)])
-def test_even_points__any_stretch__are_scipys_to_the_last_bit(dimensions: int, first: int, count: int) -> None:
-    sequence = qmc.Sobol(dimensions, scramble=False)
-    if first:
-        sequence.fast_forward(first)
-    assert np.array_equal(even_points(dimensions, first, count), sequence.random(count))
 
 
 def test_monte_carlo__family_and_load__greatest_peak_is_that_of_the_sampled_loops() -> None:

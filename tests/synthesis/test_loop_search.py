@@ -13,7 +13,6 @@ from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design
 from tactuator.synthesis.assessment import all_kept
-from tactuator.synthesis.candidates import LoopStructure, crossovers_hz, shapes
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.loop_synthesis import diagnosis, judged, synthesise
@@ -180,44 +179,6 @@ def test_hops__a_start_that_leads_to_a_miss__a_sound_loop_within_the_limits() ->
     assert next(solutions).excess_db > 0.3
     kept = next(solution for solution in solutions if solution.excess_db <= 1e-4)
     assert is_sound(problem.structure.system(kept.parameters), whole)
-
-
-def test_screen__looser_limits__keeps_all_that_it_kept() -> None:
-    plant = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
-    family = plant_family(channel(plant=plant, loads=()), 4000.0, 1)
-    block = list(shapes(plant, 4000.0))[1]
-    rng = np.random.default_rng(4)
-    tight = Task.of(family, FINGER_LIMITS, 4000.0, 1.3)
-    kept = {one.tobytes() for one in tight.screen.survivors(block).kept(tight.limits)}
-    assert kept
-    for _ in range(5):
-        loose = Task.of(family, loosened(rng, FINGER_LIMITS), 4000.0, 1.3)
-        assert kept <= {one.tobytes() for one in loose.screen.survivors(block).kept(loose.limits)}
-
-
-def test_screen__unstable_plant__survivors_are_the_stable_loops() -> None:
-    """Witness: the closed loop's poles, for every candidate of some shapes."""
-    plant = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, -290.0])
-    family = plant_family(channel(plant=plant, loads=()), RATE_HZ, 1)
-    anything = FeedbackRequirements(phase_margin_deg=None, sensitivity_peak=None, command_noise_gain_max=None)
-    block = list(shapes(plant, RATE_HZ))[1][:300:90]
-    screen = Task.of(family, anything, RATE_HZ, 20.0).screen
-    found = np.array(screen.survivors(block).parameters)
-    structure, grid_hz = LoopStructure(RATE_HZ), np.geomspace(0.01, 3999.0, 400)
-    tried = 0
-    for shape in block:
-        through = structure.system(shape).response(crossovers_hz(RATE_HZ))
-        for gain in 1.0 / np.abs(through * family[0].sampled.response(crossovers_hz(RATE_HZ))):
-            one = shape.copy()
-            one[0] = np.log(gain)
-            loop = FeedbackLoop(structure.system(one), family[0].sampled)
-            peak = np.max(np.abs(loop.complementary(grid_hz)))
-            tried += 1
-            if np.isclose(found, one, rtol=1e-9).all(axis=1).any():
-                assert loop.is_stable
-            else:
-                assert not loop.is_stable or peak > 10.0
-    assert 10 < len(found) < tried
 
 
 def test_diagnosis__advice__has_been_tried_and_points_to_looser_limits() -> None:

@@ -1,44 +1,258 @@
-"""Exports: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its data dictionary, whole or not at all."""
+"""Exports of a store: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its dictionary, whole or not at all.
+
+dictionary.csv says of every column what it means, its unit and, where it is read from the store, its SQL: the query and
+the description cannot disagree. Withdrawn data are left out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+import json
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime
+from importlib.resources import files
+from itertools import count
+from math import isfinite
 from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, literal_column, select
 
 from tactuator import __version__
 from tactuator.errors import BadInput
-from tactuator.experiment.dictionary import Meaning
-from tactuator.experiment.export_rows import (
-    Exported,
-    TableRow,
-    Value,
-    cell,
-    description,
-    exported,
-    label,
-    lines,
-    participants,
-    study_names,
-    task_name,
-    task_names,
-    write_json,
-)
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.recognition import Paradigm
+from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
+from tactuator.experiment.result.thresholds import refit_prior, thresholds
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.records import CONSENT_NAMES
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.io.atomic import atomic_folder
 
+TableRow = dict[str, Any]
+_PROGRAMS = ("simulated", "script")
 _MISSING = "n/a"
-_QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition": "Which item was it? (ABX: A or B?)"}
-_EVENTS = (
-    Meaning("onset", "Onset of the interval, from the presentation of the run's first trial", "s"),
-    Meaning("duration", "Duration of the interval, by the rig's own clock", "s"),
-    Meaning("trial", "Number of the trial in its run, from 0"),
-    Meaning("interval", "Place of the interval in the trial, from 1"),
-    Meaning("stimulus", "Label of what it played; blank: nothing"),
-    Meaning("commanded_db_sl", "Commanded level", "dB re the threshold curve"),
-    Meaning("measured_db_sl", "Level at the sensor", "dB re the threshold curve"),
-    Meaning("simulated", "simulated: nobody felt it"),
-)
+
+
+class Column(NamedTuple):
+    """A column of an exported table. source: its SQL, empty where it is computed."""
+
+    table: str
+    name: str
+    source: str
+    unit: str
+    description: str
+
+
+def _dictionary() -> dict[str, tuple[Column, ...]]:
+    text = files("tactuator.experiment").joinpath("dictionary.csv").read_text("utf-8")
+    columns = [Column(*row) for row in csv.reader(text.splitlines()[1:])]
+    return {name: tuple(c for c in columns if c.table == name) for name in dict.fromkeys(c.table for c in columns)}
+
+
+_COLUMNS = _dictionary()
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The tables of a store by name, with their columns, and each version of each study's protocol by file name."""
+
+    tables: Mapping[str, list[TableRow]]
+    columns: Mapping[str, tuple[Column, ...]]
+    settings: Mapping[str, Mapping[str, object]]
+
+    def write(
+        self, table: str, path: Path, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
+    ) -> None:
+        """Write a table, or those of its rows, as separated values with a header."""
+        names = [column.name for column in self.columns[table]]
+        _write_rows(path, names, self.tables[table] if rows is None else rows, separator, missing)
+
+
+def _write_rows(path: Path, names: Sequence[str], rows: Iterable[TableRow], separator: str, missing: str = "") -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, delimiter=separator, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([cell(row[name], missing) for name in names] for row in rows)
+
+
+def cell(value: Any, missing: str = "") -> Any:
+    """Return the value as a cell: text that a spreadsheet would execute begins with an apostrophe."""
+    if value is None or value == "":
+        return missing
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
+
+
+def exported(store: Store) -> Exported:
+    """Read the whole store. Raises BadInput where it has no response that may be used."""
+    study, subject, session, run, trial = schema.study, schema.subject, schema.session, schema.run, schema.trial
+    interval, event, version = schema.interval, schema.event, schema.protocol_version
+    order = (study.c.id, subject.c.number, session.c.visit, run.c.id, trial.c.number)
+    with store.read() as connection:
+
+        def read(table: str, key: Any, source: FromClause, where: ColumnElement[bool], *by: Any) -> list[TableRow]:
+            columns: list[ColumnElement[Any]] = [literal_column(c.source).label(c.name) for c in _COLUMNS[table]]
+            query = select(*columns, key.label("key")).select_from(source).where(where).order_by(*by)
+            return [{name: _plain(value) for name, value in row._mapping.items()} for row in connection.execute(query)]
+
+        answered = schema.ANSWERED.outerjoin(version, run.c.protocol_version_id == version.c.id)
+        trials = read("trials", trial.c.id, answered, schema.KEPT, *order)
+        if not trials:
+            raise BadInput(f"store {store.name} has no response", "one with at least one")
+        shown = schema.ANSWERED.join(interval, interval.c.trial_id == trial.c.id)
+        intervals = read("intervals", trial.c.id, shown, schema.KEPT, *order, interval.c.position)
+        _add_played(trials, intervals)
+        happened = (
+            event.outerjoin(session, session.c.id == event.c.session_id)
+            .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
+            .outerjoin(study, study.c.id == subject.c.study_id)
+        )
+        told = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # a change is data of the subject
+        events = read("events", event.c.id, happened, (event.c.kind != CONSENT_NAMES) & told, event.c.id)
+        kept = subject.c.id.not_in(_discarded())
+        subjects = read("subjects", subject.c.id, subject.join(study), kept, study.c.id, subject.c.number)
+        items = _add_facts(connection, subjects)
+        settings = _settings(connection)
+    tables = {"trials": trials, "intervals": intervals, "events": events, "subjects": subjects}
+    columns = _COLUMNS | {"subjects": (*_COLUMNS["subjects"], *items)}
+    return Exported(tables | {"thresholds": _thresholds(store)}, columns, settings)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bool):
+        return int(value)
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _add_played(trials: list[TableRow], intervals: list[TableRow]) -> None:
+    """Add to every trial what its intervals played, and the level at the sensor where something was commanded."""
+    by_key = {trial["key"]: trial for trial in trials}
+    for interval in intervals:
+        trial = by_key[interval["key"]]
+        trial["stimuli"] = f"{trial['stimuli']}|{interval['stimulus']}" if trial["stimuli"] else interval["stimulus"]
+        if interval["commanded_db_sl"] is not None:
+            trial["measured_db_sl"] = interval["measured_db_sl"]
+
+
+def _add_facts(connection: Connection, subjects: list[TableRow]) -> list[Column]:
+    """Add the demographic items to the subjects and return their columns."""
+    items: dict[str, Column] = {}
+    fact, facts = schema.demographic, dict[int, TableRow]()
+    for row in connection.execute(select(fact).where(fact.c.value.is_not(None)).order_by(fact.c.id)):
+        facts.setdefault(row.subject_id, {})[row.name] = row.value
+        items.setdefault(row.name, Column("subjects", row.name, "", row.unit, "As the laboratory defines it"))
+    for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
+        for item in parse_protocol(text, StudyProtocol).demographic:
+            items[item.name] = Column("subjects", item.name, "", item.unit, item.label)
+    for subject in subjects:
+        subject.update(dict.fromkeys(items) | facts.get(subject["key"], {}))
+    return list(items.values())
+
+
+def _discarded() -> Select[Any]:
+    """Select the subjects who left with all of their answers, so that nothing of theirs may be used."""
+    session = schema.session
+    kept = select(session.c.subject_id).where(schema.KEPT, session.c.consented_utc.is_not(None))
+    return select(session.c.subject_id).where(session.c.ended == "withdrawn-discard", session.c.subject_id.not_in(kept))
+
+
+def _thresholds(store: Store) -> list[TableRow]:
+    try:
+        runs = detection_runs(store)
+    except BadInput:
+        return []
+    with store.read() as connection:
+        studies = {row.id: row.name for row in connection.execute(select(schema.study))}
+        versions = {row.id: row.number for row in connection.execute(select(schema.protocol_version))}
+    by_run, names = {run.run.id: run for run in runs}, [column.name for column in _COLUMNS["thresholds"]]
+    rows = []
+    for threshold in thresholds(runs):
+        session, run = by_run[threshold.run].session, by_run[threshold.run].run
+        row = asdict(threshold) | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
+        row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold.flags)}
+        row["protocol_version"] = versions[run.protocol_version_id]
+        row["group"] = "simulated" if run.respondent in _PROGRAMS else threshold.group
+        rows.append({name: _plain(row[name]) for name in names})
+    return rows
+
+
+def _settings(connection: Connection) -> dict[str, dict[str, object]]:
+    version, study = schema.protocol_version, schema.study
+    query = select(version, study.c.name.label("study")).join(study).order_by(version.c.study_id, version.c.number)
+    return {
+        f"protocol-{row.study_id}-{row.number}": {
+            "study": row.study,
+            "version": row.number,
+            **{name: row._mapping[name] for name in ("reason", "sha256", "tool_version", "created_utc")},
+            "protocol": json.loads(json.dumps(tomllib.loads(row.toml), default=str)),
+            **_refit(row.toml),
+        }
+        for row in connection.execute(query)
+    }
+
+
+def _refit(text: str) -> dict[str, object]:
+    """Return the settings of the refit, where the protocol's runs are refitted one by one."""
+    protocol = parse_protocol(text, StudyProtocol)
+    if not isinstance(protocol, Protocol) or protocol.procedure.chooses_frequency:
+        return {}
+    return {"refit": refit_prior(protocol.paradigm.guess, protocol.fresh_run(Playable())).settings()}
+
+
+def label(text: str) -> str:
+    """Return the text as a file name may have it: letters and digits."""
+    return re.sub(r"[^A-Za-z0-9]", "", text)
+
+
+def _task(row: TableRow) -> str:
+    paradigm = str(row["paradigm"])
+    if paradigm in get_args(Paradigm):
+        return "recognition"
+    return "detection" if paradigm == FORCED_CHOICE else label(paradigm)
+
+
+def _tasks(rows: Iterable[TableRow]) -> list[str]:
+    return sorted({_task(row) for row in rows})
+
+
+def _of(rows: Iterable[TableRow], **values: object) -> list[TableRow]:
+    return [row for row in rows if all(row[name] == value for name, value in values.items())]
+
+
+def participants(data: Exported) -> dict[str, TableRow]:
+    """Return study and subject of everybody with trials, by a label of letters and digits that nobody else has.
+
+    Codes that two studies share, or that a file system takes for one, get the study's name and, if need be, a number.
+    """
+    each = sorted({(str(row["study"]), str(row["subject"])) for row in data.tables["trials"]})
+    codes = Counter(label(subject).casefold() for _, subject in each)
+    people: dict[str, TableRow] = {}
+    for study, subject in each:
+        name = label(subject) if codes[label(subject).casefold()] == 1 else label(study) + label(subject)
+        taken = {known.casefold() for known in people}
+        tried = (name if number == 1 else f"{name}n{number}" for number in count(1))
+        people[next(each for each in tried if each.casefold() not in taken)] = {"study": study, "subject": subject}
+    return people
+
+
+def _description(data: Exported) -> tuple[str, str]:
+    """Return the studies' names, and a sentence on the data that calls simulated data simulated."""
+    trials = data.tables["trials"]
+    text = f"Vibrotactile {' and '.join(_tasks(trials))}, one row for each answered trial."
+    if any(row["respondent"] in _PROGRAMS for row in trials):
+        text += " Simulated subjects answered; see the column respondent."
+    elif any(row["rig_simulated"] == 1 for row in trials):
+        text += " The display was simulated: nothing could be felt; see the columns rig_simulated and shown."
+    return "; ".join(sorted({str(row["study"]) for row in trials})), text
+
+
 _OWN_NAMES = frozenset(
     [
         "trials.csv", "intervals.csv", "events.csv", "subjects.csv", "thresholds.csv", "dictionary.csv", "settings",
@@ -56,143 +270,129 @@ def export(store: Store, folder: Path, form: str) -> int:
     if form not in FORMS:
         raise BadInput(f"format {form!r}", ", ".join(FORMS))
     data = exported(store)
-    names = {label(str(row["subject"])) for row in data.tables["subjects"].rows}
-    names |= {person.label for person in participants(data)}
+    names = {label(str(row["subject"])) for row in data.tables["subjects"]} | participants(data).keys()
     with atomic_folder(folder, _OWN_NAMES | {f"sub-{name}" for name in names}) as beside:
         FORMS[form](data, beside)
-    return len(data.tables["trials"].rows)
+    return len(data.tables["trials"])
 
 
-def _write_tidy(data: Exported, folder: Path) -> None:
-    meanings = [("table", "column", "description", "unit")]
-    for name, table in data.tables.items():
-        table.write(folder / f"{name}.csv")
-        meanings += [(name, column.name, column.description, column.unit) for column in table.columns]
-    (folder / "dictionary.csv").write_text(lines(meanings, ","), encoding="utf-8")
-    _write_settings(data, folder / "settings")
+def _write_json(path: Path, document: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _write_settings(data: Exported, folder: Path) -> None:
-    folder.mkdir(exist_ok=True)
     for name, settings in data.settings.items():
-        write_json(folder / f"{name}.json", settings)
+        _write_json(folder / f"{name}.json", settings)
 
 
-def _write_read_me(data: Exported, folder: Path) -> None:
-    (folder / "README.md").write_text(f"# {study_names(data)}\n\n{description(data)}\n", encoding="utf-8")
+def _write_tidy(data: Exported, folder: Path) -> None:
+    rows = []
+    for name in data.tables:
+        data.write(name, folder / f"{name}.csv")
+        rows += [column._asdict() | {"column": column.name} for column in data.columns[name]]
+    _write_rows(folder / "dictionary.csv", ("table", "column", "description", "unit"), rows, ",")
+    _write_settings(data, folder / "settings")
 
 
 def _write_psych_ds(data: Exported, folder: Path) -> None:
-    variables: dict[str, Meaning] = {}
-    for column in (column for table in data.tables.values() if table.rows for column in table.columns):
+    name, text = _description(data)
+    variables: dict[str, Column] = {}
+    for column in (column for table, rows in data.tables.items() if rows for column in data.columns[table]):
         variables.setdefault(column.name, column)
+    about = {"@context": "https://schema.org/", "@type": "Dataset", "name": name, "description": text}
+    about |= {"schemaVersion": "Psych-DS 1.0.0"}
     measured = [
-        {"@type": "PropertyValue", "name": name, "description": about.description}
-        | ({"unitText": about.unit} if about.unit else {})
-        for name, about in variables.items()
+        {"@type": "PropertyValue", "name": column.name, "description": column.description}
+        | ({"unitText": column.unit} if column.unit else {})
+        for column in variables.values()
     ]
-    about = {
-        "@context": "https://schema.org/",
-        "@type": "Dataset",
-        "name": study_names(data),
-        "description": description(data),
-        "schemaVersion": "Psych-DS 1.0.0",
-        "variableMeasured": measured,
-    }
-    write_json(folder / "dataset_description.json", about)
+    _write_json(folder / "dataset_description.json", about | {"variableMeasured": measured})
     _write_read_me(data, folder)
     within = folder / "data"
     within.mkdir()
-    for name in ("events", "subjects", "thresholds"):
-        if data.tables[name].rows:
-            data.tables[name].write(within / f"description-{name}_data.csv")
-    for person in participants(data):
-        mine = [row for row in data.tables["trials"].rows if person.has(row)]
-        for task in task_names(mine):
-            runs = {row["run"] for row in mine if task_name(row) == task}
-            for name in ("trials", "intervals"):
-                rows = [row for row in data.tables[name].rows if row["run"] in runs]
-                path = within / f"subject-{person.label}_task-{task}_description-{name}_data.csv"
-                data.tables[name].write(path, rows=rows)
+    for table in ("events", "subjects", "thresholds"):
+        if data.tables[table]:
+            data.write(table, within / f"description-{table}_data.csv")
+    for person, who in participants(data).items():
+        mine = _of(data.tables["trials"], **who)
+        for task in _tasks(mine):
+            runs = {row["run"] for row in mine if _task(row) == task}
+            for table in ("trials", "intervals"):
+                path = within / f"subject-{person}_task-{task}_description-{table}_data.csv"
+                data.write(table, path, rows=[row for row in data.tables[table] if row["run"] in runs])
     _write_settings(data, folder / "analysis")
 
 
+def _write_read_me(data: Exported, folder: Path) -> None:
+    (folder / "README.md").write_text("# {}\n\n{}\n".format(*_description(data)), encoding="utf-8")
+
+
 def _write_bids(data: Exported, folder: Path) -> None:
-    about = {"Name": study_names(data), "BIDSVersion": "1.10.0"}
+    about = {"Name": _description(data)[0], "BIDSVersion": "1.10.0"}
     by = {"GeneratedBy": [{"Name": "tactuator", "Version": __version__}]}
-    write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", **by})
+    _write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", **by})
     _write_read_me(data, folder)
-    _write_participants(data, folder)
-    trials = data.tables["trials"].rows
-    visits = any(int(row["visit"] or 1) > 1 for row in trials)
-    for person in participants(data):
-        mine = [row for row in trials if person.has(row)]
+    # the ids that others know the subjects by stay in the laboratory
+    kept = [column for column in data.columns["subjects"] if column.name not in ("study", "subject", "outside_id")]
+    people = [
+        row | {"participant_id": f"sub-{person}"}
+        for person, who in participants(data).items()
+        for row in _of(data.tables["subjects"], **who)
+    ]
+    names = ["participant_id", *(column.name for column in kept)]
+    _write_rows(folder / "participants.tsv", names, people, "\t", _MISSING)
+    _write_json(folder / "participants.json", _described(kept))
+    visits = any(int(row["visit"] or 1) > 1 for row in data.tables["trials"])
+    for person, who in participants(data).items():
+        mine = _of(data.tables["trials"], **who)
         for visit in sorted({int(row["visit"] or 1) for row in mine}):
-            entities = [f"sub-{person.label}", *([f"ses-{visit:02d}"] if visits else [])]
-            place = folder.joinpath(*entities, "beh")
-            place.mkdir(parents=True)
-            _write_session(data, [row for row in mine if row["visit"] == visit], place, "_".join(entities))
+            entities = [f"sub-{person}", *([f"ses-{visit:02d}"] if visits else [])]
+            _write_session(data, _of(mine, visit=visit), folder.joinpath(*entities, "beh"), "_".join(entities))
     derived = folder / "derivatives" / "tactuator"
-    derived.mkdir(parents=True)
-    write_json(derived / "dataset_description.json", {**about, **by, "DatasetType": "derivative"})
-    for name in ("thresholds", "events"):
-        data.tables[name].write(derived / f"{name}.tsv", "\t", _MISSING)
-        write_json(derived / f"{name}.json", _described(data.tables[name].columns))
+    _write_json(derived / "dataset_description.json", {**about, **by, "DatasetType": "derivative"})
+    for table in ("thresholds", "events"):
+        data.write(table, derived / f"{table}.tsv", "\t", _MISSING)
+        _write_json(derived / f"{table}.json", _described(data.columns[table]))
     _write_settings(data, derived)
 
 
-def _described(columns: tuple[Meaning, ...]) -> Mapping[str, Mapping[str, str]]:
+def _described(columns: Iterable[Column]) -> dict[str, dict[str, str]]:
     return {
-        column.name: {"Description": column.description, **({"Units": column.unit} if column.unit else {})}
+        column.name: {"Description": column.description} | ({"Units": column.unit} if column.unit else {})
         for column in columns
     }
 
 
-def _write_participants(data: Exported, folder: Path) -> None:
-    """Write the subjects with their demographics; the ids that others know them by stay in the laboratory."""
-    subjects = data.tables["subjects"]
-    kept = tuple(column for column in subjects.columns if column.name not in ("study", "subject", "outside_id"))
-    rows: list[tuple[Value, ...]] = [("participant_id", *(column.name for column in kept))]
-    for person in participants(data):
-        mine = (row for row in subjects.rows if person.has(row))
-        rows += [(f"sub-{person.label}", *(cell(row[column.name], _MISSING) for column in kept)) for row in mine]
-    (folder / "participants.tsv").write_text(lines(rows, "\t"), encoding="utf-8")
-    write_json(folder / "participants.json", _described(kept))
+_QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition": "Which item was it? (ABX: A or B?)"}
 
 
 def _write_session(data: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
-    table = data.tables["trials"]
-    for task in task_names(trials):
-        asked = [row for row in trials if task_name(row) == task]
+    asks, columns = "Judgement of tones; the protocol's table [task] tells it", _COLUMNS["bids-events"]
+    for task in _tasks(trials):
+        asked = [row for row in trials if _task(row) == task]
         for number, run in enumerate(dict.fromkeys(row["run"] for row in asked), start=1):
-            stem = f"{entities}_task-{task}_run-{number:02d}"
-            rows = [row for row in asked if row["run"] == run]
-            table.write(place / f"{stem}_beh.tsv", "\t", _MISSING, rows)
-            asks = _QUESTIONS.get(task, "Judgement of tones; the protocol's table [task] tells it")
-            sidecar = {"TaskName": task, "TaskDescription": asks, **_described(table.columns)}
-            write_json(place / f"{stem}_beh.json", sidecar)
-            played = [row for row in data.tables["intervals"].rows if row["run"] == run]
+            stem = place / f"{entities}_task-{task}_run-{number:02d}"
+            about = {"TaskName": task, "TaskDescription": _QUESTIONS.get(task, asks)}
+            _write_json(Path(f"{stem}_beh.json"), about | _described(data.columns["trials"]))
+            rows, played = _of(asked, run=run), _of(data.tables["intervals"], run=run)
+            data.write("trials", Path(f"{stem}_beh.tsv"), "\t", _MISSING, rows)
             if all(row["onset_s"] is not None for row in played):
-                (place / f"{stem}_events.tsv").write_text(_events(rows, played), encoding="utf-8")
-                write_json(place / f"{stem}_events.json", _described(_EVENTS[2:]))
+                names = [column.name for column in columns]
+                _write_rows(Path(f"{stem}_events.tsv"), names, _bids_events(rows, played), "\t", _MISSING)
+                _write_json(Path(f"{stem}_events.json"), _described(columns[2:]))
 
 
-def _events(trials: list[TableRow], played: list[TableRow]) -> str:
+def _bids_events(trials: list[TableRow], played: list[TableRow]) -> list[TableRow]:
     began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
     first = min(began.values())
-    rows: list[list[Value]] = []
     for row in played:
-        assert isinstance(row["onset_s"], float)
-        onset = (began[row["trial"]] - first).total_seconds() + row["onset_s"]
-        others = [cell(row[column.name], _MISSING) for column in _EVENTS[2:]]
-        rows.append([round(onset, 6), cell(row["duration_s"], _MISSING), *others])
-    rows.sort(key=lambda row: float(row[0] or 0.0))
-    return lines([[column.name for column in _EVENTS], *rows], "\t")
+        since_s = (began[row["trial"]] - first).total_seconds()
+        row |= {"onset": round(since_s + row["onset_s"], 6), "duration": row["duration_s"]}
+    return sorted(played, key=lambda row: float(row["onset"]))
 
 
 FORMS: dict[str, Callable[[Exported, Path], None]] = {
-    "tidy": _write_tidy,
-    "psych-ds": _write_psych_ds,
-    "bids": _write_bids,
-}
+    "tidy": _write_tidy, "psych-ds": _write_psych_ds, "bids": _write_bids,
+}  # fmt: skip
 """Names of the formats, and the functions that write them."""

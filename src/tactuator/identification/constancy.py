@@ -17,7 +17,6 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.lines import fast_length
 from tactuator.signals.record import Record
 
 _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
@@ -71,7 +70,7 @@ def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, Float
     half = length // 2
     if length < _SHORTEST:
         return half, np.zeros(0), np.zeros(0)
-    size, window = fast_length(2 * length), np.hanning(length)
+    size, window = scipy.fft.next_fast_len(2 * length, real=True), np.hanning(length)
     before: list[tuple[np.ndarray, float]] = []
     later, alike = [], []
     for begin in range(0, command.size - length + 1, half):
@@ -252,7 +251,7 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
     high = min(end, position.size, command.size - max(late, 0))
     into, out = command[low + late : high + late], position[low:high]
     window = np.hanning(out.size)
-    size = fast_length(2 * out.size)
+    size = scipy.fft.next_fast_len(2 * out.size, real=True)
     lines = [np.fft.rfft(window * (row - row.mean()), size) for row in (into, out)]
     power = np.abs(lines[0]) ** 2
     response = np.fft.irfft(

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.likelihood import eliminated
-from tactuator.identification.lines import fast_length
 from tactuator.identification.residual_tests import autocorrelation
 from tactuator.identification.uncertainty import FLOOR
 
@@ -374,7 +374,7 @@ def _passed_lines(
     """Return low-passed lines of the values (n,) and their turned ends, i omega of each, and how many samples."""
     # the low-pass rings over a few of its own periods: no more than those is turned round at either end
     ends = min(values.size - 1, int(6.0 * rate_hz / corner))
-    size = fast_length(values.size + 2 * ends)
+    size = scipy.fft.next_fast_len(values.size + 2 * ends, real=True)
     before = (size - values.size) // 2
     ends_by = (before, size - values.size - before)
     if even:

@@ -98,23 +98,13 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     count = command.size - shift
     if count > _LONG:
         # a length with a large prime factor takes the transform many times as long
-        count = fast_length(count, up=False)
+        count = scipy.fft.prev_fast_len(count, real=True)
     early, late = _lines_of(command[:count], position[shift : shift + count])
     return Spectrum(early, late, rate_hz, count, shift)
 
 
 def _lines_of(*rows: FloatArray) -> list[ComplexArray]:
     return [lines / np.sqrt(rows[0].size) for lines in np.fft.rfft([row - row.mean() for row in rows])]
-
-
-def fast_length(count: int, *, up: bool = True, primes: Sequence[int] = (2, 3, 5)) -> int:
-    """Return the next product of those primes from `count` up, or down: a transform of that length is quick."""
-    lengths = np.ones(1, dtype=np.int64)
-    for prime in primes:
-        powers = prime ** np.arange(int(np.log(2 * count) / np.log(prime)) + 1, dtype=np.int64)
-        lengths = np.outer(lengths, powers).ravel()
-        lengths = lengths[lengths <= 2 * count]
-    return int(lengths[lengths >= count].min() if up else lengths[lengths <= count].max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
@@ -212,7 +213,7 @@ class ExcitationReport:
 def excitation_report(command: FloatArray, rate_hz: float, needed: int) -> ExcitationReport:
     """Return how many independent parameters `command` (n,) can determine."""
     centred = command - command.mean()
-    power = np.abs(np.fft.rfft(_window(command.size) * centred)) ** 2
+    power = np.abs(np.fft.rfft(scipy.signal.windows.blackmanharris(command.size) * centred)) ** 2
     power[:4] = 0.0
     strongest = float(power.max(initial=0.0))
     if not strongest > 1e-24 * command.size**2 * max(float(np.max(np.abs(command))), 1e-300) ** 2:
@@ -226,13 +227,6 @@ def excitation_report(command: FloatArray, rate_hz: float, needed: int) -> Excit
     frequency = np.arange(power.size) * rate_hz / command.size
     low, high = np.searchsorted(share, [0.001, 0.999])
     return ExcitationReport(order, needed, float(frequency[low]), float(frequency[min(high, power.size - 1)]))
-
-
-def _window(count: int) -> FloatArray:
-    """Return Blackman and Harris' window of four terms (1978), (count,): a polynomial of one cosine."""
-    c = np.cos(np.linspace(0.0, 2.0 * np.pi, count))
-    # a0 - a1 cos x + a2 cos 2x - a3 cos 3x
-    return np.asarray(((-4.0 * 0.01168 * c + 2.0 * 0.14128) * c - 0.48829 + 3.0 * 0.01168) * c + 0.35875 - 0.14128)
 
 
 def require_excitation(report: ExcitationReport) -> None:

@@ -9,7 +9,7 @@ the estimated A afterwards, which makes the bias small, not zero (Young, Recursi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -32,7 +32,6 @@ from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import Excess, PlantModel
-from tactuator.runtime._core import ffi, lib
 from tactuator.signals.systems import ContinuousSystem
 
 _PASSES = 3
@@ -123,7 +122,7 @@ def identify_recursively(
     filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
     for _ in range(_PASSES):
         regressors, goal, sizes = _regression(filter_polynomial, u, y, rate_hz, zeros)
-        theta, inverse, variance = recursive_least_squares(regressors, goal, forgetting=forgetting)
+        theta, inverse, variance, _ = recursive_least_squares(regressors, goal, forgetting=forgetting)
         theta = theta / sizes
         filter_polynomial = _as_filter(np.append(1.0, theta[zeros + 1 :]), corner)
     covariance = inverse * (np.outer(1.0 / sizes, 1.0 / sizes) * variance)
@@ -181,25 +180,25 @@ def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def recursive_least_squares(
-    regressors: FloatArray, output: FloatArray, *, forgetting: float = 1.0, start_variance: float = 1e8
-) -> tuple[FloatArray, FloatArray, float]:
-    """Solve least squares row by row: regressors (count, n), output (count,), from theta = 0 with start_variance on
-    each; return theta (n,), the inverse information (n, n) and the mean squared prediction error.
+    regressors: FloatArray, output: FloatArray, *, forgetting: float = 1.0, start_variance: float = 1e8, every: int = 500
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+    """Fit output (count,) by regressors (count, n) from theta = 0, `every` rows at a time, older rows fading.
 
+    Returns theta (n,), the inverse information (n, n), the mean squared residual and the path of theta (blocks, n).
     forgetting: 1 keeps everything, 0.999 halves a sample's weight in 693 samples.
     """
-    rows, values = _double(regressors), _double(output)
-    count, n = rows.shape
     if not 0.0 < forgetting <= 1.0:
         raise BadInput(f"{forgetting:g}", "above 0, at most 1", key="forgetting")
-    if not 1 <= n <= lib.TACT_RLS_MAX:
-        raise BadInput(f"{n} parameters", f"1 to {lib.TACT_RLS_MAX}")
-    theta, m, cost = np.zeros(n), np.eye(n) * start_variance, np.zeros(1)
-    lib.tact_rls_run(
-        n, count, _pointer(rows), _pointer(values), forgetting, _pointer(theta), _pointer(m), count + 1, ffi.NULL,
-        ffi.NULL, _pointer(cost),
-    )  # fmt: skip
-    return theta, m, float(cost[0]) / max(count, 1)
+    information, moment = np.eye(regressors.shape[1]) / start_variance, np.zeros(regressors.shape[1])
+    path = []
+    for start in range(0, output.size, every):
+        rows, values = regressors[start : start + every], output[start : start + every]
+        weighted = rows.T * forgetting ** np.arange(values.size)[::-1]
+        information = forgetting**values.size * information + weighted @ rows
+        moment = forgetting**values.size * moment + weighted @ values
+        path.append(np.linalg.solve(information, moment))
+    theta = path[-1]
+    return theta, np.linalg.inv(information), float(np.mean((output - regressors @ theta) ** 2)), np.array(path)
 
 
 def companion_states(
@@ -211,49 +210,11 @@ def companion_states(
 ) -> FloatArray:
     """Return s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (count, n), from rest, exact for the hold.
 
-    denominator: A, descending powers, monic, length n + 1, in rad/s. Source: Van Loan, Computing integrals involving
-    the matrix exponential, 1978.
+    denominator: A, descending powers, monic, length n + 1, in rad/s.
     """
     n = denominator.size - 1
-    if driver.size == 0:
-        return np.zeros((0, n))
-    a = np.eye(n, k=1)
+    a, b = np.eye(n, k=1), np.eye(n)[:, -1:]
     a[-1] = -denominator[:0:-1]
-    b = np.zeros(n)
-    b[-1] = 1.0
-    period = 1.0 / rate_hz
-    first, second = _integrals(a, period)
-    late = second @ b / period if hold == "first-order" else np.zeros(n)
-    return run_states(a @ first, first @ b - late, late, driver)
-
-
-def _integrals(a: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
-    """Return the integral of exp(A t) over 0 .. duration, and of that integral once more; both (n, n)."""
-    n = a.shape[0]
-    block = np.zeros((3 * n, 3 * n))
-    block[:n, :n] = a * duration
-    block[:n, n : 2 * n] = np.eye(n)
-    block[n : 2 * n, 2 * n :] = np.eye(n)
-    exponential = scipy.linalg.expm(block)
-    return duration * exponential[:n, n : 2 * n], duration**2 * exponential[:n, 2 * n :]
-
-
-def run_states(difference: FloatArray, now: FloatArray, following: FloatArray, driver: FloatArray) -> FloatArray:
-    """Return the states x[k+1] = x[k] + D x[k] + b0 u[k] + b1 u[k+1] from rest: D (n, n), b0 and b1 (n,), u (count,).
-
-    Returns x, shape (count, n).
-    """
-    d, b0, b1, u = _double(difference), _double(now), _double(following), _double(driver)
-    n = b0.size
-    out, x = np.empty((u.size, n)), np.zeros(n)
-    if lib.tact_states_run(n, _pointer(d), _pointer(b0), _pointer(b1), u.size, _pointer(u), _pointer(x), _pointer(out)):
-        raise BadInput(f"{n} states", f"1 to {lib.TACT_STATES_MAX}")
-    return out
-
-
-def _pointer(array: FloatArray) -> Any:
-    return ffi.cast("double *", ffi.from_buffer(array))
-
-
-def _double(array: FloatArray) -> FloatArray:
-    return np.ascontiguousarray(array, dtype=np.float64)
+    system = (a, b, np.eye(n), np.zeros((n, 1)))
+    seconds = np.arange(driver.size) / rate_hz
+    return scipy.signal.lsim(system, driver, seconds, interp=hold == "first-order")[2]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.lines import fast_length
 from tactuator.runtime._core import ffi, lib
 
 _LAGS = 40
@@ -87,7 +86,7 @@ def _ljung_box(values: FloatArray) -> float:
         return 1.0
     r = covariance[1:] / covariance[0]
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return chi_squared_tail(lags, statistic)
+    return scipy.special.chdtrc(lags, statistic)
 
 
 def _input_test(
@@ -112,7 +111,7 @@ def _input_test(
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
     gained = max(total - known, 0.0)
-    return chi_squared_tail(rank - own_rank, gained / variance), gained / (n * variance)
+    return scipy.special.chdtrc(rank - own_rank, gained / variance), gained / (n * variance)
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
@@ -176,44 +175,7 @@ def prediction_filters(covariance: FloatArray) -> Iterator[tuple[FloatArray, flo
             break
 
 
-def chi_squared_tail(degrees: int, value: float) -> float:
-    """Return the chance that a chi-squared variable of so many degrees of freedom exceeds a value (Abramowitz and
-    Stegun, 26.4.4 and 26.4.5).
-    """
-    half, order = 0.5 * min(value, 1e6), 0.5 * (degrees % 2)
-    if half <= 0.0:
-        return 1.0
-    tail = math.erfc(math.sqrt(half)) if degrees % 2 else 0.0
-    while order < 0.5 * degrees:
-        tail += math.exp(order * math.log(half) - half - math.lgamma(order + 1.0))
-        order += 1.0
-    return tail
-
-
 def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
-    """Return `values` (n,) through the filter, no longer than they are, from rest: by overlapping blocks, to the bit as
-    scipy.signal.oaconvolve, which is slow to import.
-    """
-    count, overlap = values.size, coefficients.size - 1
-    if overlap == 0:
-        return np.asarray(values * coefficients[0])
-    size = fast_length(_block_length(overlap), primes=(2, 3, 5, 7, 11))
-    if size >= count or overlap + 1 == count:
-        size = fast_length(count + overlap)
-        lines = np.fft.rfft(values, size) * np.fft.rfft(coefficients, size)
-        return np.asarray(np.fft.irfft(lines, size)[:count])
-    step = size - overlap
-    blocks = -(-(count + 1) // step)
-    padded = np.zeros((blocks, step))
-    padded.reshape(-1)[:count] = values
-    passed = np.fft.irfft(np.fft.rfft(padded, size) * np.fft.rfft(coefficients, size), size)
-    passed[1:, :overlap] += passed[:-1, step:]
-    return np.asarray(passed[:, :step].reshape(-1)[:count])
-
-
-def _block_length(overlap: int) -> int:
-    """Return the length n of a block at which n (log2(n) + 1)/(n - overlap), the work for a sample, is least."""
-    least = 8.0 * overlap
-    for _ in range(60):  # where the derivative is zero, which this comes nearer to by a third or more each time
-        least = overlap * math.log(2.0 * math.e * least)
-    return math.ceil(least)
+    """Return `values` (n,) through the filter, no longer than they are, from rest."""
+    size = scipy.fft.next_fast_len(values.size + coefficients.size - 1, real=True)
+    return np.asarray(np.fft.irfft(np.fft.rfft(values, size) * np.fft.rfft(coefficients, size), size)[: values.size])

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from tactuator.identification.asked import Fixed
-from tactuator.identification.residual_tests import chi_squared_tail
 from tactuator.identification.search import Choice
 from tactuator.identification.trust import FIXED, FIXED_DB
 from tactuator.model.plant_model import PlantModel, Weighed
@@ -96,7 +96,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     if lost - float(np.log(problem.given.total)) * values > _BEHIND:
         return True
     alike = replace(fit.form, known=(), pins=()) == replace(beside.fit.form, known=(), pins=())
-    return bool(alike and chi_squared_tail(max(values, 1), max(lost, 0.0)) < _CHANCE)
+    return bool(alike and scipy.special.chdtrc(max(values, 1), max(lost, 0.0)) < _CHANCE)
 
 
 def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:

@@ -309,21 +309,10 @@ def _figures(finger: FingerFelt) -> dict[str, float | int]:
         ("all", np.concatenate((long, short))),
     )
     for name, values in kinds:
-        ordered, last = np.sort(values), len(values) - 1
         figures[f"frames_{name}"] = len(values)
-        # those of numpy's median and percentile to the last bit, in a twentieth of their time
-        middle = 0.5 * (ordered[last // 2] + ordered[len(values) // 2]) if len(values) else np.nan
-        figures[f"median_db_{name}"], figures[f"p95_db_{name}"] = float(middle), _p95(ordered)
+        middle, high = np.percentile(values, (50.0, 95.0)).tolist() if len(values) else (np.nan, np.nan)
+        figures[f"median_db_{name}"], figures[f"p95_db_{name}"] = middle, high
     return figures
-
-
-def _p95(ordered: Levels) -> float:
-    last = len(ordered) - 1
-    if last < 0:
-        return float("nan")
-    place, part = divmod(0.95 * last, 1.0)
-    low, high = ordered[int(place)], ordered[min(int(place) + 1, last)]
-    return float(high - (high - low) * (1.0 - part) if part >= 0.5 else low + (high - low) * part)
 
 
 SETTLE_S = 0.5

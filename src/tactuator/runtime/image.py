@@ -11,6 +11,7 @@ from enum import IntEnum
 from typing import Any, Literal, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
@@ -28,7 +29,6 @@ from tactuator.runtime.coefficients import (
     q31_row,
 )
 from tactuator.signals.decibels import from_db
-from tactuator.signals.discretise import matrix_exponential
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
@@ -324,7 +324,7 @@ def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
 def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
     """Return b1, b1 + b0, a1', a2' of the held plant (b1 z + b0)/(d^2 + a1' d + a2') with d = z - 1, shape (4,)."""
     a = np.array([[0.0, 1.0, 0.0], [-model.stiffness, -model.damping, model.gain], [0.0, 0.0, 0.0]]) * period_s
-    less_one = matrix_exponential(a) - np.eye(3)
+    less_one = scipy.linalg.expm(a) - np.eye(3)
     m, b = less_one[:2, :2], less_one[:2, 2]
     return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])
 

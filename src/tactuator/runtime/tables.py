@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
@@ -26,7 +27,7 @@ from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes, touch_figures
 from tactuator.signals.decibels import from_db
-from tactuator.signals.discretise import held_state_space, matrix_exponential
+from tactuator.signals.discretise import held_state_space
 from tactuator.signals.systems import ContinuousSystem
 
 ORDER_MAX = 8
@@ -151,7 +152,7 @@ def _exponential(a: FloatArray, b: FloatArray, duration_s: float) -> tuple[Float
     # scaled so that the input's column weighs as much as the rest: the exponential's error is relative to the norm
     weight = np.linalg.norm(b * duration_s) or 1.0
     block[:size, size] /= weight
-    exponential = matrix_exponential(block)
+    exponential = scipy.linalg.expm(block)
     return exponential[:size, :size], exponential[:size, size] * weight
 
 

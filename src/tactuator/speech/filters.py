@@ -20,10 +20,6 @@ from tactuator.errors import BadInput
 
 ALIASES_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
-_TAPS_BY_HAND, _OUTPUTS_BY_HAND = 4000, 500_000
-"""Beyond these the compiled `scipy.signal.upfirdn`, which gives the same bits, is worth the half second of its import;
-outputs are those of all the files of a process."""
-_given_by_hand = [0]
 
 
 @lru_cache(maxsize=8)
@@ -41,9 +37,10 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
     up, down = rate_out_hz // common, rate_in_hz // common
     inner_hz = float(rate_in_hz * up)
     stop_hz = slower - pass_hz
-    half = down * int(np.ceil(_kaiser_length(ALIASES_DB, stop_hz - pass_hz, inner_hz) / 2 / down))
-    kernel = _kaiser_band(0.0, 0.5 * (pass_hz + stop_hz), inner_hz, half, ALIASES_DB)
-    kernel = kernel / np.sum(kernel) * up
+    taps, beta = scipy.signal.kaiserord(ALIASES_DB, (stop_hz - pass_hz) / (0.5 * inner_hz))
+    half = down * int(np.ceil(taps / 2 / down))
+    middle_hz = 0.5 * (pass_hz + stop_hz)
+    kernel = up * scipy.signal.firwin(2 * half + 1, middle_hz, window=("kaiser", beta), fs=inner_hz)
     kernel.flags.writeable = False  # it is kept for the next file
     return kernel, up, down
 
@@ -63,35 +60,14 @@ def resample(blocks: Iterable[FloatArray], rate_in_hz: int, rate_out_hz: int, pa
     for block in blocks:
         history, total = np.concatenate((history, block)), total + len(block)
         ready = max(done, (total * up - 1) // down + 1 - middle)
-        yield _outputs(kernel, history, up, down, first * up // down, done + middle, ready + middle)
+        origin = first * up // down - middle
+        yield scipy.signal.upfirdn(kernel, history, up, down)[done - origin : ready - origin]
         done = ready
         keep = max(0, ((done + middle) * down // up - reach) // down * down)  # on the grid of whole output samples
         history, first = history[keep - first :], keep
     end = -(-total * up // down)
-    tail = np.concatenate((history, np.zeros(reach + 1)))
-    yield _outputs(kernel, tail, up, down, first * up // down, done + middle, end + middle)
-
-
-def _outputs(
-    kernel: FloatArray, history: FloatArray, up: int, down: int, origin: int, start: int, stop: int
-) -> FloatArray:
-    """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
-    `origin`.
-    """
-    _given_by_hand[0] += max(0, stop - start)
-    if len(kernel) > _TAPS_BY_HAND or max(stop, _given_by_hand[0]) > _OUTPUTS_BY_HAND:
-        return np.asarray(scipy.signal.upfirdn(kernel, history, up, down)[start - origin : stop - origin])
-    reach = -(-len(kernel) // up)
-    taps = np.append(kernel, np.zeros(reach * up - len(kernel))).reshape(reach, up)
-    after = max(0, (stop - origin) * down // up - len(history))
-    inputs = np.concatenate((np.zeros(reach), history, np.zeros(after)))
-    outputs = np.zeros(max(0, stop - start))
-    for first in range(min(up, len(outputs))):
-        alike = outputs[first::up]  # they meet the same taps, at inputs `down` apart; the oldest input is added first
-        newest, phase = divmod((start - origin + first) * down, up)
-        for back in range(reach - 1, -1, -1):
-            alike += inputs[reach + newest - back :: down][: len(alike)] * taps[back, phase]
-    return outputs
+    tail, origin = np.concatenate((history, np.zeros(reach + 1))), first * up // down - middle
+    yield scipy.signal.upfirdn(kernel, tail, up, down)[done - origin : end - origin]
 
 
 ATTENUATION_DB = 84.0
@@ -112,28 +88,16 @@ def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: fl
             f"band {low_hz:g}..{high_hz:g} Hz with edges {transition_hz:g} Hz wide at {rate_hz:g} Hz",
             f"edges that do not overlap, within 0..{0.5 * rate_hz:g} Hz",
         )
-    half = _kaiser_length(ATTENUATION_DB, transition_hz, rate_hz) // 2
-    return _kaiser_band(low_hz, high_hz, rate_hz, half, ATTENUATION_DB)
-
-
-def _kaiser_length(attenuation_db: float, transition_hz: float, rate_hz: float) -> int:
-    """Return how many taps Kaiser's formula asks for (Oppenheim & Schafer 2010, section 7.6)."""
-    return int(np.ceil((attenuation_db - 7.95) / 2.285 / (np.pi * (transition_hz / (0.5 * rate_hz))) + 1.0))
-
-
-def _kaiser_band(low_hz: float, high_hz: float, rate_hz: float, half: int, attenuation_db: float) -> FloatArray:
-    """Return an ideal band's impulse response of 2 half + 1 taps under Kaiser's window."""
-    low, high = low_hz / (0.5 * rate_hz), high_hz / (0.5 * rate_hz)
-    beta, place = 0.1102 * (attenuation_db - 8.7), np.arange(-half, half + 1.0)
-    window = scipy.special.i0(beta * np.sqrt(1.0 - (place / half) ** 2.0)) / scipy.special.i0(beta)
-    return np.asarray((high * np.sinc(high * place) - low * np.sinc(low * place)) * window)
+    taps, beta = scipy.signal.kaiserord(ATTENUATION_DB, transition_hz / (0.5 * rate_hz))
+    edges, window = [low_hz, high_hz] if low_hz else high_hz, ("kaiser", beta)
+    return np.asarray(
+        scipy.signal.firwin(taps // 2 * 2 + 1, edges, window=window, pass_zero=not low_hz, scale=False, fs=rate_hz)
+    )
 
 
 def convolve_kernels(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return two odd linear-phase kernels in series."""
-    count = len(first) + len(second) - 1
-    size = scipy.fft.next_fast_len(count, real=True)
-    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(first, size) * scipy.fft.rfft(second, size), size)[:count])
+    return np.asarray(scipy.signal.fftconvolve(first, second))
 
 
 def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> Iterator[FloatArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -100,7 +100,7 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
         return any(fit.max_error_db <= serves for fit, _ in designs)
 
     peak = display.objectives.resonance_peak
-    candidates = feedback_candidates(channel, display.rate_hz, family, peak, is_served)
+    candidates = feedback_candidates(channel, display.rate_hz, family, peak)
     for mean_db, feedback in islice(candidates, _FITS_MAX):
         least = mean_db if not designs else least
         if mean_db > least + _NEAR_DB and is_served():
@@ -125,10 +125,9 @@ def feedback_candidates(
     rate_hz: float,
     family: tuple[Member, ...],
     resonance_peak: float,
-    is_enough: Callable[[], bool],
 ) -> Iterator[tuple[float, SampledSystem | None]]:
     """Yield each C that the channel's structure asks for: synthesised (the best first, with the mean |S| in dB), given
-    (bilinear), or none. is_enough: whether the best that come first are enough.
+    (bilinear), or none.
     """
     requirements = channel.feedback
     if requirements.structure == "none":
@@ -138,7 +137,7 @@ def feedback_candidates(
     else:
         require_consistent(channel, rate_hz)
         task = Task.of(family, requirements, rate_hz, resonance_peak)
-        candidates = synthesise(task, is_enough)
+        candidates = synthesise(task)
         best = next(candidates, None)
         if best is None:
             beyond = f"{channel.unknown_words}; " if channel.unknown_words else ""

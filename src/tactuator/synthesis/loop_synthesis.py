@@ -1,10 +1,8 @@
 """Loop synthesis: the controller that keeps every requirement on every plant, with the least mean |S| in dB.
 
 Local optima in the parameters of `LoopStructure` are looked for from a few starts that invert the plant. Where these
-find nothing, a loop is looked for in a fixed set of candidates (`candidates`), which depends on the plant alone:
-whatever keeps tight limits is found again under looser ones. Then the search goes on from the nearest misses, by steps
-that no limit changes (`problem.hops`). Where nothing is found, the diagnosis says which requirements bind, and what has
-been tried instead.
+find nothing, steps lead from one local optimum to the next (`problem.hops`). Where nothing is found, the diagnosis says
+which requirements bind, and what has been tried instead.
 
 Beyond the file's limits a loop keeps half of the display's resonance objective in reserve where that is possible
 (max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable where the plant allows that: a command
@@ -13,11 +11,8 @@ at its limit is a loop of lower gain, and that has to be stable too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
-from heapq import merge
-from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
@@ -28,102 +23,37 @@ from tactuator.model.description import Channel
 from tactuator.signals.loop import UnstableLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
-from tactuator.synthesis.candidates import LoopStructure, shapes
 from tactuator.synthesis.limits import Limit
 from tactuator.synthesis.problem import LoopProblem, Solution, carried_on, hops, is_sound, problem_of, solve, starts
-from tactuator.synthesis.screening import Survivors, Task
+from tactuator.synthesis.screening import Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 """What each round of settling keeps beyond the limits, dB: grids and assessment agree to about that."""
 _SAME_DB, _AGAIN_DB, _ENOUGH = 0.02, 0.05, 3
 _RESONANCE_SHARES = (0.5, 1.0)
-_WITNESSES = 3
-_NEAREST = 3
 Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
 
 
-def synthesise(task: Task, is_enough: Callable[[], bool] = lambda: False) -> Iterator[Candidate]:
+def synthesise(task: Task) -> Iterator[Candidate]:
     """Yield controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
 
-    Each keeps every requirement in a full assessment. The first ones are local optima, all different; what the fixed
-    set of candidates holds comes behind them, unless what came `is_enough`. Nothing is yielded where nothing is found.
+    Each keeps every requirement in a full assessment. They are local optima, all different; where the starts lead to
+    none, steps from one local optimum to the next are tried. Nothing is yielded where nothing is found.
     """
-    blocks = partial(_blocks, task)
-    held: list[tuple[FloatArray, Candidate]] = []
-    optima = _improved(task, starts)
+    optima = _improved(task)
     best = next(optima, None)
-    means: Sequence[Callable[[], list[tuple[FloatArray, Candidate]]]] = (
-        lambda: _witnesses(task, islice(blocks(), 1)),
-        lambda: _hopped(task),
-        lambda: _witnesses(task, islice(blocks(), 1, None)),
-    )
-    for search in means:
-        if best is not None or held:
-            break
-        held = search()
-        optima = _improved(task, partial(_held, held))
-        best = next(optima, None)
-    if best is None and not held:
-        optima = _improved(task, lambda problem: nearest(task), shares=(1.0,))
-        best = next(optima, None)
-    if best is None and not held:
-        return
-    optima = optima if best is None else chain([best], optima)
-    yield from merge(optima, sorted((kept for _, kept in held), key=_mean_db), key=_mean_db)
-    # every candidate that keeps all limits, for the case that no prefilter fits the best ones
-    for block in () if is_enough() else blocks():
-        for _, kept in _assessed(task, task.screen.survivors(block), 1.0):
-            yield kept
+    if best is not None:
+        yield best
+        yield from optima
+    else:
+        yield from _hopped(task)
 
 
 def is_possible(task: Task) -> bool:
-    """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
-    problem = problem_of(task)
-    first = (solve(problem, start) for start in starts(problem)[:2])
-    if any(solution and solution.excess_db <= _NEARLY_DB and _settle(problem, solution) for solution in first):
-        return True
-    return any(_settled(problem, starts)) or bool(_witnesses(task, islice(_blocks(task), 1)))
-
-
-@lru_cache(maxsize=4)
-def nearest(task: Task) -> tuple[FloatArray, ...]:
-    """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
-    parts = [task.screen.nearest(block, _NEAREST) for block in islice(_blocks(task), 2)]
-    parameters, miss = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(miss, kind="stable")
-    return tuple(parameters[i] for i in order if np.isfinite(miss[i]))[:_NEAREST]
-
-
-def _blocks(task: Task) -> Iterator[FloatArray]:
-    return shapes(task.family[0].continuous, task.rate_hz)
-
-
-def _witnesses(task: Task, blocks: Iterable[FloatArray]) -> list[tuple[FloatArray, Candidate]]:
-    """Return the best few candidates, of different shapes, of the first block that holds any."""
-    for block in blocks:
-        survivors = task.screen.survivors(block)
-        for share in _RESONANCE_SHARES:
-            witnesses: list[tuple[FloatArray, Candidate]] = []
-            for parameters, candidate in _assessed(task, survivors, share):
-                if all(not np.array_equal(parameters[1:], known[1:]) for known, _ in witnesses):
-                    witnesses.append((parameters, candidate))
-                if len(witnesses) == _WITNESSES:
-                    break
-            if witnesses:
-                return witnesses
-    return []
-
-
-def _assessed(task: Task, survivors: Survivors, share: float) -> Iterator[tuple[FloatArray, Candidate]]:
-    """Yield those of a block's survivors that a full assessment finds to keep everything."""
-    structure = LoopStructure(task.rate_hz)
-    limits = task.limits_at(share)
-    for parameters in survivors.kept(limits):
-        assessments = judged(task, structure.system(parameters))
-        if assessments and all_kept(assessments, limits):
-            yield parameters, _candidate(assessments)
+    """Tell whether `synthesise` yields anything from its starts."""
+    return next(_settled(problem_of(task)), None) is not None
 
 
 def judged(task: Task, feedback: SampledSystem) -> tuple[MemberAssessment, ...]:
@@ -141,17 +71,12 @@ def _candidate(assessments: Sequence[MemberAssessment]) -> Candidate:
 
 
 _mean_db = itemgetter(0)
-Beginnings = Callable[[LoopProblem], Sequence[FloatArray]]
 
 
-def _held(held: Sequence[tuple[FloatArray, Candidate]], problem: LoopProblem) -> list[FloatArray]:
-    return [parameters for parameters, _ in held]
-
-
-def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RESONANCE_SHARES) -> Iterator[Candidate]:
+def _improved(task: Task) -> Iterator[Candidate]:
     """Yield local optima that keep every requirement, all different, the best first."""
-    for share in shares:
-        optima = _settled(problem_of(task, share), beginnings)
+    for share in _RESONANCE_SHARES:
+        optima = _settled(problem_of(task, share))
         best = next(optima, None)
         if best is not None:
             yield best
@@ -159,15 +84,9 @@ def _improved(task: Task, beginnings: Beginnings, shares: Sequence[float] = _RES
             return
 
 
-def _settled(problem: LoopProblem, beginnings: Beginnings) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, the best first, to the tenths of a dB that settling may change;
-    where one beginning alone leads to any, what the first candidates lead to as well.
-    """
-    solutions = _solutions(problem, beginnings(problem))
-    if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
-        held = _witnesses(problem.task, islice(_blocks(problem.task), 1))
-        solutions += _solutions(problem, _held(held, problem))
-    solutions = sorted(solutions, key=lambda solution: solution.merit_db)
+def _settled(problem: LoopProblem) -> Iterator[Candidate]:
+    """Yield local optima that keep every requirement, the best first, to the tenths of a dB that settling may change."""
+    solutions = sorted(_solutions(problem, starts(problem)), key=lambda solution: solution.merit_db)
     solutions[:1] = [carried_on(problem, solution) for solution in solutions[:1]]
     means: list[float] = []
     ready: list[Candidate] = []
@@ -196,15 +115,14 @@ def _solutions(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> list[S
     return solutions
 
 
-def _hopped(task: Task) -> list[tuple[FloatArray, Candidate]]:
-    """Return the first loop, if any, that steps from one local optimum to the next come upon."""
+def _hopped(task: Task) -> Iterator[Candidate]:
+    """Yield the first loop, if any, that steps from one local optimum to the next come upon."""
     problem = problem_of(task)
-    for solution in hops(problem, [*starts(problem), *nearest(task)]):
-        if solution.excess_db <= _FEASIBLE_DB:
-            settled = _settle(problem, solution)
-            if settled is not None:
-                return [(solution.parameters, settled)]
-    return []
+    for solution in hops(problem, starts(problem)):
+        settled = _settle(problem, solution) if solution.excess_db <= _FEASIBLE_DB else None
+        if settled is not None:
+            yield settled
+            return
 
 
 def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
@@ -250,7 +168,7 @@ def diagnosis(task: Task) -> str:
     others kept, then each kind together (all of rejection, of hum), then all.
     """
     problem = problem_of(task)
-    misses = _sound(problem, [*nearest(task)[:2], *starts(problem)[:3]])
+    misses = _sound(problem, starts(problem)[:5])
     if not misses:
         asked = ", ".join(str(limit) for limit in task.limits)
         return f"nothing satisfies the requirements ({asked}), and no stable loop near them was found; {_HELP}"

@@ -42,7 +42,6 @@ from tactuator.synthesis.candidates import (
     modes,
     slow_pair,
 )
-from tactuator.synthesis.even_points import even_points
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
 from tactuator.synthesis.screening import Task, around_modes_hz
 
@@ -434,7 +433,7 @@ def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Sol
 def _steps_away(beginnings: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
     """Yield steps away from members of `pool` as it then is; from `beginnings` while it is empty. Sobol's points choose
     the member, and the step."""
-    for index, point in enumerate(even_points(COUNT + 1, 1, _HOPS)):  # the first point is zero
+    for index, point in enumerate(scipy.stats.qmc.Sobol(COUNT + 1, scramble=False).fast_forward(1).random(_HOPS)):  # the first point is zero
         if index >= _HOPS_LEAST and index * min((known.excess_db for known in pool), default=np.inf) > _HOPS_TIMES_DB:
             return
         origins = [known.parameters for known in pool] or list(beginnings)

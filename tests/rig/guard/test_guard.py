@@ -188,7 +188,6 @@ def answers(guarded, rows, left=0.0):
 def test_period__tones_and_silence__commands_are_the_controllers_to_the_bit(made):
     controller = made()
     guarded = Guarded(controller)
-    assert guarded.board.is_designed == (controller is designed())
     time_s = np.arange(SOFT + 1500) / 4000.0
     rows = np.stack([150.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 31.0, 187.0)], axis=1)
     rows[SOFT + 700 : SOFT + 900] = 0.0
