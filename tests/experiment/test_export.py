@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export import export
-from tactuator.experiment.export_rows import cell
+from tactuator.experiment.export import cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers

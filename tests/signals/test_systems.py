@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
-from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.signals import loop as module

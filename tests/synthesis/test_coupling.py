@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import linalg, signal, stats
-from scipy.stats import qmc
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput

@@ -180,7 +180,12 @@ def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def recursive_least_squares(
-    regressors: FloatArray, output: FloatArray, *, forgetting: float = 1.0, start_variance: float = 1e8, every: int = 500
+    regressors: FloatArray,
+    output: FloatArray,
+    *,
+    forgetting: float = 1.0,
+    start_variance: float = 1e8,
+    every: int = 500,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Fit output (count,) by regressors (count, n) from theta = 0, `every` rows at a time, older rows fading.
 
@@ -190,15 +195,20 @@ def recursive_least_squares(
     if not 0.0 < forgetting <= 1.0:
         raise BadInput(f"{forgetting:g}", "above 0, at most 1", key="forgetting")
     information, moment = np.eye(regressors.shape[1]) / start_variance, np.zeros(regressors.shape[1])
-    path = []
+    path = list[FloatArray]()
     for start in range(0, output.size, every):
         rows, values = regressors[start : start + every], output[start : start + every]
         weighted = rows.T * forgetting ** np.arange(values.size)[::-1]
         information = forgetting**values.size * information + weighted @ rows
         moment = forgetting**values.size * moment + weighted @ values
-        path.append(np.linalg.solve(information, moment))
+        path.append(np.asarray(np.linalg.solve(information, moment)))
     theta = path[-1]
-    return theta, np.linalg.inv(information), float(np.mean((output - regressors @ theta) ** 2)), np.array(path)
+    return (
+        theta,
+        np.asarray(np.linalg.inv(information)),
+        float(np.mean((output - regressors @ theta) ** 2)),
+        np.array(path),
+    )
 
 
 def companion_states(
@@ -217,4 +227,4 @@ def companion_states(
     a[-1] = -denominator[:0:-1]
     system = (a, b, np.eye(n), np.zeros((n, 1)))
     seconds = np.arange(driver.size) / rate_hz
-    return scipy.signal.lsim(system, driver, seconds, interp=hold == "first-order")[2]
+    return np.asarray(scipy.signal.lsim(system, driver, seconds, interp=hold == "first-order")[2])

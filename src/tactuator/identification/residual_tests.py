@@ -86,7 +86,7 @@ def _ljung_box(values: FloatArray) -> float:
         return 1.0
     r = covariance[1:] / covariance[0]
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return scipy.special.chdtrc(lags, statistic)
+    return float(scipy.special.chdtrc(lags, statistic))
 
 
 def _input_test(
@@ -111,7 +111,7 @@ def _input_test(
     if variance <= 0.0 or rank <= own_rank:
         return 1.0, 0.0
     gained = max(total - known, 0.0)
-    return scipy.special.chdtrc(rank - own_rank, gained / variance), gained / (n * variance)
+    return float(scipy.special.chdtrc(rank - own_rank, gained / variance)), gained / (n * variance)
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:

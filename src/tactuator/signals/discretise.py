@@ -16,6 +16,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
+
 @lru_cache(maxsize=32)  # of a display's plants: an experiment asks for them after every interval
 def zero_order_hold(system: ContinuousSystem, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
     """Return the sampled equivalent of a plant driven through a zero-order hold, `delay_samples` late. Of one with

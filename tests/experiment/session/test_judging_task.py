@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export_rows import exported
+from tactuator.experiment.export import exported
 from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
