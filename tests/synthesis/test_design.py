@@ -186,9 +186,9 @@ def test_dahl_harmonic__great_or_small_motion__that_of_a_square_wave_or_a_spring
 
 def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits(monkeypatch) -> None:
     monkeypatch.setattr(module, "synthesise", lambda *_: iter(()))  # what is told of the limits has tests of its own
-    monkeypatch.setattr(module, "diagnosis", lambda _: "nothing satisfies the requirements")
+    monkeypatch.setattr(module, "diagnosis", lambda _: "the search found no loop")
     ends = "band_hz is [0.4, 300], but the plant is known from 0.2 to {} Hz only (valid_hz)"
-    for last, then in ((9.0, "; allowed: a model that is valid at 10 Hz"), (100.0, "; nothing satisfies")):
+    for last, then in ((9.0, "; allowed: a model that is valid at 10 Hz"), (100.0, "; the search found")):
         one = replace(paper_alone().channels[0], valid_hz=(0.2, last))
         with pytest.raises((BadInput, NoDesign), match=re.escape(ends.format(f"{last:g}") + then)):
             design_controller(replace(paper_alone(), channels=(one,)), 4)

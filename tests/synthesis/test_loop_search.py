@@ -1,7 +1,8 @@
-"""Loops that exist are found, relaxing a limit never turns yes into no, and threads change nothing."""
+"""Loops that exist are found, also under looser limits, the refusal points to them, and threads change nothing."""
 
 import re
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design
 from tactuator.synthesis.assessment import all_kept
@@ -17,7 +17,7 @@ from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.loop_synthesis import diagnosis, judged, synthesise
 from tactuator.synthesis.problem import LoopProblem, hops, is_sound, starts
-from tactuator.synthesis.screening import Task
+from tactuator.synthesis.task import Task
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
 from witnesses.loops.lower_gain import BROKEN_SOS, Drawn, grows_at, run
 
@@ -142,30 +142,33 @@ def test_synthesise__hard_plants__a_loop_within_the_limits(plant: ContinuousSyst
     assert keeps(plant, next(synthesise(task(plant)))[1])
 
 
-def relaxed_stays_yes(seed: int) -> bool:
-    """Whether a relaxation was tried at all; fails where it turns yes into no."""
+def lost_by_looser_limits(seed: int) -> bool | None:
+    """Whether no loop is found under looser limits than those of a loop that was found; None where there is none."""
     rng = np.random.default_rng(seed)
     motor = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
     plant = motor if rng.random() < 0.6 else drawn(rng, KINDS[seed % len(KINDS)])
     asked, peak = drawn_limits(rng), float(rng.uniform(1.1, 1.5))
     if next(synthesise(task(plant, asked, peak)), None) is None:
-        return False
+        return None
     looser = loosened(rng, asked)
-    assert next(synthesise(task(plant, looser, peak * float(np.exp(rng.exponential(0.1))))), None) is not None
-    return True
+    return next(synthesise(task(plant, looser, peak * float(np.exp(rng.exponential(0.1))))), None) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1, 5])
-def test_synthesise__limits_relaxed__yes_stays_yes(seed: int) -> None:
-    relaxed_stays_yes(seed)
+def test_synthesise__looser_limits__a_loop_is_found_still(seed: int) -> None:
+    assert not lost_by_looser_limits(seed)
 
 
 @pytest.mark.soak
-def test_synthesise__500_relaxations__no_yes_becomes_no() -> None:
-    tried, seed = 0, 1000
-    while tried < 500:
-        tried += relaxed_stays_yes(seed)
-        seed += 1
+def test_synthesise__500_looser_limits__five_loops_lost_at_most() -> None:
+    """The search is local: looser limits may lead it elsewhere."""
+    tried = lost = 0
+    for seed in count(1000):
+        is_lost = lost_by_looser_limits(seed)
+        tried, lost = tried + (is_lost is not None), lost + bool(is_lost)
+        if tried == 500:
+            break
+    assert lost <= 5
 
 
 def test_hops__a_start_that_leads_to_a_miss__a_sound_loop_within_the_limits() -> None:
@@ -191,7 +194,7 @@ def test_diagnosis__advice__has_been_tried_and_points_to_looser_limits() -> None
 
     text = diagnosis(asking(limits))
     assert "\n" not in text
-    assert re.search(r"nothing satisfies the requirements; .*\|T\| dB at 60 Hz -20.*; nearest miss: ", text)
+    assert re.search(r"the search, which is local, found no loop .*; .*\|T\| dB at 60 Hz -20.*; nearest miss: ", text)
     ways = text.split("allowed, all others kept: ")[1].split(" or ")
     hum = float(next(way for way in ways if way.startswith("|T| dB at 60 Hz")).split()[-1])
     assert -20.0 < hum < -17.0

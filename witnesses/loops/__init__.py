@@ -1,1 +1,1 @@
-"""Loops: what the synthesis delivers, the best that is known, and a bound that none can beat."""
+"""Loops: what the synthesis delivers, and the best that is known."""

@@ -42,9 +42,6 @@ def design_rows(channels: Sequence[ChannelController]) -> Iterator[tuple[str, ..
     """Yield the figures of a design, the worst over the loads: their name, then a cell for each channel."""
     for words, keys in _ROWS.items():
         yield words, *(_cell(_found(channel.report, keys)) for channel in channels)
-    if any("bound_db" in channel.report for channel in channels):
-        cells = [_cell(_found(channel.report, ("bound_db",))) for channel in channels]
-        yield "mean |S| that no controller can beat (dB)", *cells
     lines_hz = sorted({key for channel in channels for key in channel.report.get("mains_db", {})}, key=float)
     for key in lines_hz:
         yield f"|T| at {key} Hz (dB)", *(_cell(_found(channel.report, ("mains_db", key))) for channel in channels)

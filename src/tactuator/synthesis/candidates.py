@@ -2,9 +2,9 @@
 
     C(z) = k / d  *  pair(zeros) / single(pole)  *  pair / pair  *  pair / pair          d = z - 1
 
-Every factor is of unit gain at rest; a pair is d^2 + c1 d + c0 with roots exp(s / rate) for s of natural frequency w and
-damping zeta, a single d + c0. The parameters are logarithms, so that no factor can turn unstable or non-minimum-phase;
-a notch that is not needed ends as a pair that cancels, or nearly.
+Every factor is of unit gain at rest; a pair is d^2 + c1 d + c0 with roots exp(s / rate) for s of natural frequency w
+and damping zeta, a single d + c0. The parameters are logarithms, so that no factor can turn unstable or
+non-minimum-phase; a notch that is not needed ends as a pair that cancels, or nearly.
 """
 
 from __future__ import annotations
@@ -57,16 +57,6 @@ class LoopStructure:
         above = polynomials[0] * polynomials[1] * polynomials[3]
         return gain * above * inverse[2] * inverse[4] / (difference * factor), slope
 
-    def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
-        """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
-        above: ComplexArray = np.exp(parameters[:, :1]) + 0j
-        pole = -np.expm1(-np.exp(parameters[:, _POLE, None]))
-        below: ComplexArray = difference * ((difference + pole) / pole)
-        for index, sign in _PAIRS:
-            factor = _pairs(parameters[:, index, None], parameters[:, index + 1, None], difference)
-            above, below = (above * factor, below) if sign > 0 else (above, below * factor)
-        return above / below
-
     def system(self, parameters: FloatArray) -> SampledSystem:
         """Return the controller of a parameter vector."""
         zeros: list[complex] = []
@@ -117,19 +107,6 @@ def _all_coefficients(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         for index, (_, c0) in zip(_FIRST, coefficients, strict=True)
     ]
     return np.array(coefficients), np.array(slopes).transpose(1, 0, 2)
-
-
-def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:
-    """Return the pairs of unit gain at rest, many at once: parameters (n, 1), difference (f,), result (n, f)."""
-    frequency, damping = np.exp(log_frequency), np.exp(log_damping)
-    decay = damping * frequency
-    inner = frequency**2 * (1.0 - damping**2)
-    half = np.sqrt(np.abs(inner)) / 2.0
-    square = np.where(inner >= 0.0, np.sin(half) ** 2, -(np.sinh(half) ** 2))
-    c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
-    c1 = c0 - np.expm1(-2.0 * decay)
-    # by the reciprocal, as a complex number is divided by a real one
-    return np.asarray((difference * (difference + c1) + c0) * (1.0 / c0))
 
 
 def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

@@ -30,9 +30,9 @@ from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.loop_synthesis import diagnosis, require_consistent, synthesise
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
-from tactuator.synthesis.screening import Task
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tactuator.synthesis.strength import fit_strength
+from tactuator.synthesis.task import Task
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
@@ -50,8 +50,8 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     poles: of every prefilter, in place of the file's. error_db: choose for each prefilter the fewest poles that keep
     this error instead.
 
-    Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
-    that nothing satisfies: the message says which bind, and what would be possible.
+    Raises BadInput for a plant that cannot be controlled or requirements that contradict each other, NoDesign where
+    the search finds no loop: the message says which requirements bind, and what would be possible.
     """
     designed: list[ChannelController] = []
     for channel in display.channels:

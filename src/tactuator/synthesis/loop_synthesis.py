@@ -25,7 +25,7 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.limits import Limit
 from tactuator.synthesis.problem import LoopProblem, Solution, carried_on, hops, is_sound, problem_of, solve, starts
-from tactuator.synthesis.screening import Task
+from tactuator.synthesis.task import Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
@@ -85,7 +85,7 @@ def _improved(task: Task) -> Iterator[Candidate]:
 
 
 def _settled(problem: LoopProblem) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, the best first, to the tenths of a dB that settling may change."""
+    """Yield local optima that keep every requirement, the best first to the tenths of a dB that settling changes."""
     solutions = sorted(_solutions(problem, starts(problem)), key=lambda solution: solution.merit_db)
     solutions[:1] = [carried_on(problem, solution) for solution in solutions[:1]]
     means: list[float] = []
@@ -171,7 +171,7 @@ def diagnosis(task: Task) -> str:
     misses = _sound(problem, starts(problem)[:5])
     if not misses:
         asked = ", ".join(str(limit) for limit in task.limits)
-        return f"nothing satisfies the requirements ({asked}), and no stable loop near them was found; {_HELP}"
+        return f"{_NONE_FOUND} ({asked}), nor a stable loop near them; {_HELP}"
     worst = _worst_excess(problem, misses[0])
     most = max(worst.values())
     binding = [limit for limit in task.limits if worst[limit] > max(0.0, 0.9 * most)]
@@ -186,9 +186,10 @@ def diagnosis(task: Task) -> str:
     wanted = ", ".join(str(limit) for limit in binding)
     reached = ", ".join(str(replace(limit, asked=limit.figure_at(worst[limit]))) for limit in binding)
     advice = f"allowed, all others kept: {' or '.join(ways)}" if ways else _HELP
-    return f"nothing satisfies the requirements; those that bind: {wanted}; nearest miss: {reached}; {advice}"
+    return f"{_NONE_FOUND}; those that bind: {wanted}; nearest miss: {reached}; {advice}"
 
 
+_NONE_FOUND = "the search, which is local, found no loop that meets the requirements"
 _HELP = "allowed: looser limits of more than one kind, a faster rate, less delay, or a stiffer load"
 
 

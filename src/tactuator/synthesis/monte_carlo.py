@@ -175,7 +175,7 @@ class _Grids:
         return np.asarray(np.max(np.abs(db(position / self._asked_v)), axis=1))
 
     def _is_stable(self, away: ComplexArray) -> NDArray[np.bool_]:
-        """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""
+        """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant."""
         poles = self._channel.plant.poles
         at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
         outside = int(np.sum(poles.real > 1e-9))

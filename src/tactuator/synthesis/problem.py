@@ -35,6 +35,7 @@ from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (
     COUNT,
     FREQUENCIES,
+    LIGHT_DAMPING,
     POLE_DAMPINGS,
     POLES,
     ZERO_DAMPINGS,
@@ -42,8 +43,9 @@ from tactuator.synthesis.candidates import (
     modes,
     slow_pair,
 )
+from tactuator.synthesis.family import Member
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
-from tactuator.synthesis.screening import Task, around_modes_hz
+from tactuator.synthesis.task import Task
 
 _SHARPNESS = 300.0
 _KEPT = 8
@@ -82,7 +84,7 @@ class LoopProblem:
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
         spread = [np.geomspace(0.02 * low, low, 10), np.geomspace(low, 0.49 * task.rate_hz, 170)]
-        peaks = np.unique(np.concatenate([*spread, *around_modes_hz(task.family), peaks_hz]))
+        peaks = np.unique(np.concatenate([*spread, *_around_modes_hz(task.family), peaks_hz]))
         peaks = peaks[(peaks > 0.0) & (peaks <= 0.49 * task.rate_hz)]
         noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
         (mains, self._mains_db), (rejection, self._rejection_db) = self._lines("|T|"), self._lines("|S|")
@@ -158,6 +160,16 @@ class LoopProblem:
                 peak, share = _smooth_maximum(np.abs(angle))
                 weights = 1j * loops.complementary[:, at] * np.sign(angle) * share
                 rows.add(np.degrees(peak - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights)
+
+
+def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
+    """Yield frequencies around every lightly damped pole and zero of each member: dense in proportion to its damping,
+    up to 30 % away, as far as a controller's notch may lie beside it."""
+    for member in family:
+        for root in np.append(member.continuous.poles, member.continuous.zeros):
+            if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
+                away = np.geomspace(0.25 * min(abs(root.real) / root.imag, 0.3), 0.3, 12)
+                yield root.imag * (1.0 + np.concatenate([-away[::-1], [0.0], away])) / (2.0 * np.pi)
 
 
 @lru_cache(maxsize=8)
@@ -433,7 +445,8 @@ def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Sol
 def _steps_away(beginnings: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
     """Yield steps away from members of `pool` as it then is; from `beginnings` while it is empty. Sobol's points choose
     the member, and the step."""
-    for index, point in enumerate(scipy.stats.qmc.Sobol(COUNT + 1, scramble=False).fast_forward(1).random(_HOPS)):  # the first point is zero
+    points = scipy.stats.qmc.Sobol(COUNT + 1, scramble=False).fast_forward(1).random(_HOPS)  # the first is zero
+    for index, point in enumerate(points):
         if index >= _HOPS_LEAST and index * min((known.excess_db for known in pool), default=np.inf) > _HOPS_TIMES_DB:
             return
         origins = [known.parameters for known in pool] or list(beginnings)

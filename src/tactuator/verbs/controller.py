@@ -42,17 +42,15 @@ def design(
         Place | None, Option("Controller file to write.", writes=True, shell=Path("controller.json"))
     ] = None,
     figures: Figures = None,
-    bound: Annotated[bool, Option("Compute the least mean |S| of any controller, too.")] = False,
 ) -> "ControllerResult":
     """Design loop and prefilter of every channel. Writes them as a controller file; exit status 1 if not met.
 
     curve: in place of the display's own. poles: of every prefilter; error_db: as few poles as keep that error.
-    bound: as `bound_db` in each channel's report. Raises NoDesign where no controller meets what is asked.
+    Raises NoDesign where no controller was found that meets what is asked.
 
     >>> tt.design("displays/voice-coil.toml").rate_hz
     8000.0
     """
-    from tactuator.synthesis.bound import with_bounds
     from tactuator.synthesis.design import design_controller
     from tactuator.verbs.designed import ControllerResult
 
@@ -60,8 +58,7 @@ def design(
     if poles is not None:
         replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
     with working("designing"):
-        designed = design_controller(described, poles, error_db)
-        controller = promoted(ControllerResult, with_bounds(designed) if bound else designed)
+        controller = promoted(ControllerResult, design_controller(described, poles, error_db))
     if figures is not None:
         from tactuator.report.controller import save_design_plates
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from tactuator.arrays import FloatArray
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.synthesis.candidates import LIGHT_DAMPING
 from tactuator.synthesis.family import Member, bears_any_lower_gain
 from tactuator.synthesis.limits import Limit, loop_limits
 
@@ -44,13 +40,3 @@ class Task:
             replace(limit, asked=1.0 + share * (limit.asked - 1.0)) if limit.quantity == "resonance_peak" else limit
             for limit in self.limits
         )
-
-
-def around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
-    """Yield frequencies around every lightly damped pole and zero of each member: dense in proportion to its damping,
-    up to 30 % away, as far as a controller's notch may lie beside it."""
-    for member in family:
-        for root in np.append(member.continuous.poles, member.continuous.zeros):
-            if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
-                away = np.geomspace(0.25 * min(abs(root.real) / root.imag, 0.3), 0.3, 12)
-                yield root.imag * (1.0 + np.concatenate([-away[::-1], [0.0], away])) / (2.0 * np.pi)
