@@ -25,12 +25,10 @@ from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.columns import read_columns
 from tactuator.io.controller import controller_text, read_controller
-from tactuator.io.record import write_record
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.report.tables import design_rows, finding_row
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.signals.record import JointRecord
 from tactuator.synthesis.verdict import whole_verdict
 from tests.console.pages import ONE, TOKEN, console_page, dropped, go, pressed, saved_by, tab_to
 from tests.web.server import served
@@ -196,7 +194,7 @@ def test_record_of_a_simulated_motor__is_looked_at_holds_its_truth_and_its_comma
     assert "on unseen.csv" in printed
 
 
-def test_record__with_names_of_its_own_or_several_channels__is_said_until_each_is_named(record, tmp_path):
+def test_record__with_names_of_its_own__is_said_until_each_is_named(record, tmp_path):
     (foreign := tmp_path / "fremd.csv").write_text(record.read_text().replace("time_s", "Zeit", 1))
     key = dropped(state := ConsoleState(), foreign)
     said = IdentifyLook(record=key).answer(state)["said"]
@@ -204,12 +202,6 @@ def test_record__with_names_of_its_own_or_several_channels__is_said_until_each_i
     assert "--" not in said  # the page has fields
     look = IdentifyLook(record=key, input="drive", output="encoder", time="Zeit").answer(state)
     assert (look["said"], look["rate_hz"]) == (None, pytest.approx(1000.0))
-    several = JointRecord(1e3, ("thumb", "index"), *np.random.default_rng(1).standard_normal((2, 4000, 2)))
-    write_record(tmp_path / "both.h5", several)
-    key = dropped(state, tmp_path / "both.h5")
-    assert "several channels; allowed: command and position of one" in IdentifyLook(record=key).answer(state)["said"]
-    look = IdentifyLook(record=key, input="command.2", output="position.2").answer(state)
-    assert (look["said"], look["rate_hz"]) == (None, 1e3)
 
 
 def response_file(path):

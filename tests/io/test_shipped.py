@@ -184,7 +184,7 @@ FILES = {
     "reference": "reference.wav", "reference in HDF5": "reference.h5", "sound": "speech.wav",
     "protocol": "protocol.toml", "store": "store.sqlite", "curve": "curve.csv", "loss": "loss.csv",
     "pairs": "pairs.csv", "environment": "environment.json", "matrix": "confusion.csv", "coding": "coding.toml",
-    "coupling": "coupling.json", "contours": "contours.csv",
+    "contours": "contours.csv",
 }  # fmt: skip
 VERBS = {
     "design FILE": {"display"},
@@ -238,7 +238,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             writer.write(np.zeros((400, 1)))
     Store(lab / "store.sqlite").close()
     write_environment(lab / "environment.json", {"index": {}})
-    (lab / "coupling.json").write_text('{"format": "tactuator-coupling/1"}')
     write_contours(lab / "contours.csv", Contours("P1", [30.0, 300.0], [20.0], [[20.0, 20.0]]))
     return lab
 

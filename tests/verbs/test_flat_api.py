@@ -77,7 +77,7 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        ("identify(None)", "identify: records is None; allowed: a Record or a JointRecord or a FrequencyResponse or"),
+        ("identify(None)", "identify: records is None; allowed: a Record or a FrequencyResponse or"),
         ("identify(['a.csv', 5])", "identify: records is a list; allowed: "),
         ("design(5)", "design: display is 5; allowed: a Display or the path of a file"),
         ("design('display.toml', poles='4')", "design: poles is '4'; allowed: a whole number or None"),

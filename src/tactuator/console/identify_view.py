@@ -19,10 +19,10 @@ from tactuator.io.columns import Columns
 from tactuator.io.model import identified_text
 from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
-from tactuator.signals.record import FrequencyResponse, JointRecord, Record
+from tactuator.signals.record import FrequencyResponse, Record
 from tactuator.signals.spectra import power_spectrum
 from tactuator.table import ResultTable, picked
-from tactuator.verbs.identified import CoupledModels, IdentificationResult, ResponseModelResult
+from tactuator.verbs.identified import IdentificationResult, ResponseModelResult
 from tactuator.verbs.model import identify
 
 _SPECTRUM_LINES = 700
@@ -39,10 +39,7 @@ class _OfRecord(ViewRequest):
 
     def read(self, path: Path, columns: Columns) -> Record | FrequencyResponse:
         names = {"input_name": self.input, "output_name": self.output, "time_name": self.time}
-        measured = measured_of(path, columns, **names, rate_hz=self.rate_hz)
-        if isinstance(measured, JointRecord):
-            raise BadInput("a record of several channels", "command and position of one of them, by name")
-        return measured
+        return measured_of(path, columns, **names, rate_hz=self.rate_hz)
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,6 @@ class IdentifyModel(_OfRecord):
         measured = self.read(path, measured_columns(path))
         options = picked(self, "rate_hz", "order", "zeros", "hold")
         fit = identify(measured, self.input, self.output, time_name=self.time, validate=unseen, **options)
-        assert not isinstance(fit, CoupledModels)  # one channel, or a response, was given
         table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
         command = command_line(
             "identify",

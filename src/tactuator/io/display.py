@@ -17,10 +17,9 @@ from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.csv_tables import read_contours, resolve_curve
 from tactuator.io.kinds import require_kind
-from tactuator.io.model import FORMAT, parse_model, read_coupling
+from tactuator.io.model import FORMAT, parse_model
 from tactuator.io.record import is_response, read_foreign_response
 from tactuator.io.text import parse_toml, read_finite_json, read_text
-from tactuator.model.coupling import Coupling
 from tactuator.model.description import (
     DISTURBANCES,
     SHARED_TABLES,
@@ -163,7 +162,6 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
     parts = {
         "objectives": from_table(Objectives, tables["objectives"], "[objectives]"),
         "touch": from_table(Touch, tables["touch"], "[touch]"),
-        "coupling": _coupling(tables["coupling"], beside),
         "channels": tuple(_channel(tables, entry, "sound" in document, beside) for entry in channels),
         "sound": _sound_card(tables["sound"], channels) if "sound" in document else None,
     }
@@ -175,14 +173,6 @@ def _table(document: Document, name: str) -> Document:
     if not isinstance(table, Mapping):
         raise BadInput(f"{name} is {table!r}", f"a table [{name}]")
     return table
-
-
-def _coupling(table: Document, beside: Path) -> Coupling:
-    measured = table.get("measured")
-    if isinstance(measured, str):
-        with within("[coupling]", "measured"):
-            table = {**table, "measured": read_coupling(beside / measured)}
-    return from_table(Coupling, table, "[coupling]")
 
 
 def _sound_card(table: Document, channels: list[Document]) -> SoundCard:

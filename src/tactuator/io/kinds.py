@@ -40,7 +40,6 @@ KINDS: Mapping[str, Kind] = {
     "pairs": Kind("the pairs of a calibration", "`tactuator calibrate` takes them"),
     "environment": Kind("a measured environment", "a display file names it as measured under [environment]"),
     "matrix": Kind("a confusion matrix", "`tactuator experiment information --matrix` takes it"),
-    "coupling": Kind("a coupling", "a display file names it as measured under [coupling]"),
     "profile": Kind("Android's frequency profile of a device", "`tactuator render --made-for` takes it"),
     "coding": Kind("a coding of speech", "`tactuator render --coding` takes it"),
 }
@@ -48,7 +47,7 @@ KINDS: Mapping[str, Kind] = {
 
 _HEAD = 1 << 16
 _FORMAT = re.compile(rb'"format"\s*:\s*"tactuator-(\w+)/')
-_FORMATS = {name: name for name in ("record", "model", "controller", "reference", "environment", "coupling")} | {
+_FORMATS = {name: name for name in ("record", "model", "controller", "reference", "environment")} | {
     "response": "measured"
 }
 _TABLES = {

@@ -1,6 +1,4 @@
-"""The file model.json: an identified plant with its uncertainty, as `identify` writes it and a display file
-names it; and the file of a coupling: the matrix of responses of several channels that `identify` found.
-"""
+"""The file model.json: an identified plant with its uncertainty. `identify` writes it, a display file names it."""
 
 from __future__ import annotations
 
@@ -16,7 +14,6 @@ from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_finite_json
-from tactuator.model.coupling import CoupledResponse, measured_of
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.parameters import from_table, plain
 from tactuator.signals.systems import ContinuousSystem
@@ -98,22 +95,3 @@ def _sound(model: PlantModel) -> PlantModel:
     if np.any(excess[0] <= 0.0) or np.any(np.diff(excess[0]) < 0.0):
         raise BadInput("excess has frequencies that do not ascend", "ascending, above zero")
     return model
-
-
-COUPLING_FORMAT = "tactuator-coupling/1"
-
-
-def write_coupling(path: str | Path, response: CoupledResponse) -> None:
-    """Write the coupling file, whole or not at all."""
-    document = {"format": COUPLING_FORMAT, "tool": __version__, **plain(response)}
-    write_text(path, json.dumps(document, allow_nan=False) + "\n")
-
-
-def read_coupling(path: str | Path) -> CoupledResponse:
-    """Read a coupling file. Raises BadInput for a file that cannot be read, or is none."""
-    require_kind(Path(path), "coupling")
-    document = read_finite_json(Path(path))
-    if not isinstance(document, dict) or document.get("format") != COUPLING_FORMAT:
-        raise BadInput(f"coupling {path}: format is not {COUPLING_FORMAT!r}", "a file that `identify` wrote")
-    with within(f"coupling {path}"):
-        return measured_of({key: value for key, value in document.items() if key not in ("format", "tool")})

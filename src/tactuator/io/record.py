@@ -17,7 +17,7 @@ from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
 from tactuator.io.kinds import require_kind
-from tactuator.signals.record import FrequencyResponse, JointRecord, Record
+from tactuator.signals.record import FrequencyResponse, Record
 
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
@@ -244,22 +244,18 @@ def read_record(
         return _assemble(path, columns, input_name, output_name, reference_name, time_name, rate_hz)
 
 
-def read_measured(path: Path, **names: Any) -> Record | JointRecord | FrequencyResponse:
-    """Read what a file has: a record as `read_record` does, one of several channels (HDF5, no column named), or a
-    frequency response. Raises BadInput.
-    """
+def read_measured(path: Path, **names: Any) -> Record | FrequencyResponse:
+    """Read what a file has: a record as `read_record` does, or a frequency response. Raises BadInput."""
     return measured_of(path, measured_columns(path), **names)
 
 
-def measured_of(path: Path, columns: Columns, **names: Any) -> Record | JointRecord | FrequencyResponse:
+def measured_of(path: Path, columns: Columns, **names: Any) -> Record | FrequencyResponse:
     """Return what `read_measured` reads in a file whose columns are read already."""
-    unnamed = not (names.get("input_name") or names.get("output_name"))
+    if _are_of_response(columns):
+        with within(f"response {path}"):
+            return _assembled(path, columns)
     with within(f"record {path}"):
-        joint = _joint(path, columns) if unnamed and path.suffix.lower() in (".h5", ".hdf5") else None
-        if joint is not None or not _are_of_response(columns):
-            return joint or _assemble(path, columns, **names)
-    with within(f"response {path}"):
-        return _assembled(path, columns)
+        return _assemble(path, columns, **names)
 
 
 def measured_columns(path: Path) -> Columns:
@@ -374,35 +370,8 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     return u, y
 
 
-def _joint(path: Path, columns: Columns) -> JointRecord | None:
-    """Return the record of several channels in a file, or None where there are not several: columns command.NAME and
-    position.NAME, or in HDF5 two-dimensional command and position with the names, one a line, as attribute `channels`.
-    """
-    commands, positions = (
-        {
-            name.removeprefix(f"{what}."): values
-            for name, values in columns.values.items()
-            if name.startswith(f"{what}.")
-        }
-        for what in ("command", "position")
-    )
-    if len(commands) < 2:
-        return None
-    names = columns.attributes.get("channels", "\n".join(commands)).split("\n")
-    if list(commands) != list(positions) or len(names) != len(commands):
-        got = f"columns {', '.join(columns.values)} of channels {', '.join(names)}"
-        raise BadInput(got, "command.NAME and position.NAME of each")
-    rate_hz = _known_rate(columns, None)
-    if rate_hz is None:
-        raise BadInput("there is no rate", "an attribute rate_hz")
-    command, position = (np.stack(list(each.values()), axis=1) for each in (commands, positions))
-    about = {"file": path.name} | {key: value for key, value in columns.attributes.items() if key != "channels"}
-    return JointRecord(rate_hz, tuple(names), command, position, about=about, remarks=columns.remarks)
-
-
-def write_record(path: str | Path, record: Record | JointRecord) -> None:
-    """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes; of
-    several channels with a column for each, and their names."""
+def write_record(path: str | Path, record: Record) -> None:
+    """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
     with atomic_path(path) as beside, written_hdf5(beside) as written:
         file = written.file
         file.attrs["format"] = FORMAT
@@ -414,9 +383,7 @@ def write_record(path: str | Path, record: Record | JointRecord) -> None:
             ("command", record.command, record.command_unit),
             ("position", record.position, record.position_unit),
         ]
-        if isinstance(record, JointRecord):
-            file.attrs["channels"] = "\n".join(record.channels)
-        elif record.reference is not None:
+        if record.reference is not None:
             signals.append(("reference", record.reference, "1"))
         for name, values, unit in signals:
             file.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)

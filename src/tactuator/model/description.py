@@ -14,7 +14,6 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from tactuator.errors import BadInput
-from tactuator.model.coupling import Coupling
 from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System
 from tactuator.model.requirements import (
     FeedbackRequirements,
@@ -59,12 +58,7 @@ def display_document(display: Display) -> dict[str, Any]:
     for channel, wire in zip(channels, wires, strict=bool(wires)):
         channel |= plain(wire)
     touch = {"touch": plain(display.touch)} if display.touch.adaptive else {}
-    coupling, objectives = {}, plain(display.objectives)
-    if display.coupling.is_there:
-        coupling = {"coupling": {key: value for key, value in plain(display.coupling).items() if value is not None}}
-    elif objectives["crosstalk_max_db_sl"] == Objectives.crosstalk_max_db_sl:
-        del objectives["crosstalk_max_db_sl"]
-    return {"display": _own(display), "objectives": objectives, **card, **touch, **coupling, "channel": channels}
+    return {"display": _own(display), "objectives": plain(display.objectives), **card, **touch, "channel": channels}
 
 
 def _own(table: Any) -> dict[str, Any]:
@@ -467,7 +461,6 @@ class Display:
     objectives: Objectives = field(default_factory=Objectives)
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
-    coupling: Coupling = field(default_factory=Coupling)
 
     __repr__ = brief
 
@@ -478,11 +471,6 @@ class Display:
             raise BadInput("two channels have the same name", "each name once")
         if self.sound is not None and len(self.sound.wires) != len(self.channels):
             raise BadInput(f"{len(self.sound.wires)} wires for {len(self.channels)} channels", "one for each")
-        names, measured = tuple(channel.name for channel in self.channels), self.coupling.measured
-        if measured is not None and measured.channels != names:
-            raise BadInput(
-                f"of {', '.join(measured.channels)}", ", ".join(names), where=("[coupling]",), key="measured"
-            )
         for channel in self.channels:
             high = channel.threshold.band_hz[1]
             if self.rate_hz < 4.0 * high:
@@ -522,7 +510,6 @@ TABLES: dict[str, tuple[type, ...]] = {
     **SHARED_TABLES,
     "objectives": (Objectives,),
     "touch": (Touch,),
-    "coupling": (Coupling,),
     "sound": (SoundCard, Wires),
 }
 """Tables of a display file, by name, with the dataclasses whose parameters are their keys."""

@@ -132,7 +132,7 @@ class PrefilterRequirements:
 
 @table("[objectives]")
 class Objectives:
-    """Tolerances of the paper's four objectives (its section 2), and of crosstalk."""
+    """Tolerances of the paper's four objectives (its section 2)."""
 
     flatness_db: Annotated[Positive, Field(description="i: |H| against the curve over the band")] = 1.0
     from_db_sl: Annotated[Number, Field(description="i: lowest level it holds at, with friction and steps")] = 10.0
@@ -143,9 +143,6 @@ class Objectives:
         1.0
     )
     load_band_hz: Annotated[Positive, Field(description="iv: highest frequency that `load_max_db` holds for")] = 10.0
-    crosstalk_max_db_sl: Annotated[
-        Number, Field(description="v: felt level on a finger while another is driven at `comfort_db_sl`")
-    ] = 0.0
     comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = COMFORT_DB_SL
 
 

@@ -19,7 +19,6 @@ OBJECTIVES = {
     "ii": "every mains line is felt below threshold",
     "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
     "iv": "a finger's load does not change |H| at low frequencies",
-    "v": "coupled loops are stable together, and a finger is not felt on the others",
     "build": "a board takes the controller as an image",
     "numbers": "what the display and its plant's record say can be, and goes together (told where it does not)",
 }

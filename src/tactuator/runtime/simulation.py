@@ -16,7 +16,6 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import (
     controller_table,
     display_table,
-    frame_table,
     load_names,
     strength_table,
     touch_table,
@@ -73,7 +72,6 @@ class Simulation:
             loop.display, loop.delay_samples = table, display.delay_samples
             lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
-        self._frame = frame_table(display)
         self._controllers: list[Any] = []
         self._touches: list[Any] = []
         self._strengths: list[Any] = []
@@ -118,13 +116,13 @@ class Simulation:
         """
         if not self._controllers:
             raise BadInput("no controller is loaded", "load one before playing a reference")
-        return self._run("play", reference, "reference", force_v)
+        return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
 
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
         """Drive the converters with a command (n, channels) in volts, without controller and computing delay."""
-        return self._run("drive", command_v, "command", force_v)
+        return self._run(lib.tact_closed_loop_drive, command_v, "command", force_v)
 
-    def _run(self, way: str, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
+    def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
         check_arithmetic()
         count = len(self._loops)
         inputs = block_samples(samples, count, name)
@@ -135,11 +133,7 @@ class Simulation:
                 raise BadInput(f"force has {force.shape[0]} samples", f"{inputs.shape[0]}, as the {name} has")
             forces = ffi.from_buffer("double[]", force)
         block, trace = empty_block(inputs.shape[0], count)
-        given = (self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
-        if self._frame is None:
-            getattr(lib, f"tact_closed_loop_{way}")(*given)
-        else:
-            getattr(lib, f"tact_coupled_{way}")(self._frame, *given)
+        step(self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
         return block
 
 

@@ -26,8 +26,6 @@ from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes, touch_figures
-from tactuator.signals.decibels import from_db
-from tactuator.signals.discretise import held_state_space
 from tactuator.signals.systems import ContinuousSystem
 
 ORDER_MAX = 8
@@ -293,22 +291,6 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, Any]:
         angle = 2.0 * np.pi * frequency_hz / rate_hz
         hum.cosine[i], hum.sine[i], hum.amplitude_v[i] = np.cos(angle), np.sin(angle), amplitude_v
     return display, plants
-
-
-def frame_table(display: Display) -> Any:
-    """Return the `tact_coupling` that the channels of a display stand on; None where they are not coupled."""
-    coupling, count = display.coupling, len(display.channels)
-    if coupling.level_db is None:
-        return None
-    if count > lib.TACT_COUPLING_CHANNELS_MAX:
-        raise BadInput(f"{count} coupled channels", f"up to {lib.TACT_COUPLING_CHANNELS_MAX}")
-    a, b, row, _ = held_state_space(coupling.path(), 1.0 / display.rate_hz, 0.0)
-    frame = ffi.new("tact_coupling *")
-    frame.share, frame.path.order = float(from_db(coupling.level_db)), b.size
-    for i in range(b.size):
-        frame.path.a[i][0 : b.size] = a[i].tolist()
-    frame.path.b[0 : b.size], frame.path.sensor[0 : b.size] = b.tolist(), row.tolist()
-    return frame
 
 
 def simulated_board_bytes(display: Display, seed: int) -> bytes:

@@ -110,29 +110,6 @@ def multisine(
     return Multisine(rate_hz, period, lines, peaks, best)
 
 
-def orthogonal_multisines(
-    period: int, bins: Bins, amplitude: FloatArray, experiments: int, rng: np.random.Generator
-) -> FloatArray:
-    """Return one period of every channel in every experiment, (experiments, channels, period), at the same lines.
-
-    amplitude: peaks, (channels, m). experiments: a multiple of the channels; over each so many, the phases at every
-    line are those of a Fourier matrix between two random diagonal ones, so that the responses to all channels can be
-    told apart with the least noise, and no experiment repeats another's waves (Dobrowiecki, Schoukens & Guillaume 2006,
-    "Optimized excitation signals for MIMO frequency response function measurements", IEEE Trans. Instrum. Meas. 55).
-    """
-    channels = amplitude.shape[0]
-    if experiments < 1 or experiments % channels:
-        raise BadInput(f"{experiments} experiments with {channels} channels", f"a multiple of {channels}")
-    turns = rng.uniform(0.0, 2.0 * np.pi, (experiments, 1, bins.size)) + np.repeat(
-        rng.uniform(0.0, 2.0 * np.pi, (experiments // channels, channels, bins.size)), channels, axis=0
-    )
-    place = np.arange(channels)
-    apart = 2.0 * np.pi / channels * np.tile(np.outer(place, place), (experiments // channels, 1))
-    phase = turns + apart[:, :, None]
-    waves = [[_synthesise(period, bins, *each) for each in zip(amplitude, row, strict=True)] for row in phase]
-    return np.array(waves)
-
-
 @dataclass(frozen=True, eq=False)
 class Periods:
     """Realisations one after the other, each of `repeats` periods of `period` samples; the first of these settles.

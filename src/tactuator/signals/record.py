@@ -176,33 +176,3 @@ class Record:
     def duration_s(self) -> float:
         """Return the length of the record, seconds."""
         return self.command.size / self.rate_hz
-
-
-@dataclass(frozen=True, eq=False)
-class JointRecord:
-    """A measured time series of several channels at once. command, position: (n, channels), finite, at rate_hz, in
-    command_unit and position_unit; channels: their names. about, remarks: as of a `Record`.
-    """
-
-    rate_hz: float
-    channels: tuple[str, ...]
-    command: FloatArray
-    position: FloatArray
-    command_unit: str = "V"
-    position_unit: str = "V"
-    about: dict[str, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.command.shape != self.position.shape or self.command.shape[1:] != (len(self.channels),):
-            shapes = f"command {self.command.shape}, position {self.position.shape}"
-            raise BadInput(f"joint record: {shapes}", f"(n, {len(self.channels)}) each")
-        for place in range(len(self.channels)):
-            self.of(place)
-
-    def of(self, place: int, position: FloatArray | None = None) -> Record:
-        """Return the record of one channel by its column, with another position (n,) in place of its own if given."""
-        moved = self.position[:, place] if position is None else position
-        about = self.about | {"channel": self.channels[place]}
-        units = self.command_unit, self.position_unit
-        return Record(self.rate_hz, self.command[:, place], moved, *units, about=about, remarks=self.remarks)

@@ -38,7 +38,6 @@ from tactuator.model.verdict import (
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop, margins
 from tactuator.signals.spectra import third_octave_bands
-from tactuator.synthesis.coupling import judge_coupling
 from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db, steps_change_db
@@ -92,7 +91,6 @@ def judge(controller: Controller, display: Display | None = None) -> Verdict:
     findings: list[Finding] = []
     for channel in shown.channels:
         findings += judge_channel(controller.channel(channel.name), channel, shown)
-    findings += judge_coupling(controller, shown)
     return verdict_of(findings, assumptions(shown))
 
 

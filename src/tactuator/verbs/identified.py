@@ -1,7 +1,7 @@
 """Models that were identified, of a record or of a response, and a sensor's gain, with a result's manners."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +9,12 @@ import numpy as np
 
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.calibration import Calibration
-from tactuator.identification.coupling import CoupledPair
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
 from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.io.atomic import write_text
-from tactuator.io.model import identified_text, write_coupling
-from tactuator.model.coupling import RADIUS, CoupledResponse
+from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
 from tactuator.parameters import plain
@@ -185,96 +183,6 @@ class ResponseModelResult(_FittedResult, ResponseFit):
 
     def to_dict(self) -> dict[str, Any]:
         return self._document() | {"departure": self.departure, "largest_db": self.largest_db, "out": self.out}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CoupledModels(Result):
-    """Models of several channels that were recorded together, and their coupling. out: the file of the coupling; the
-    models lie beside it, each with its channel's name. It draws the shares.
-    """
-
-    response: CoupledResponse
-    pairs: tuple[CoupledPair, ...]
-    models: tuple[IdentificationResult, ...]
-    out: Path | None = None
-
-    @property
-    def holds(self) -> bool:
-        return all(model.holds for model in self.models)
-
-    def headline(self) -> Mapping[str, str]:
-        models = zip(self.response.channels, self.models, strict=True)
-        return {name: f"fit {figure(model.fit_percent, '%', 5)}" for name, model in models} | {
-            "coupling": self.coupling
-        }
-
-    @property
-    def coupling(self) -> str:
-        """Return in words whether the channels are coupled."""
-        loudest = max(self.pairs, key=lambda pair: (pair.is_seen, pair.share_db))
-        if not loudest.is_seen:
-            return f"none above {loudest.share_db:.1f} dB"
-        level = f"{loudest.share_db:.1f} ± {loudest.confidence_db:.1f} dB at {loudest.frequency_hz:.3g} Hz"
-        return f"up to {level} ({loudest.channel} from {loudest.driver})"
-
-    def notices(self) -> Sequence[str]:
-        named = zip(self.response.channels, self.models, strict=True)
-        return [f"{name}: {notice}" for name, model in named for notice in model.notices()]
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        named = zip(self.response.channels, self.models, strict=True)
-        each = [
-            replace(table, caption=f"{name}, {table.caption}")
-            for name, model in named
-            for table in model.tables()
-            if isinstance(table, ResultTable)
-        ]
-        rows = tuple(
-            (
-                f"{pair.channel} from {pair.driver}",
-                f"{pair.share_db:.2f} ± {pair.confidence_db:.2f}"
-                if pair.is_seen
-                else f"none above {pair.share_db:.1f}",
-                f"{pair.frequency_hz:.4g}",
-            )
-            for pair in self.pairs
-        )
-        return [*each, ResultTable("Coupling", ("who moves from whose command", "share (dB)", "at (Hz)"), rows)]
-
-    def to_dict(self) -> dict[str, Any]:
-        shares, deviation = self.response.shares()
-        return {
-            "channels": {
-                name: model.to_dict() for name, model in zip(self.response.channels, self.models, strict=True)
-            },
-            "coupling": {
-                "pairs": [vars(pair) for pair in self.pairs],
-                "response": vars(self.response),
-                "share_db": db(shares),
-                "share_confidence": RADIUS * deviation,
-            },
-            "out": self.out,
-        }
-
-    def columns(self) -> Mapping[str, Any]:
-        shares, deviation = self.response.shares()
-        names = self.response.channels
-        pairs = [(pair, names.index(pair.channel), names.index(pair.driver)) for pair in self.pairs]
-        return {
-            "pair": [f"{pair.channel} from {pair.driver}" for pair, _, _ in pairs for _ in self.response.frequency_hz],
-            "frequency_hz": np.tile(self.response.frequency_hz, len(pairs)),
-            "share_db": np.concatenate([db(shares[:, out, of]) for _, out, of in pairs]),
-            "share_confidence": RADIUS * np.concatenate([deviation[:, out, of] for _, out, of in pairs]),
-        }
-
-    PLOTTED = ("frequency_hz", "share_db")
-
-    def write(self, path: Place) -> None:
-        """Write the coupling file, and the model of each channel beside it as NAME-CHANNEL.json."""
-        place = Path(path)
-        for name, model in zip(self.response.channels, self.models, strict=True):
-            model.write(place.with_name(f"{place.stem}-{name.replace('/', '_')}{place.suffix}"))
-        write_coupling(place, self.response)
 
 
 _POLYNOMIALS = ("num", "den", "delay_s")

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from tactuator.model.description import Channel, Display
-    from tactuator.signals.record import FrequencyResponse, JointRecord, Record
-    from tactuator.verbs.identified import CalibrationResult, CoupledModels, IdentificationResult, ResponseModelResult
+    from tactuator.signals.record import FrequencyResponse, Record
+    from tactuator.verbs.identified import CalibrationResult, IdentificationResult, ResponseModelResult
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
@@ -89,7 +89,7 @@ class RecordingResult(Result):
     position_peak_v: float
     saturated: bool
     beyond_travel: bool
-    taken: "Record | JointRecord" = field(repr=False)
+    taken: "Record" = field(repr=False)
 
     @property
     def title(self) -> str:
@@ -108,9 +108,8 @@ def record(
     seed: Seed = 0,
     periods: Annotated[int, Option("Of each multisine; the first one settles.")] = 3,
     realisations: Annotated[int, Option("Multisines of new phases.")] = 4,
-    together: Annotated[bool, Option("Drive all channels at once, by multisines that can be told apart.")] = False,
 ) -> RecordingResult:
-    """Drive one channel, or all together, and record. The excitation is planned within travel and range.
+    """Drive one channel and record. The excitation is planned within travel and range.
 
     Raises BadInput for an excitation, a share or a load that there is not, and where the rig has no sensor.
 
@@ -121,46 +120,41 @@ def record(
 
     from tactuator.io.record import write_record
     from tactuator.rig.rig import require_sensors
-    from tactuator.signals.record import JointRecord
+    from tactuator.signals.record import Record
 
     described = chosen_display(display)
-    if together and (channel is not None or excitation not in ("mix", "multisine")):
-        raise BadInput("--together beside --channel or another excitation", "all channels, by multisines")
-    driven = described.channels if together else (described.channel(channel or described.channels[0].name),)
-    how = (duration_s, "multisine" if together else excitation, travel_share, seed, periods, realisations)
-    command, plan = _planned(described, driven, *how)
-    names = tuple(each.name for each in driven)
+    driven = described.channel(channel or described.channels[0].name)
+    command, plan = _planned(described, driven, duration_s, excitation, travel_share, seed, periods, realisations)
     with opened(rig, described, seed) as ready:
-        require_sensors(ready, names)
-        put_load(ready, driven, load)
-        columns = [ready.channels.index(name) for name in names]
-        commands = np.zeros((command.shape[0], len(ready.channels)))
-        commands[:, columns] = command
+        require_sensors(ready, (driven.name,))
+        put_load(ready, (driven,), load)
+        column = ready.channels.index(driven.name)
+        commands = np.zeros((command.size, len(ready.channels)))
+        commands[:, column] = command
         with working(f"recording {duration_s:g} s"):
             trace = ready.drive(commands)
             ready.rest()
     spec = rig if isinstance(rig, str) else type(rig).__name__
-    about = {"rig": spec, "load": load, "display": described.name, "excitation": how[1]}
+    about = {"rig": spec, "load": load, "display": described.name, "excitation": excitation}
     # a sound card's converters are band-limited, every other rig's hold the command between its samples
     about |= plan | {"hold": "band-limited" if spec.startswith("sound:") else "zero-order"}
-    if len({each.quantity for each in driven}) == 1:
-        about["quantity"] = driven[0].quantity
+    about |= {"quantity": driven.quantity}
     if spec != "simulated":
         about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
-    whole = JointRecord(trace.rate_hz, names, trace.command_v[:, columns], trace.position_v[:, columns], about=about)
-    taken = whole if together else whole.of(0)
-    peaks_v = np.max(np.abs(whole.position), axis=0)
+    about["channel"] = driven.name
+    taken = Record(trace.rate_hz, trace.command_v[:, column], trace.position_v[:, column], about=about)
+    peak_v = float(np.max(np.abs(taken.position)))
     if out is not None:
         write_record(Path(out), taken)
     return RecordingResult(
         None if out is None else Path(out),
-        ", ".join(names),
-        command.shape[0] / trace.rate_hz,
+        driven.name,
+        command.size / trace.rate_hz,
         trace.rate_hz,
         float(np.max(np.abs(command))),
-        float(peaks_v.max()),
-        bool(np.any(trace.saturated[:, columns])),
-        bool(np.any(peaks_v > ready.travel_v[columns])),
+        peak_v,
+        bool(np.any(trace.saturated[:, column])),
+        peak_v > float(ready.travel_v[column]),
         taken,
     )
 
@@ -171,7 +165,7 @@ _READ = 0.5
 
 def _planned(
     display: "Display",
-    driven: "Sequence[Channel]",
+    channel: "Channel",
     duration_s: float,
     excitation: str,
     travel_share: float,
@@ -179,8 +173,8 @@ def _planned(
     periods: int,
     realisations: int,
 ) -> "tuple[NDArray[np.float64], dict[str, str]]":
-    """Return the commands (n, channels), volts, each as large as the share of travel and 0.9 of the range allow by the
-    display's plant, and what the record has to say of them. Several channels get multisines.
+    """Return the command (n,), volts, as large as the share of travel and 0.9 of the range allow by the display's
+    plant, and what the record has to say of it.
     """
     import numpy as np
 
@@ -192,83 +186,69 @@ def _planned(
         raise BadInput(f"excitation {excitation!r}", ", ".join(EXCITATIONS))
     if not 0.0 < travel_share <= 1.0:
         raise BadInput(f"travel share is {travel_share:g}", "above 0, at most 1")
-    rng = np.random.default_rng(seed)
-    low = max(channel.threshold.band_hz[0] for channel in driven)
-    high = min(channel.threshold.band_hz[1] for channel in driven)
-    limits = [(travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm, channel) for channel in driven]
+    rng, order = np.random.default_rng(seed), DERIVATIVES[channel.quantity]
+    low, high = channel.threshold.band_hz
+    travel_v = travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm
     plan: dict[str, str] = {}
     if excitation == "mix":
-        band = (low, min(high, 0.4 * rate_hz))
-        ((travel_v, channel),) = limits
-        at_most = channel.converter.range_v
-        plant = channel.plant if channel.quantity == "displacement" else None
-        mix = signals.paper_mix(duration_s, rate_hz, at_most, rng, plant=plant, travel_v=travel_v, band_hz=band)
-        shapes = mix[:, None]
-        if plant is not None:
-            return shapes, plan
-    elif excitation == "multisine":
-        shapes, plan = _multisines(driven, (low, high), rate_hz, duration_s, rng, periods, realisations)
-    elif excitation == "steps":
-        shapes = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)[:, None]
-    elif excitation == "noise":
-        shapes = signals.noise(duration_s, rate_hz, (low, 1.2 * high), rng)[:, None]
-    elif excitation == "prbs":
-        shapes = signals.prbs(duration_s, rate_hz, min(2.5 * high, rate_hz), rng)[:, None]
-    else:
-        shapes = signals.log_chirp(duration_s, rate_hz, low, high)[:, None]
-    for column, (travel_v, channel) in zip(shapes.T, limits, strict=True):
-        range_v, order = 0.9 * channel.converter.range_v, DERIVATIVES[channel.quantity]
+        band, at_most = (low, min(high, 0.4 * rate_hz)), channel.converter.range_v
+        plant = channel.plant if order == 0 else None
+        shape = signals.paper_mix(duration_s, rate_hz, at_most, rng, plant=plant, travel_v=travel_v, band_hz=band)
         if order == 0:
-            column *= signals.plan_amplitude(column.copy(), rate_hz, channel.plant, travel_v, range_v)
-        else:
-            known_hz, full_v = channel.valid_hz or (low, 1.2 * high), channel.converter.range_v
-            if display.sound is not None:
-                full_v = display.sound.wires[display.channels.index(channel)].input_full_scale_v
-            limits_v = (travel_v, _READ * full_v, range_v)
-            column[:] = signals.known_part(column, rate_hz, channel.plant, order, known_hz, limits_v)
-    return shapes, plan
+            return shape, plan
+    elif excitation == "multisine":
+        shape, plan = _multisines(channel, rate_hz, duration_s, rng, periods, realisations)
+    elif excitation == "steps":
+        shape = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)
+    elif excitation == "noise":
+        shape = signals.noise(duration_s, rate_hz, (low, 1.2 * high), rng)
+    elif excitation == "prbs":
+        shape = signals.prbs(duration_s, rate_hz, min(2.5 * high, rate_hz), rng)
+    else:
+        shape = signals.log_chirp(duration_s, rate_hz, low, high)
+    range_v = 0.9 * channel.converter.range_v
+    if order == 0:
+        return shape * signals.plan_amplitude(shape, rate_hz, channel.plant, travel_v, range_v), plan
+    known_hz, full_v = channel.valid_hz or (low, 1.2 * high), channel.converter.range_v
+    if display.sound is not None:
+        full_v = display.sound.wires[display.channels.index(channel)].input_full_scale_v
+    limits_v = (travel_v, _READ * full_v, range_v)
+    return signals.known_part(shape, rate_hz, channel.plant, order, known_hz, limits_v), plan
 
 
 def _multisines(
-    driven: "Sequence[Channel]",
-    band_hz: tuple[float, float],
+    channel: "Channel",
     rate_hz: float,
     duration_s: float,
     rng: "np.random.Generator",
     periods: int,
     realisations: int,
 ) -> "tuple[NDArray[np.float64], dict[str, str]]":
-    """Return several odd multisines of random phases (n, channels), and what their record has to say.
+    """Return several odd multisines of random phases (n,), and what their record has to say.
 
     periods: of each multisine, the first of them to settle. Lines are the louder the less the plant answers (by the
-    root of it). Several channels get orthogonal ones, as many more as it takes. Raises BadInput where a period shows
-    too few lines of the band.
+    root of it). Raises BadInput where a period shows too few lines of the band.
     """
     import numpy as np
 
     from tactuator.signals.excitation import sample_count
-    from tactuator.signals.multisine import Periods, multisine, odd_lines, orthogonal_multisines
+    from tactuator.signals.multisine import Periods, multisine, odd_lines
 
     if periods < 3 or realisations < 1:
         raise BadInput(f"{realisations} realisations of {periods} periods", "1 or more of 3 or more")
-    realisations = -(-realisations // len(driven)) * len(driven)
     period = sample_count(duration_s / (periods * realisations), rate_hz)
-    low, high = band_hz
+    low, high = channel.threshold.band_hz
     lines = odd_lines((low, min(high, 0.4 * rate_hz)), rate_hz, period, _LINES, rng)
-    answer = np.array([np.abs(channel.plant.response(lines * rate_hz / period)) for channel in driven])
-    most = np.max(answer, axis=1, keepdims=True)
-    peaks = np.sqrt(most / np.maximum(answer, 1e-4 * most))
+    answer = np.abs(channel.plant.response(lines * rate_hz / period))
+    peaks = np.sqrt(np.max(answer) / np.maximum(answer, 1e-4 * np.max(answer)))
+    waves = [multisine(rate_hz, period, lines, peaks, rng, rounds=1).one_period() for _ in range(realisations)]
     plan = Periods(period, periods, realisations, lines).attributes()
-    if len(driven) == 1:
-        waves = [multisine(rate_hz, period, lines, peaks[0], rng, rounds=1).one_period() for _ in range(realisations)]
-        return np.concatenate([np.tile(wave, periods) for wave in waves])[:, None], plan
-    each = orthogonal_multisines(period, lines, peaks, realisations, rng)
-    return np.concatenate([np.tile(wave, periods).T for wave in each]), plan
+    return np.concatenate([np.tile(wave, periods) for wave in waves]), plan
 
 
 def identify(
     records: Annotated[
-        "Record | JointRecord | FrequencyResponse | Place | Sequence[Record | Place]",
+        "Record | FrequencyResponse | Place | Sequence[Record | Place]",
         Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
     ],
     input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
@@ -301,12 +281,12 @@ def identify(
     ] = None,
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
     figures: Figures = None,
-) -> "IdentificationResult | ResponseModelResult | CoupledModels":
+) -> "IdentificationResult | ResponseModelResult":
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
-    records: one, or several of one mechanism, or their files; or a frequency response or its file; or one record of
-    several channels, which gives a model of each and their coupling. Raises BadInput for a record that says nothing.
+    records: one, or several of one mechanism, or their files; or a frequency response or its file. Raises BadInput for
+    a record that says nothing.
 
     >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
@@ -316,7 +296,7 @@ def identify(
     from tactuator.identification.identify import identify as identified
     from tactuator.identification.validation import validated
     from tactuator.io.record import read_measured, read_record
-    from tactuator.signals.record import FrequencyResponse, JointRecord, Record
+    from tactuator.signals.record import FrequencyResponse, Record
     from tactuator.verbs.identified import IdentificationResult
 
     fixed = tuple(map(Fixed.parse, fix))
@@ -324,12 +304,8 @@ def identify(
     given, unseen = paths(records), paths(validate)
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}
-    at_hand = isinstance(given[0], Record | JointRecord | FrequencyResponse)
+    at_hand = isinstance(given[0], Record | FrequencyResponse)
     first = given[0] if at_hand else read_measured(Path(given[0]), **names)
-    if isinstance(first, JointRecord):
-        if len(given) > 1 or unseen or figures or from_s is not None or to_s is not None:
-            raise BadInput("a record of several channels beside other files, or a part of it", "all of it by itself")
-        return _coupled_models(first, asked, out)
     if isinstance(first, FrequencyResponse):
         if len(given) > 1 or unseen:
             raise BadInput("a frequency response beside other files", "one response by itself")
@@ -356,23 +332,6 @@ def identify(
 
         save_identification(fit, Path(figures))
     return model
-
-
-def _coupled_models(record: "JointRecord", asked: Any, out: Place | None) -> "CoupledModels":
-    from tactuator.identification.coupling import coupled_pairs, coupled_response, own_record
-    from tactuator.identification.identify import identify as identified
-    from tactuator.verbs.identified import CoupledModels, IdentificationResult
-
-    response, models = coupled_response(record), []
-    with working("identifying") as step:
-        for place, name in enumerate(record.channels):
-            step(text=f"identifying: {name}")
-            alone = own_record(record, response, place)
-            models.append(promoted(IdentificationResult, identified(alone, **vars(asked)), about=alone.about))
-    result = CoupledModels(response, coupled_pairs(response), tuple(models), None if out is None else Path(out))
-    if out is not None:
-        result.write(out)
-    return result
 
 
 def _response_model(response: "FrequencyResponse", asked: Any, out: Place | None) -> "ResponseModelResult":
