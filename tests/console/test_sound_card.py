@@ -19,9 +19,9 @@ from tactuator.console.app import build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import write_controller
-from tactuator.rig.sound.simulated_card import PERIOD, simulated_card
 from tests.console.pages import TOKEN, address_of, opened_page, pressed
 from tests.rig.sound.from_start_to_end import EXCITER, PROTOCOL, RATE_HZ, TRUE_DB_SL, controller
+from tests.rig.sound.simulated_card import PERIOD, simulated_card
 from tests.web.server import served
 from tests.web.study import Subject
 

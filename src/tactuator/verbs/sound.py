@@ -1,7 +1,5 @@
 """The verbs for displays on sound cards: the parts of `sound`, and `calibrate-display`."""
 
-import contextlib
-import signal
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import Chart, ChartLine, ResultTable, picked
 from tactuator.verbs.parameters import Argument, Curve, Fields, MainsHz, Option, Place, Seed, chosen_display, numbers
-from tactuator.verbs.result import Result, columns_of, say, working
+from tactuator.verbs.result import Result, columns_of, working
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -313,28 +311,3 @@ def _band(described: "Display", band_hz: "ArrayLike | str") -> tuple[float, floa
     if values.size != 2 or not 0.0 < values[0] < values[1]:
         raise BadInput(f"band {band_hz!r}", "two frequencies, low,high")
     return float(values[0]), float(values[1])
-
-
-def demo(
-    out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/sound-demo"))] = "out/sound-demo",
-    seed: Seed = 0,
-    keep: Annotated[bool, Option("Keep the exciter afterwards, for other commands, until Ctrl-C.")] = False,
-) -> EqualisedResult:
-    """Calibrate a simulated exciter on a simulated card. PortAudio and a JACK server run in real time."""
-    import numpy as np
-
-    from tactuator.measure.open_loop import CalibrationRequest
-    from tactuator.rig.sound.simulated_card import demo_display, demo_exciter, simulated_card
-
-    exciter = demo_exciter(np.random.default_rng(seed))
-    with simulated_card([exciter], seed=seed) as card:
-        asked = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
-        equalised = _equalised(demo_display(exciter), f"sound:{card.device}", Path(out), asked, seed)
-        if keep:
-            say(
-                f"the exciter stays until Ctrl-C; in another terminal: export JACK_DEFAULT_SERVER={card.name}; then "
-                f"tactuator play REFERENCE --rig sound:{card.device} --controller {Path(out) / 'controller.json'}"
-            )
-            with contextlib.suppress(KeyboardInterrupt):
-                signal.pause()
-    return equalised

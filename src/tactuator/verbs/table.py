@@ -40,7 +40,6 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "sound devices": "verbs.sound:devices",
         "sound latency": "verbs.sound:latency",
         "sound calibrate": "verbs.sound:calibrate_output",
-        "sound demo": "verbs.sound:demo",
         "calibrate-display": "verbs.sound:calibrate_display",
     },
     "What a person feels": {
@@ -77,7 +76,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
 
 PARTS: Mapping[str, str] = {
     "firmware": "Build programs for boards, compare bits, count cycles.",
-    "sound": "List sound cards, measure their delay and volts, try one.",
+    "sound": "List sound cards, measure their delay and volts.",
     "experiment": "Run, simulate, analyse and export experiments.",
 }
 """Verbs that have parts, with what they are for."""

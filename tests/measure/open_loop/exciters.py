@@ -9,8 +9,8 @@ from tactuator.io.display import with_curve
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.simulated_card import Exciter, RunningExciter
 from tactuator.rig.sound.stream import CardRows
+from tests.rig.sound.exciter import Exciter, RunningExciter
 from tests.rig.sound.turned_card import TurnedCard, sound_display
 
 RATE_HZ = 48000.0

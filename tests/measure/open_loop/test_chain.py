@@ -10,9 +10,9 @@ from tactuator.errors import NoDesign, TactuatorError
 from tactuator.measure import open_loop as chain
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, Flatness, NoEqualiser, _corrected, calibrate
-from tactuator.rig.sound.simulated_card import Exciter, demo_exciter
 from tactuator.signals.decibels import db
 from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, drawn_exciter, exciter_rig, persons_curve
+from tests.rig.sound.exciter import Exciter
 from tests.rig.sound.from_start_to_end import controller as designed
 
 ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
@@ -28,7 +28,7 @@ def felt_db(made: Calibrated, exciter: Exciter) -> np.ndarray:
 
 @pytest.mark.slow
 def test_calibrate__exciter_and_a_persons_curve__is_felt_flat_by_its_equations():
-    exciter = demo_exciter(np.random.default_rng(0))
+    exciter = Exciter(117.3, 3.62, 3e4, second_hz=244.3, hardening=0.2, delay_s=0.0023, sensor_full_scale=1e5)
     person = persons_curve()
     made = calibrate(exciter_rig([exciter], curve=person), ASKED, np.random.default_rng(0))
     (one,) = made.channels

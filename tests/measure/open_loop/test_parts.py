@@ -16,12 +16,12 @@ from tactuator.model.controller import Controller
 from tactuator.report.open_loop import equaliser_document, impulse_response
 from tactuator.rig.rig import require_sensors
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.simulated_card import Exciter
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 from tests.measure.open_loop import exciters
 from tests.measure.open_loop.exciters import RATE_HZ, exciter_card, exciter_display, exciter_rig
+from tests.rig.sound.exciter import Exciter
 from tests.rig.sound.turned_card import flat_controller, sound_display, turned_rig
 
 BAND_HZ = (20.0, 300.0)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tactuator.model.controller import Controller
-from tactuator.rig.sound.simulated_card import Exciter
 from tactuator.synthesis.design import design_controller
+from tests.rig.sound.exciter import Exciter
 from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.rig.sound.simulated_card import SUBSTEPS, Exciter, RunningExciter
+from tests.rig.sound.exciter import SUBSTEPS, Exciter, RunningExciter
 
 RATE_HZ = 48000.0
 QUIET = {"noise": 0.0, "hum": 0.0}

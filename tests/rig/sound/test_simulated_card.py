@@ -1,9 +1,7 @@
 """The rig through PortAudio and a JACK server without hardware, in real time."""
 
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -34,23 +32,6 @@ def measured() -> dict[str, object]:
 def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_delay(measured):
     assert measured["exact"] == [True] * 6
     assert len(set(measured["delays"])) == 1
-
-
-def test_demo__kept__is_there_for_other_commands_until_ctrl_c(tmp_path):
-    code = "import sys; from tactuator.cli.main import main; from tactuator.verbs import sound\n"
-    code += "sound._equalised = lambda *asked: None\n"  # the calibration takes minutes
-    code += f"sys.argv = ['tactuator', 'sound', 'demo', '--keep', '--out', {str(tmp_path / 'out')!r}]; sys.exit(main())"
-    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True) as kept:
-        words = kept.stderr.readline().split()
-        server = next(word for word in words if word.startswith("JACK_DEFAULT_SERVER=")).rstrip(";")
-        device = next(word for word in words if word.startswith("sound:")).removeprefix("sound:")
-        environment = dict([*os.environ.items(), server.split("=")], JACK_NO_START_SERVER="1")
-        asked = [Path(sys.executable).parent / "tactuator", "sound", "devices", "--json"]
-        found = subprocess.run(asked, env=environment, capture_output=True, text=True, timeout=60, check=False)
-        kept.send_signal(signal.SIGINT)
-        kept.communicate(timeout=60)
-    assert kept.returncode == 0
-    assert device in [one["name"] for one in json.loads(found.stdout)["devices"]]
 
 
 def test_multisine__through_the_audio_path__is_the_exciters_truth(measured):

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from tactuator.model.controller import Controller, Limits
-from tactuator.rig.sound.simulated_card import simulated_card
+from tests.rig.sound.simulated_card import simulated_card
 from tests.rig.sound.through_portaudio import RATE_HZ, delay_of, opened
 from tests.rig.sound.turned_card import flat_controller
 

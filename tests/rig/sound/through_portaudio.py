@@ -10,8 +10,9 @@ import numpy as np
 from tactuator.errors import DeviceFault
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
-from tactuator.rig.sound.simulated_card import Exciter, simulated_card
 from tactuator.rig.sound.stream import SoundGap
+from tests.rig.sound.exciter import Exciter
+from tests.rig.sound.simulated_card import simulated_card
 from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0
