@@ -4,7 +4,7 @@ Six plants that people own and others that are drawn, 8 kHz, default limits. Pla
 evaluated here on a grid of 6000 frequencies, stability at the gain and at 60 lower ones by eigenvalues. The search is
 Nelder-Mead from the delivered loop's roots, shaken, over all of them and the gain; no limit on order of roots is the
 product's. It shares nothing with the synthesis but where it starts. Half of the resonance objective stays in reserve
-(decision 0345), for both or for none. Status 1 where a delivered loop breaks a limit, or lies more than 1 dB above the
+(decision 0025), for both or for none. Status 1 where a delivered loop breaks a limit, or lies more than 1 dB above the
 best known.
 
     python -m witnesses.loops.search --drawn 30 --rounds 40

@@ -114,8 +114,8 @@ def exported(store: Store) -> Exported:
             .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
             .outerjoin(study, study.c.id == subject.c.study_id)
         )
-        told = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # a change is data of the subject
-        events = read("events", event.c.id, happened, (event.c.kind != CONSENT_NAMES) & told, event.c.id)
+        correction = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # a change is data of the subject
+        events = read("events", event.c.id, happened, (event.c.kind != CONSENT_NAMES) & correction, event.c.id)
         kept = subject.c.id.not_in(_discarded())
         subjects = read("subjects", subject.c.id, subject.join(study), kept, study.c.id, subject.c.number)
         items = _add_facts(connection, subjects)

@@ -5,7 +5,7 @@ b1' = 2 b0 + b1, b2' = b0 + b1 + b2, a1' = 2 + a1, a2' = 1 + a1 + a2 (Middleton 
 
 In Q31 a coefficient is mantissa / 2^(21 + shift), int32 mantissas with a shift for each row
 (core/arithmetic/section_q31.h). References have a full scale of 1000 threshold units (60 dB SL), volts one of 512 V:
-the command is known before its limits, as conditioning needs it (decision 0506). Between sections each signal gets a
+the command is known before its limits, as conditioning needs it (decision 0003). Between sections each signal gets a
 power of two for a full scale, so that it does not saturate: the sum of the magnitudes of the impulse response up to
 there, times the greatest input, bounds it.
 """

@@ -31,7 +31,7 @@ heard."""
 SHAPE = 0.05
 MASS_FED = 0.7
 """Share of what the learnt mass takes that is fed forward: where all of it is, what is felt of speech passes 1 dB for
-the first milliseconds after a finger is lifted (decision 0513)."""
+the first milliseconds after a finger is lifted (decision 0008)."""
 _CORNER, _SLOW_HZ = 0.4, 8.0
 _POINTS = 61
 _TAIL_S = 4.0

@@ -31,7 +31,7 @@ LIES: tuple[tuple[str, str, float], ...] = (
     ("bit 10 turned over", "bit", 10.0), ("an end stop at 1 mm", "end stop", 1.0),
 )  # fmt: skip
 BEFORE, AFTER, RATE_HZ = 900, 6000, 4000.0
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "decisions" / "0706-rest-by-the-model-and-by-the-reading.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "safety.md"
 BEGIN, END = "<!-- lies: begin -->\n", "<!-- lies: end -->\n"
 
 

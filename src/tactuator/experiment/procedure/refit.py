@@ -5,7 +5,7 @@ In the lapse rate it falls exponentially, except for one person in ten, whose la
 
 A run tells little of the slope, and people's slopes differ more than the prior says. So the interval takes all slopes
 for equally likely: it is of the thresholds that explain the answers at least 1 / _LEAST_LIKELY times as well as the
-best one, slope and lapse rate integrated out (decision 0355).
+best one, slope and lapse rate integrated out (decision 0017).
 """
 
 from __future__ import annotations
