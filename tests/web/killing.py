@@ -36,6 +36,10 @@ class Client:
         self.acknowledged: list[tuple[int, int]] = []
         self.done = False
         self._positions = [run.position for run in plan_runs(protocol, index)]
+        self.runs: dict[int, int] = {}  # position by row, without a restart
+
+    def answered(self) -> set[tuple[int, int]]:
+        return {(self.runs[run], number) for run, number in self.acknowledged}
 
     def answers(self, until: int) -> None:
         with suppress(ConnectionClosed, InvalidMessage, OSError), connect(self._path) as socket:
@@ -54,11 +58,14 @@ class Client:
             trial = self._trial(run, number)
             time.sleep(self.wait_s)
             socket.send(json.dumps({"type": "answer", "run": run, "number": number, "response": response_of(trial)}))
+        elif message["type"] == "fault":
+            raise ConnectionError  # opened again, as a page would be
         elif message["type"] == "ack":
             self.acknowledged.append((message["run"], message["number"]))
 
     def _trial(self, run: int, number: int) -> Any:
-        seed = run_seed(self.protocol, self.index, self._positions[run - 1], 0)  # no restart: rows are positions
+        position = self.runs.setdefault(run, self._positions[len(self.runs) % len(self._positions)])
+        seed = run_seed(self.protocol, self.index, position, 0)
         return self.protocol.paradigm.trial(number, Placement(0.0), seed)
 
 
@@ -110,7 +117,7 @@ class Killing:
         assert stored[5] == []
         there = [(row[0], row[2]) for row in stored[3]]
         assert len(set(there)) == len(there)
-        assert {(run - 1, number) for run, number in self.client.acknowledged} <= set(there)
+        assert self.client.answered() <= set(there)
         whole = undisturbed(self.folder / "whole.db", self.first)
         assert stored[3] == (whole if self.client.done else whole[: len(there)])
         return len(there)

@@ -1,5 +1,6 @@
-"""Verbs whose store, or whose shared store, is a PostgreSQL server's, from the command line to the rows."""
+"""A study at several stations, whose store is a PostgreSQL server's, from the command line to the rows."""
 
+import asyncio
 import random
 import threading
 import time
@@ -10,14 +11,25 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli.main import main
+from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
-from tactuator.experiment.store.merge import Shared
+from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.store.store import Store
 from tactuator.io.controller import write_controller
-from tactuator.verbs.store import verify
-from tests.experiment.session.apparatuses import PROTOCOL, answers, controller
+from tactuator.web.lab import Lab
+from tactuator.web.study_pages import build_app
+from tests.experiment.session.apparatuses import (
+    PROTOCOL,
+    ObedientClock,
+    answer_one,
+    answers,
+    begin,
+    controller,
+    opened_study,
+)
 from tests.postgres import PostgresServer
 from tests.web.killing import LONG, Client
+from tests.web.server import served
 from tests.web.study import Server
 
 pytestmark = pytest.mark.slow
@@ -32,12 +44,12 @@ def postgres() -> Iterator[PostgresServer]:
 
 
 @contextmanager
-def serving(folder: Path, *more: str, text: str = ONE) -> Iterator[Server]:
-    """`experiment serve` with those options, killed at the end."""
+def serving(folder: Path, place: str, text: str = ONE) -> Iterator[Server]:
+    """`experiment serve` with the store at that place, killed at the end."""
     folder.mkdir(exist_ok=True)
     (folder / "protocol.toml").write_text(text)
     write_controller(folder / "controller.json", controller())
-    server = Server(folder / "protocol.toml", folder / "own.db", folder / "controller.json", more=more)
+    server = Server(folder / "protocol.toml", folder / "own.db", folder / "controller.json", more=("--store", place))
     server.start()
     try:
         yield server
@@ -47,31 +59,13 @@ def serving(folder: Path, *more: str, text: str = ONE) -> Iterator[Server]:
 
 def test_serve__store_on_a_server__is_gone_on_with_after_a_kill(tmp_path, postgres) -> None:
     place = postgres.database("served")
-    with serving(tmp_path, "--store", place) as server:
+    with serving(tmp_path, place) as server:
         client = Client(server, parse_protocol(ONE, Protocol))
         client.answers(until=6)
         server.kill()
         server.start()
         client.answers(until=12)
-    assert [(row[1] + 1, row[2]) for row in answers(place)][:12] == client.acknowledged
-    assert verify(place).holds
-    assert not (tmp_path / "own.db").exists()
-
-
-def test_serve__shared_store_on_a_server__gets_every_answer_of_the_station(tmp_path, postgres) -> None:
-    place = postgres.database("shared")
-    with serving(tmp_path, "--shared", place) as server:
-        client = Client(server, parse_protocol(ONE, Protocol))
-        client.answers(until=8)
-        postgres.kill()
-        client.answers(until=12)
-        postgres.start()
-        for _ in range(600):  # an exchange follows each second
-            if len(answers(place)) == 12:
-                break
-            time.sleep(0.1)
-    assert answers(place) == answers(tmp_path / "own.db")
-    assert verify(place).holds
+    assert {(row[1], row[2]) for row in answers(place)[:12]} == client.answered()
 
 
 def test_simulated_people__store_on_a_server__answer_there(tmp_path, monkeypatch, postgres) -> None:
@@ -81,7 +75,38 @@ def test_simulated_people__store_on_a_server__answer_there(tmp_path, monkeypatch
     Path("protocol.toml").write_text(ONE.replace("[30, 90, 210]", "[30]"))
     assert main(["experiment", "observe", "protocol.toml", "--store", place, "--controller", "controller.json"]) == 0
     assert len(answers(place)) > 20
-    assert verify(place).holds
+
+
+def test_visit__open_at_two_stations__is_stored_once_and_goes_on_where_its_page_is_opened_again(postgres) -> None:
+    place, clock = postgres.database("visit"), ObedientClock()
+    with closing(Store(place)) as one, closing(Store(place)) as two:
+        lab = Lab(opened_study(two, clock))
+        row = lab.sessions[0]
+        asyncio.run(lab.presented(row))
+        first = begin(one, clock, trials=3)
+        second = asyncio.run(lab.presented(row))  # as it was before
+        second.session.give_consent()
+        with pytest.raises(BadInput, match="the visit of subject S1 goes on at another station"):
+            second.present(lambda interval, begins: None)
+        asyncio.run(lab.catch_up(row))
+        second = asyncio.run(lab.presented(row))
+        assert [answer_one(at, clock) for at in (second, second)] == [(1, 1), (1, 2)]
+        with pytest.raises(StoreFault, match="another station has gone on with this visit"):
+            answer_one(first, clock)
+        lab.close()
+    keys = [row[:3] for row in answers(place)]
+    assert len(set(keys)) == len(keys) == 5
+
+
+def test_subject__enrolled_at_another_station__has_a_page_here(postgres) -> None:
+    place, clock = postgres.database("enrolled"), ObedientClock()
+    with closing(Store(place)) as one, closing(Store(place)) as two:
+        lab = Lab(opened_study(two, clock))
+        with served(build_app(lab, "the operator's own")) as client:
+            assert client.get("/s/token-S9").status == 404
+            opened_study(one, clock).enrol(SubjectPart(code="S9"))
+            assert client.get("/s/token-S9").status == 200
+        lab.close()
 
 
 def answering(client: Client, over: threading.Event) -> None:
@@ -97,7 +122,7 @@ def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, p
     text = LONG[: LONG.index("[[subject]]")] + "".join(f'[[subject]]\ncode = "S{each + 1}"\n' for each in range(count))
     protocol, folders = parse_protocol(text, Protocol), [tmp_path / str(each) for each in range(count)]
     with ExitStack() as running:
-        servers = [running.enter_context(serving(each, "--shared", place, text=text)) for each in folders]
+        servers = [running.enter_context(serving(each, place, text)) for each in folders]
         clients = [Client(server, protocol, index, 0.05 * count) for index, server in enumerate(servers)]
         threads = [threading.Thread(target=answering, args=(client, over), daemon=True) for client in clients]
         for thread in threads:
@@ -113,13 +138,6 @@ def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, p
         over.set()
     for thread in threads:
         thread.join(timeout=60.0)
-    for folder in folders:  # what a station had not brought when it was killed
-        with closing(Store(folder / "own.db")) as own, closing(Shared(own, place)) as shared:
-            shared.exchange()
-    stored = answers(place)
-    assert sorted(stored) == sorted(each for folder in folders for each in answers(folder / "own.db"))
-    keys = [row[:3] for row in stored]
+    keys = [row[:3] for row in answers(place)]
     assert len(set(keys)) == len(keys) >= count * kills
-    said = {(f"S{each.index + 1}", run - 1, number) for each in clients for run, number in each.acknowledged}
-    assert said <= set(keys)
-    assert verify(place).holds
+    assert {(f"S{each.index + 1}", *answer) for each in clients for answer in each.answered()} <= set(keys)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _SETTING = Fields("experiment.simulated.quality:Setting")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
-StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql://...", type=str)]
+StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql+pg8000://...", type=str)]
 StudyName = Annotated[str | None, Option("Name of the study; default: the store's only one.")]
 Code = Annotated[str, Argument("Code of the subject: letters and digits.", metavar="CODE")]
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]

@@ -1,16 +1,15 @@
-"""The parts of the verb `experiment` on stores as a whole: verify, backup, merge; and the sheet of a visit."""
+"""The parts of the verb `experiment` on stores as a whole: verify, backup; and the sheet of a visit."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from getpass import getuser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
-from tactuator.verbs.experiment import Code, OperatorName, StoreFile, StudyName
+from tactuator.verbs.experiment import Code, StoreFile, StudyName
 from tactuator.verbs.parameters import Argument, Option, Place
 from tactuator.verbs.result import Result
 
@@ -19,14 +18,13 @@ if TYPE_CHECKING:
     from tactuator.experiment.result.group_level import Norm
     from tactuator.experiment.result.thresholds import MeasuredThreshold
     from tactuator.experiment.store.chain import Altered
-    from tactuator.experiment.store.merge import Conflict
     from tactuator.experiment.store.records import Found
     from tactuator.experiment.store.stored_runs import StoredRun
     from tactuator.experiment.words import Words
 
 
 StoreArgument = Annotated[
-    Place, Argument("Store of the experiment: a file, or postgresql://...", metavar="STORE", type=str)
+    Place, Argument("Store of the experiment: a file, or postgresql+pg8000://...", metavar="STORE", type=str)
 ]
 
 
@@ -89,57 +87,6 @@ def backup(
         database.backup(Path(out))
     with closing(Store(Path(out), must_exist=True)) as copy:
         return _verified(copy)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class MergedResult(Result):
-    """Stores that were merged into one. rows: those that were new there, for each store. conflicts: what two stores
-    have, and not the same; of each, what was there first stays.
-    """
-
-    out: str
-    rows: Mapping[str, int]
-    conflicts: tuple["Conflict", ...]
-
-    @property
-    def holds(self) -> bool:
-        return not self.conflicts
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        said: list[ResultTable | str] = [f"{name}: {count} rows to {self.out}" for name, count in self.rows.items()]
-        rows = tuple((each.table, each.what) for each in self.conflicts)
-        return [*said, ResultTable("not the same in both", ("table", "what"), rows)] if rows else said
-
-
-def merge(
-    stores: Annotated[list[str], Argument("Stores to merge: files, or postgresql://...", metavar="STORE...")],
-    out: Annotated[str, Option("Store to merge them into, made if it is not there.")],
-    operator: OperatorName = None,
-) -> MergedResult:
-    """Merge stores of several sites or stations into one. What is there already stays, so a merge may be repeated with
-    newer stores. Raises BadInput for a store whose rows were altered.
-    """
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.store.merge import merge as merged
-    from tactuator.experiment.store.records import note
-    from tactuator.experiment.store.store import Store, opened_store, sessions_of
-
-    rows: dict[str, int] = {}
-    conflicts: tuple[Conflict, ...] = ()
-    with sessions_of(out), opened_store(out) as target:
-        for place in stores:
-            with closing(Store(place, must_exist=True)) as source:
-                verified = _verified(source)
-                if not verified.holds:
-                    first = verified.altered[0]
-                    raise BadInput(f"store {place}: row {first.row} of {first.table} was altered", "a sound store")
-                done = merged(source, target)
-            rows[source.name], conflicts = done.rows, conflicts + done.conflicts
-            if done.rows:
-                detail = f"{source.name}: {done.rows} rows, head {verified.head}"
-                with target.begin() as connection:
-                    note(connection, None, "merged", detail, SystemClock().utc(), operator or getuser())
-    return MergedResult(str(out), rows, conflicts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -57,7 +57,6 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment information": "verbs.recognition:information",
         "experiment verify": "verbs.store:verify",
         "experiment backup": "verbs.store:backup",
-        "experiment merge": "verbs.store:merge",
         "experiment simulate": "verbs.experiment:simulate",
         "experiment plan": "verbs.planning:plan",
     },

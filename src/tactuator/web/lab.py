@@ -13,19 +13,15 @@ from typing import TypeVar
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.session import NextTrial
+from tactuator.experiment.session.session import NextTrial, Session
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.session.task import JumpWatch
 from tactuator.experiment.store import records
-from tactuator.experiment.store.merge import Shared
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.words import Words
 from tactuator.table import ResultTable
 
 _T = TypeVar("_T")
-_SHARING = -1
-"""Place of what the shared store is about among the calls, which are of sessions."""
-_SHARE_EVERY_S = 1.0
 _GATED = "\u26a0 "
 """Beginning of a call about a gate, so that it goes when the gate is met."""
 _LOG = logging.getLogger(__name__)
@@ -46,7 +42,6 @@ class Lab:
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
     calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
     tabs: how the open page of each session is told that another took over; control: the operator's page that has it.
-    sharing: the store that stations share, for a station.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -59,7 +54,6 @@ class Lab:
         self.calls: dict[int, str] = {}
         self.tabs: dict[int, Callable[[], Awaitable[None]]] = {}
         self.control: object | None = None
-        self.sharing: Shared | None = None
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
@@ -86,10 +80,11 @@ class Lab:
         return session
 
     async def refresh(self) -> None:
-        """Read the study's sessions and subjects anew, after an operator changed them."""
-        self._rows = await self.work(self.study.sessions)
-        self.facts = await self.work(self.study.facts)
-        self.notify()
+        """Read the study's sessions and subjects anew, after an operator, here or at another station, changed them."""
+        before = self._rows, self.facts
+        self._rows, self.facts = await self.work(self.study.sessions), await self.work(self.study.facts)
+        if (self._rows, self.facts) != before:
+            self.notify()
 
     async def work(self, job: Callable[[], _T]) -> _T:
         """Run a job on the thread that uses rig and store; meant for jobs whose failures are the store's.
@@ -147,9 +142,20 @@ class Lab:
         """
         async with self._opening:
             if row.id not in self._presented:
-                sitting = records.Sitting("person", self.shown)
-                self._presented[row.id] = await self.work(lambda: PresentedSession(self.study.session(row, sitting)))
+                self._presented[row.id] = PresentedSession(await self.work(lambda: self._resumed(row)))
             return self._presented[row.id]
+
+    def _resumed(self, row: Found) -> Session:
+        return self.study.session(row, records.Sitting("person", self.shown))
+
+    async def catch_up(self, row: Found) -> None:
+        """Resume the session anew where another station has gone on with it in the store that they share."""
+        here = self.opened(row.id)
+        if here is None or self.store.is_file:
+            return
+        stored, known = await self.work(lambda: self._resumed(row)), here.session
+        if (stored.trials, stored.ended) != (known.trials, known.ended) or known.stage == "consent":
+            self._presented[row.id] = PresentedSession(stored)
 
     def opened(self, session: int) -> PresentedSession | None:
         """Return the presented session if it has been opened, or None."""
@@ -252,22 +258,6 @@ class Lab:
         opened = self.opened(session)
         if opened is not None:
             await self.work(lambda: opened.session.note(kind, "by the operator", who))
-
-    async def share(self) -> None:
-        """Exchange with the shared store for as long as this runs; the operator is told where it cannot be reached."""
-        while self.sharing is not None:
-            try:
-                done = await asyncio.to_thread(self.sharing.exchange)
-                said = "; ".join(conflict.what for conflict in done.conflicts)
-                if done.rows:
-                    await self.refresh()
-            except (TactuatorError, LabFault) as error:
-                said = self.words("operator.alone", reason=str(error))
-            if said != self.calls.get(_SHARING, ""):
-                self.calls.pop(_SHARING, None)
-                self.calls |= {_SHARING: said} if said else {}
-                self.notify()
-            await asyncio.sleep(_SHARE_EVERY_S)
 
     def notify(self) -> None:
         """Tell those who wait that something changed."""

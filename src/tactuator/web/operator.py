@@ -49,6 +49,8 @@ class OperatorPage:
             await self.lab.until_changed(_REFRESH_S)
             try:
                 await self.lab.work(self.lab.watch_clock)
+                if not self.lab.store.is_file:
+                    await self.lab.refresh()  # other stations enrol as well
             except LabFault:
                 continue  # the lab keeps the fault, and the next snapshot shows it
 

@@ -26,8 +26,6 @@ from tactuator.verbs.parameters import (
 )
 
 if TYPE_CHECKING:
-    from tactuator.experiment.store.merge import Shared
-    from tactuator.experiment.store.store import Store
     from tactuator.web.lab import Lab
     from tactuator.web.server import Address
 
@@ -51,9 +49,6 @@ def serve(
         Option("A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.", type=Path | None),
     ] = None,
     speed: Annotated[float, Option("Speed of presentation on a rig that could go faster; 0: as fast as it can.")] = 1.0,
-    shared: Annotated[
-        str | None, Option("Store that stations share (postgresql://... or a file); --store is this station's own.")
-    ] = None,
     operator: Annotated[
         list[str] | None, Option("An operator's name, kept with what they do; each has an address.", metavar="NAME")
     ] = None,
@@ -93,32 +88,14 @@ def serve(
         operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
         task = task_of(study_protocol, folder, apparatus)
         with closing(address.listen()) as sock, opened_store(store) as database:
-            sharing = None if shared is None else _shared(database, shared)
             study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder, names[0])
             lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-            lab.sharing = sharing
             server = uvicorn.Server(address.config(build_app(lab, operators), time.monotonic))
             _tell(lab, address, address.base_url(sock), operators)
             try:
                 server.run(sockets=[sock])
             finally:
                 lab.close()
-
-
-def _shared(own: "Store", place: str) -> "Shared":
-    """Return the shared store, reached once; a station that knows a study already goes on without. Raises BadInput."""
-    from tactuator.errors import StoreFault
-    from tactuator.experiment.store import records
-    from tactuator.experiment.store.merge import Shared
-
-    sharing = Shared(own, place)
-    try:
-        sharing.exchange()
-    except (BadInput, StoreFault):
-        with own.read() as connection:
-            if not records.study_names(connection):
-                raise
-    return sharing
 
 
 def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str]) -> None:

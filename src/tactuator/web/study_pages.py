@@ -1,8 +1,8 @@
 """The pages of a study on any server: subjects' and the operator's, for as long as a lab is open there."""
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Coroutine, Mapping
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Response, WebSocket
@@ -19,14 +19,7 @@ _NOTHING = "There is no such page here."
 
 def build_app(lab: Lab, operators: str | Mapping[str, str]) -> FastAPI:
     """Return the web application of one lab. operators: names by token, or the only one's token."""
-
-    @asynccontextmanager
-    async def sharing(app: FastAPI) -> AsyncIterator[None]:
-        task = asyncio.create_task(lab.share())
-        yield
-        task.cancel()
-
-    app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None, lifespan=sharing)
+    app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None)
     add_study_pages(app, StudyPages(lab), operators)
 
     @app.get("/")
@@ -83,6 +76,8 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
         lab = pages.lab
         if lab is None:
             return plain_text(_NOTHING, 404)
+        if lab.by_token(token) is None and not lab.store.is_file:
+            await lab.refresh()  # enrolled at another station
         row = lab.by_token(token)
         if row is None:
             return plain_text(lab.words("page.no_session"), 404)

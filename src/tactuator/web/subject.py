@@ -85,6 +85,7 @@ class SubjectTab:
         try:
             if leave is not None:
                 await leave()
+            await lab.catch_up(self.row)
             presented = await lab.presented(self.row)
             await self._send(type="hello", **self._hello(presented))
             await first_to_end(self._read(), self._run_stages(presented))

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal
-
-from sqlalchemy import Connection
+from typing import Literal
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.clinic import Unmet
 from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.session.task import Clock, Course, SessionTask
-from tactuator.experiment.store import chain, records
+from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found, stamp
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
@@ -276,8 +274,11 @@ class Session:
         if running is None:
             with self.store.read() as connection:
                 runs = records.latest_runs(connection, self.id)
-            attempt = next((run.attempt + 1 for run in runs if run.position == upcoming.position), 0)
-            running = self._begin(upcoming, attempt)
+            before = next((run for run in runs if run.position == upcoming.position), None)
+            known = self._states.get(upcoming.position)
+            if before is not None and before.state != known and not self.store.is_file:
+                raise BadInput(f"the visit of {self.subject} goes on at another station", "that station")
+            running = self._begin(upcoming, 0 if before is None else before.attempt + 1)
         elif self.clock.monotonic_s() - running.last_heard_s > self.task.rules.resume_within_s:
             running = self._begin(running.planned, running.attempt + 1, replaced=running)
         trial = running.course.trial()
@@ -316,7 +317,7 @@ class Session:
                 records.note(connection, self.id, "restart", detail, now, records.PROGRAM)
             apparatus = self.task.apparatus.record(planned.finger)
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
-            self._hold(connection, protocol_version_id=self.version)
+            records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._new_running(row, planned, attempt)
         return self._running
@@ -376,13 +377,6 @@ class Session:
                 detail = f"run {running.row}: {running.course.trials} trials"
                 records.note(connection, self.id, "practice-not-passed", detail, now, records.PROGRAM)
 
-    def _hold(self, connection: Connection, **values: Any) -> None:
-        """Write columns of a session that is held here from now on. Raises BadInput where it is held elsewhere."""
-        here = chain.uid(connection)
-        if records.session(connection, self.id).held_by not in (None, here):
-            raise BadInput(f"the visit of {self.subject} goes on at another station", "that station")
-        records.change_session(connection, self.id, held_by=here, **values)
-
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
         self._states[self._running.planned.position] = state
@@ -399,8 +393,9 @@ class Session:
             if asked and not said.strip():
                 raise BadInput(f"consent without a {what}", "with it, since the protocol asks for it")
         with self.store.begin() as connection:
-            self._hold(
+            records.change_session(
                 connection,
+                self.id,
                 consented_utc=stamp(self.clock.utc()),
                 consent_version=study.consent_version or None,
                 consent_sha256=hashlib.sha256(study.consent.encode()).hexdigest(),

@@ -17,7 +17,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 6
+VERSION = 7
 """Version of these tables; a store with another one is refused."""
 
 tables = MetaData()
@@ -49,14 +49,6 @@ chain = _table(
     *_needed(String, "content_sha256", "origin", "sha256"),
 )
 """A link for every row that was written, in the order of writing; origin: the store it was merged from, or ""."""
-
-merged = _table(
-    "merged",
-    Column("uid", String, nullable=False, unique=True),
-    *_needed(Integer, "number"),
-    *_needed(String, "sha256"),
-)
-"""How far another store's chain has been merged into this one."""
 
 NOT_CHAINED = ("schema_version", "chain")
 """Tables whose rows leave no link: the chain itself, and what it begins with."""
@@ -102,7 +94,7 @@ session = _table(
     *_needed(String, "masking_sound"),
     *_optional(Float, "masking_level_db_spl"),
     *_needed(String, "created_utc"),
-    *_optional(String, "consented_utc", "consent_version", "consent_sha256", "ended", "ended_utc", "held_by"),
+    *_optional(String, "consented_utc", "consent_version", "consent_sha256", "ended", "ended_utc"),
     UniqueConstraint("subject_id", "visit"),
     CheckConstraint("ended IN ('declined', 'withdrawn', 'withdrawn-discard')", name="session_ended"),
 )
@@ -193,19 +185,3 @@ ANSWERED = study.join(subject).join(session).join(run).join(trial).join(response
 """Every answered trial, with what it is of."""
 KEPT = session.c.ended.is_distinct_from("withdrawn-discard")
 """Holds of sessions whose answers may be used."""
-
-KEYS = {
-    "study": ("name",),
-    "protocol_version": ("study_id", "sha256"),
-    "subject": ("study_id", "code"),
-    "demographic": ("subject_id", "name"),
-    "session": ("subject_id", "visit"),
-    "run": ("session_id", "position", "attempt"),
-    "trial": ("run_id", "number"),
-    "interval": ("trial_id", "position"),
-    "response": ("trial_id",),
-    "event": ("session_id", "subject_id", "at_utc", "who", "kind", "item", "detail"),
-    "stimulus": ("study_id", "label"),
-    "response_option": ("study_id", "label"),
-}
-"""The columns by which a row is the same in every store, whatever its number there."""

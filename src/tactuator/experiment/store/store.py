@@ -17,7 +17,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, func, insert, inspect, select
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
@@ -33,7 +33,7 @@ def sessions_of(store: str | os.PathLike[str]) -> Iterator[None]:
     Raises BadInput, naming the process that has it, where another one runs the sessions.
     """
     if is_server(store):
-        yield  # one writer at a time has its lock, and a visit is held by one station
+        yield  # stations share it: no trial can be stored twice
         return
     path = Path(f"{store}.lock")
     if not path.parent.is_dir():
@@ -140,7 +140,7 @@ _DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, Unic
 class Store:
     """The database at a path, which is made if it is not there (unless must_exist).
 
-    place: a path, or postgresql://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable: every
+    place: a path, or postgresql+pg8000://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable: every
     commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away, where
     nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused. Raises
     BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server likewise.
@@ -223,7 +223,7 @@ class Store:
         It replaces a file at its place when it is complete. Raises BadInput where the place cannot be written.
         """
         if not self.is_file:
-            raise BadInput(f"store {self.name}", "a file; `experiment merge` copies a server's")
+            raise BadInput(f"store {self.name}", "a file; `pg_dump` copies a server's")
         if out.exists() and os.path.samestat(out.stat(), self.path.stat()):
             raise BadInput(f"{out} is the store itself", "another place")
         with (
@@ -267,7 +267,9 @@ class Store:
         try:
             yield
         except self._faults as error:
-            raise StoreFault(f"{self.path.name if self.is_file else self.name}: {_reason(error)}") from error
+            taken = isinstance(error, IntegrityError) and not self.is_file
+            reason = "another station has gone on with this visit; open its page again" if taken else _reason(error)
+            raise StoreFault(f"{self.path.name if self.is_file else self.name}: {reason}") from error
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:
@@ -298,7 +300,7 @@ def is_server(place: str | os.PathLike[str]) -> bool:
     return str(place).startswith(_SERVER)
 
 
-_SERVER = "postgresql://"
+_SERVER = ("postgresql://", "postgresql+pg8000://")
 _SERVER_TIMEOUT_S = 10.0
 _LOCK = 0x7461637475
 """Number of the advisory lock that one writer at a time holds: the links of the chain follow one another."""
@@ -309,7 +311,7 @@ def _server(place: str) -> Engine:
     try:
         url = make_url(place).set(drivername="postgresql+pg8000")
     except (ArgumentError, ValueError):
-        raise BadInput("store postgresql://...", "postgresql://USER@HOST:PORT/DATABASE") from None
+        raise BadInput("store postgresql+pg8000://...", "postgresql+pg8000://USER@HOST:PORT/DATABASE") from None
     if url.password is None and "PGPASSWORD" in os.environ:
         url = url.set(password=os.environ["PGPASSWORD"])
     engine = create_engine(url, pool_pre_ping=True, connect_args={"timeout": _SERVER_TIMEOUT_S})
