@@ -1,14 +1,13 @@
-"""The parts of the verb `experiment` on stores as a whole: verify, backup; and the sheet of a visit."""
+"""The parts of the verb `experiment` on a store as a whole: backup; and the sheet of a visit."""
 
 import math
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tactuator.errors import BadInput
-from tactuator.table import ResultTable
 from tactuator.verbs.experiment import Code, StoreFile, StudyName
 from tactuator.verbs.parameters import Argument, Option, Place
 from tactuator.verbs.result import Result
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from tactuator.experiment.protocol.study import StudyProtocol
     from tactuator.experiment.result.group_level import Norm
     from tactuator.experiment.result.thresholds import MeasuredThreshold
-    from tactuator.experiment.store.chain import Altered
     from tactuator.experiment.store.records import Found
     from tactuator.experiment.store.stored_runs import StoredRun
     from tactuator.experiment.words import Words
@@ -29,64 +27,30 @@ StoreArgument = Annotated[
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VerifiedResult(Result):
-    """Rows of a store that are not as the program wrote them, in the order of writing; head: the chain's end."""
+class BackupResult(Result):
+    """A whole copy of a store; answers: their number in it."""
 
-    store: str
-    rows: int
-    head: str
-    altered: tuple["Altered", ...]
+    out: Path
+    answers: int
 
-    @property
-    def holds(self) -> bool:
-        return not self.altered
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        said: list[ResultTable | str] = [f"{self.rows} rows were written; head: {self.head}"]
-        if self.holds:
-            return [*said, "every row is as it was written"]
-        first = self.altered[0]
-        rows = [(each.table, str(each.row), each.what, str(each.link or "none")) for each in self.altered[:20]]
-        said.append(f"the first altered row is row {first.row} of {first.table}: {first.what}")
-        return [*said, ResultTable(f"altered: {len(self.altered)}", ("table", "row", "how", "link"), tuple(rows))]
-
-
-def verify(
-    store: StoreArgument,
-    head: Annotated[str | None, Option("Head that was kept: it has to be there.", metavar="NUMBER:SHA256")] = None,
-) -> VerifiedResult:
-    """Tell which rows of a store were altered. Rows are held against their chain of hashes; a head that was kept
-    elsewhere finds rows that were taken away at the end.
-
-    Raises BadInput for a head of another form.
-    """
-    from tactuator.experiment.store.store import Store
-
-    with closing(Store(store, must_exist=True, whole=False)) as database:
-        return _verified(database, head)
-
-
-def _verified(database: Any, head: str | None = None) -> VerifiedResult:
-    from tactuator.experiment.store.chain import altered_rows, head_of
-
-    with database.read() as connection:
-        altered, last = altered_rows(connection, None if head is None else head_of(head))
-    return VerifiedResult(database.name, last[0], f"{last[0]}:{last[1]}", tuple(altered))
+    def tables(self) -> Sequence[str]:
+        return [f"{self.answers} answers"]
 
 
 def backup(
     store: StoreArgument, out: Annotated[Place, Argument("File to write.", metavar="OUT", writes=True)]
-) -> VerifiedResult:
-    """Copy a store whole, also while it is served. The copy is verified; its head is worth keeping elsewhere.
+) -> BackupResult:
+    """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
+    from sqlalchemy import func, select
 
-    Raises BadInput where the place cannot be written.
-    """
+    from tactuator.experiment.store import schema
     from tactuator.experiment.store.store import Store
 
     with closing(Store(store, must_exist=True, whole=False)) as database:
         database.backup(Path(out))
-    with closing(Store(Path(out), must_exist=True)) as copy:
-        return _verified(copy)
+    with closing(Store(Path(out), must_exist=True)) as copy, copy.read() as connection:
+        answers = connection.execute(select(func.count()).select_from(schema.response)).scalar_one()
+    return BackupResult(Path(out), answers)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

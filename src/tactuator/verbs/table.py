@@ -55,7 +55,6 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment export": "verbs.experiment:export",
         "experiment recognise": "verbs.recognition:recognise",
         "experiment information": "verbs.recognition:information",
-        "experiment verify": "verbs.store:verify",
         "experiment backup": "verbs.store:backup",
         "experiment simulate": "verbs.experiment:simulate",
         "experiment plan": "verbs.planning:plan",

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection, insert, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -32,7 +32,7 @@ from tactuator.experiment.session.task import (
     Rules,
     SessionTask,
 )
-from tactuator.experiment.store import chain, schema
+from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
@@ -94,14 +94,14 @@ def keep_items(
     ]
     if not stimuli:
         return
-    chain.add(connection, schema.stimulus, stimuli)
+    connection.execute(insert(schema.stimulus), stimuli)
     options = [
         {"study_id": study, "position": position, "label": item.label, "key": item.key}
         for position, item in enumerate(protocol.item)
         if item.label not in known
     ]
     _refuse_taken_keys(connection, study, [str(option["key"]) for option in options])
-    chain.add(connection, schema.response_option, options)
+    connection.execute(insert(schema.response_option), options)
 
 
 def _refuse_taken_keys(connection: Connection, study: int, keys: Sequence[str]) -> None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, cast
 
-from sqlalchemy import Column, ColumnElement, Connection, Integer, Row, Select, Table, func, select
+from sqlalchemy import Column, ColumnElement, Connection, Integer, Row, Select, Table, func, insert, select, update
 from sqlalchemy import cast as sql_cast
 
 from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol, SubjectPart
-from tactuator.experiment.store import chain, schema
+from tactuator.experiment.store import schema
 from tactuator.experiment.trial import IntervalRecord, Trial
 
 Found = Row[Any]
@@ -36,7 +36,11 @@ def _last(connection: Connection, column: Column[Any], *where: ColumnElement[boo
 
 
 def _add(connection: Connection, table: Table, row: Mapping[str, Any]) -> Found:
-    return chain.add(connection, table, [row])[0]
+    return connection.execute(insert(table).values(**row).returning(table)).one()
+
+
+def _change(connection: Connection, table: Table, row: int, **values: Any) -> None:
+    connection.execute(update(table).where(table.c.id == row).values(**values))
 
 
 def add_study(connection: Connection, name: str, now: datetime) -> int:
@@ -158,12 +162,12 @@ def session(connection: Connection, session: int) -> Found:
 
 def change_session(connection: Connection, session: int, **values: Any) -> None:
     """Write columns of a session's row."""
-    chain.change(connection, schema.session, session, values)
+    _change(connection, schema.session, session, **values)
 
 
 def change_subject(connection: Connection, subject: int, **values: Any) -> None:
     """Write columns of a subject's row."""
-    chain.change(connection, schema.subject, subject, values)
+    _change(connection, schema.subject, subject, **values)
 
 
 def facts(connection: Connection, study: int) -> dict[int, dict[str, str]]:
@@ -181,7 +185,7 @@ def set_fact(connection: Connection, subject: int, name: str, value: str | None,
     fact = schema.demographic
     there = connection.execute(select(fact.c.id).where(fact.c.subject_id == subject, fact.c.name == name)).scalar()
     if there is not None:
-        chain.change(connection, fact, there, {"value": value, "unit": unit})
+        _change(connection, fact, there, value=value, unit=unit)
     elif value is not None:
         _add(connection, fact, {"subject_id": subject, "name": name, "value": value, "unit": unit})
 
@@ -241,7 +245,7 @@ def begin_run(
 
 def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
     """Store that a run is done, restarted or stopped."""
-    chain.change(connection, schema.run, run, {"state": state, "ended_utc": stamp(now)})
+    _change(connection, schema.run, run, state=state, ended_utc=stamp(now))
 
 
 @dataclass(frozen=True)
@@ -386,13 +390,13 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "presentations": played.presentations,
         "rig_tick": played.rig_tick,
     }
-    (added,) = chain.write(connection, schema.trial, [row])
+    added = _add(connection, schema.trial, row)
     lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
     rows = [
         {"trial_id": added.id, "position": index, **vars(interval), "client_lit_ms": lit[index]}
         for index, interval in enumerate(played.intervals)
     ]
-    intervals = chain.write(connection, schema.interval, rows)
+    connection.execute(insert(schema.interval), rows)
     ended_s, received_s = played.ended_s, answer.received_s
     values = {
         "trial_id": added.id,
@@ -403,6 +407,4 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "server_received_utc": stamp(answer.received),
         "server_after_end_s": None if received_s is None or ended_s is None else received_s - ended_s,
     }
-    (response,) = chain.write(connection, schema.response, [values])
-    of_intervals = [(schema.interval, interval) for interval in intervals]
-    chain.link(connection, [(schema.trial, added), *of_intervals, (schema.response, response)])
+    connection.execute(insert(schema.response), values)

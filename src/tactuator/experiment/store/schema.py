@@ -40,18 +40,7 @@ def _table(name: str, *parts: Any) -> Table:
     return Table(name, tables, Column("id", Integer, primary_key=True), *parts)
 
 
-schema_version = Table("schema_version", tables, *_needed(Integer, "version"), *_needed(String, "uid"))
-
-chain = _table(
-    "chain",
-    *_needed(String, "of_table"),
-    *_needed(Integer, "of_row"),
-    *_needed(String, "content_sha256", "origin", "sha256"),
-)
-"""A link for every row that was written, in the order of writing; origin: the store it was merged from, or ""."""
-
-NOT_CHAINED = ("schema_version", "chain")
-"""Tables whose rows leave no link: the chain itself, and what it begins with."""
+schema_version = Table("schema_version", tables, *_needed(Integer, "version"))
 
 study = _table("study", *_needed(String, "name", "created_utc"))
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from secrets import token_hex
 from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, func, insert, inspect, select
@@ -140,9 +139,9 @@ _DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, Unic
 class Store:
     """The database at a path, which is made if it is not there (unless must_exist).
 
-    place: a path, or postgresql+pg8000://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable: every
-    commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away, where
-    nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused. Raises
+    place: a path, or postgresql+pg8000://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable:
+    every commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away,
+    where nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused. Raises
     BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server likewise.
     """
 
@@ -247,8 +246,7 @@ class Store:
             with self._writing() as connection:
                 if not inspect(connection).get_table_names():  # another process may have been first
                     schema.tables.create_all(connection)
-                    new = {"version": schema.VERSION, "uid": token_hex(16)}
-                    connection.execute(insert(schema.schema_version).values(new))
+                    connection.execute(insert(schema.schema_version).values(version=schema.VERSION))
         elif schema.schema_version.name not in names:
             raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
         else:
@@ -303,7 +301,7 @@ def is_server(place: str | os.PathLike[str]) -> bool:
 _SERVER = ("postgresql://", "postgresql+pg8000://")
 _SERVER_TIMEOUT_S = 10.0
 _LOCK = 0x7461637475
-"""Number of the advisory lock that one writer at a time holds: the links of the chain follow one another."""
+"""Number of the advisory lock that one writer at a time holds, so that subjects get numbers of their own."""
 
 
 def _server(place: str) -> Engine:
