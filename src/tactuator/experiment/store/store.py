@@ -141,8 +141,8 @@ class Store:
 
     place: a path, or postgresql+pg8000://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable:
     every commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away,
-    where nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused. Raises
-    BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server likewise.
+    where nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused.
+    Raises BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server.
     """
 
     def __init__(
