@@ -87,7 +87,7 @@ ECHO = """
 import sqlite3, sys, uvicorn
 from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
-from tactuator.web.server import listener
+from tactuator.web.server import Address
 async def echo(socket):
     await socket.accept()
     while True:
@@ -99,7 +99,7 @@ store = sqlite3.connect(sys.argv[1], isolation_level=None) if len(sys.argv) > 1 
 if store is not None:
     for line in ("PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "CREATE TABLE said (text)"):
         store.execute(line)
-sock = listener("127.0.0.1", 0)
+sock = Address().listen()
 sys.stderr.write(f"subject S1: http://127.0.0.1:{sock.getsockname()[1]}/s/x\\n")
 sys.stderr.flush()
 uvicorn.Server(uvicorn.Config(Starlette(routes=[WebSocketRoute("/ws/subject/x", echo)]), log_level="error")).run([sock])

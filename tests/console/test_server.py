@@ -28,9 +28,8 @@ from tactuator.console.requests import checked
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
-from tactuator.web.server import listener
+from tactuator.web.server import Address
 from tests.console.pages import TOKEN, dropped
-from tests.web.access import requesting
 from tests.web.access.mutating import Asking, defects, fails_once, fuzz
 from tests.web.server import served
 from tests.web.study import FORKS
@@ -209,7 +208,7 @@ def serving(said):
     os.dup2(said.fileno(), 2)
     sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115
     console.PATIENCE_S = 0.3
-    app, sock = FastAPI(), listener("127.0.0.1", 0)
+    app, sock = FastAPI(), Address().listen()
 
     def say(text):
         os.write(1, f"{text}\n".encode())
@@ -325,18 +324,10 @@ def goes_on(console, opened):
     other.close()
 
 
-def test_fuzz__defect_in_one_message_or_request_of_many__is_noticed(
-    console, files, caplog, monkeypatch, opened, goes_on
-) -> None:
-    with monkeypatch.context() as patched:
-        fails_once(patched, "tactuator.console.requests.checked", 70)
-        with pytest.raises(AssertionError, match="a request of the console failed"):
-            fuzz(lambda: opened("/ws/rig"), requests_of("/ws/rig", files), FEW, (caplog, patched), goes_on, KEPT)
-    caplog.clear()
-    fails_once(monkeypatch, "tactuator.console.app.static_file", 8)  # after warnings
-    requests = requesting.heads(["/static/console.css"], TOKEN)
-    with pytest.raises(AssertionError, match="Exception in ASGI"):
-        requesting.fuzz(console.port, requests, FEW, caplog, monkeypatch, goes_on)
+def test_fuzz__defect_in_one_message_of_many__is_noticed(files, caplog, monkeypatch, opened, goes_on) -> None:
+    fails_once(monkeypatch, "tactuator.console.requests.checked", 70)
+    with pytest.raises(AssertionError, match="a request of the console failed"):
+        fuzz(lambda: opened("/ws/rig"), requests_of("/ws/rig", files), FEW, (caplog, monkeypatch), goes_on, KEPT)
 
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
@@ -344,13 +335,6 @@ def test_fuzz__defect_in_one_message_or_request_of_many__is_noticed(
 def test_console__fuzzed_messages__logs_no_defect(files, caplog, monkeypatch, opened, goes_on, path, count):
     heard = fuzz(lambda: opened(path), requests_of(path, files), count, (caplog, monkeypatch), goes_on, KEPT)
     assert len(heard) > count // 2
-
-
-@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
-def test_console__fuzzed_requests__logs_no_defect(console, files, caplog, monkeypatch, goes_on, count) -> None:
-    paths = ["/", "/static/console.css", f"/made/{files['curve']}/curve.csv", "/ws", "/ws/rig", "/operator"]
-    answered = requesting.fuzz(console.port, requesting.heads(paths, TOKEN), count, caplog, monkeypatch, goes_on)
-    assert answered > count // 4
 
 
 @pytest.mark.parametrize(

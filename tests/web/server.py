@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from fastapi import FastAPI
 from websockets import Origin
 from websockets.sync.client import ClientConnection, connect
 
-from tactuator.web.server import listener, server_config
+from tactuator.web.server import Address
 
 
 @dataclass
@@ -59,10 +58,8 @@ class Client:
 
 
 @contextmanager
-def served(app: FastAPI, **more: Any) -> Iterator[Client]:
-    """more: of uvicorn's configuration."""
-    config = server_config(app, time.monotonic, timeout_graceful_shutdown=2, **more)
-    server, sock = uvicorn.Server(config), listener("127.0.0.1", 0)
+def served(app: FastAPI, address: Address = Address()) -> Iterator[Client]:
+    server, sock = uvicorn.Server(address.config(app, timeout_graceful_shutdown=2)), address.listen()
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
     try:

@@ -24,7 +24,7 @@ from tactuator.console.study import StudyAtRig
 from tactuator.console.uploads import add_file_routes
 from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file
-from tactuator.web.sockets import CLOSE_ABSENT, admitted
+from tactuator.web.sockets import CLOSE_ABSENT, admitted, refuse
 from tactuator.web.study_pages import StudyPages, add_study_pages
 
 _HEADERS = HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; media-src blob:"}
@@ -76,7 +76,7 @@ def _add_connection(app: FastAPI, path: str, token: str, serve: Callable[[WebSoc
         if not await admitted(socket, token):
             return
         if serve is None:
-            await socket.close(CLOSE_ABSENT)
+            await refuse(socket, CLOSE_ABSENT)
         else:
             await serve(socket)
 

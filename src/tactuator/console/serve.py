@@ -1,7 +1,6 @@
 """The verb `console`: the page of the chain, served to this machine."""
 
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -40,7 +39,7 @@ def console(
 
     from tactuator.console.app import ConsoleServer, build_console
     from tactuator.console.state import ConsoleState
-    from tactuator.web.server import Address
+    from tactuator.web.server import Address, run_server
 
     if rig is not None and display is None:
         raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
@@ -49,15 +48,15 @@ def console(
     # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     state, token = ConsoleState(None if display is None else Path(display)), secrets.token_urlsafe(_TOKEN_BYTES)
-    sock = address.listen()
-    with sock, _held(rig, state, seed) as held, _figures_apart() as apart:
-        config = address.config(build_console(state, token, apart, held), time.monotonic)
+    with address.listen() as listening, _held(rig, state, seed) as held, _figures_apart() as apart:
         close = (lambda: None) if held is None else held.close
-        server = ConsoleServer(config, close, state.uploads.forget)
-        lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
-        sys.stderr.write("\n".join(lines) + "\n")
-        sys.stderr.flush()
-        server.run(sockets=[sock])
+        run_server(
+            build_console(state, token, apart, held),
+            address,
+            listening,
+            lambda base: [f"console: {base}/#token={token}"],
+            lambda config: ConsoleServer(config, close, state.uploads.forget),
+        )
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 """The verb `experiment serve`: the study in a browser."""
 
 import os
-import sys
-import time
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
@@ -27,7 +25,6 @@ from tactuator.verbs.parameters import (
 
 if TYPE_CHECKING:
     from tactuator.web.lab import Lab
-    from tactuator.web.server import Address
 
 TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
 _SHORTEST_TOKEN = 16
@@ -66,15 +63,13 @@ def serve(
 
     Raises BadInput where another process runs the sessions of the store.
     """
-    import uvicorn
-
     from tactuator.experiment.protocol.file import read_protocol
     from tactuator.experiment.protocol.study import StudyProtocol
     from tactuator.experiment.session.studies import fresh_token, open_study, task_of
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.web.lab import Lab
-    from tactuator.web.server import Address
+    from tactuator.web.server import Address, run_server
     from tactuator.web.study_pages import build_app
 
     folder = Path(protocol).parent
@@ -87,26 +82,21 @@ def serve(
         names = operator or [study_protocol.study.experimenter or "operator"]
         operators = {_operator_token(tokens, line): name for line, name in enumerate(names)}
         task = task_of(study_protocol, folder, apparatus)
-        with closing(address.listen()) as sock, opened_store(store) as database:
+        with address.listen() as listening, opened_store(store) as database:
             study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder, names[0])
-            lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-            server = uvicorn.Server(address.config(build_app(lab, operators), time.monotonic))
-            _tell(lab, address, address.base_url(sock), operators)
-            try:
-                server.run(sockets=[sock])
-            finally:
-                lab.close()
+            with closing(Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")) as lab:
+                run_server(build_app(lab, operators), address, listening, lambda base: _links(lab, base, operators))
 
 
-def _tell(lab: "Lab", address: "Address", base: str, operators: Mapping[str, str]) -> None:
+def _links(lab: "Lab", base: str, operators: Mapping[str, str]) -> list[str]:
+    """Return each operator's and subject's address, and what the protocol warns of."""
     named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
     lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
     for row in lab.sessions:
         visit = "" if row.visit == 1 else f", visit {row.visit}"
         lines.append(f"subject {row.subject_code}{visit}: {base}/s/{row.link_token}")
-    lines += [warning for warning in (address.warning, lab.study.task.protocol.warning) if warning]
-    sys.stderr.write("\n".join(lines) + "\n")
-    sys.stderr.flush()
+    warning = lab.study.task.protocol.warning
+    return [*lines, warning] if warning else lines
 
 
 def _operator_token(path: Path | None, line: int = 0) -> str:

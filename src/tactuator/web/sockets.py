@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 from collections.abc import Coroutine, Mapping
+from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -60,6 +61,12 @@ def same_origin(socket: WebSocket) -> bool:
     return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
 
 
+async def refuse(socket: WebSocket, code: int) -> None:
+    """Close a connection with that code, if its page is still there."""
+    with suppress(WebSocketDisconnect, RuntimeError):
+        await socket.close(code)
+
+
 async def admitted(socket: WebSocket, token: str) -> bool:
     """Accept a connection, and return whether a page of this server made it and sent the token; others are closed."""
     return await who_is(socket, {token: ""}) is not None
@@ -72,7 +79,7 @@ async def who_is(socket: WebSocket, people: Mapping[str, str]) -> str | None:
     await socket.accept()
     name = await _name_of(socket, people) if same_origin(socket) else None
     if name is None:
-        await socket.close(CLOSE_FORBIDDEN)
+        await refuse(socket, CLOSE_FORBIDDEN)
     return name
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Coroutine, Mapping
-from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Response, WebSocket
@@ -11,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage
 from tactuator.web.pages import answer_plainly, page, plain_text, static_file
-from tactuator.web.sockets import CLOSE_ABSENT, same_origin, who_is
+from tactuator.web.sockets import CLOSE_ABSENT, refuse, same_origin, who_is
 from tactuator.web.subject import SubjectTab
 
 _NOTHING = "There is no such page here."
@@ -51,8 +50,7 @@ class StudyPages:
             self._open.discard(task)
             task.cancel()
         if task.cancelled():
-            with suppress(RuntimeError):  # the page has gone meanwhile
-                await socket.close(CLOSE_ABSENT)
+            await refuse(socket, CLOSE_ABSENT)
         else:
             task.result()
 
@@ -106,7 +104,7 @@ def _add_connections(app: FastAPI, pages: StudyPages, operators: Mapping[str, st
         lab = pages.lab
         row = None if lab is None else lab.by_token(token)
         if lab is None or row is None or not same_origin(socket):
-            await socket.close(CLOSE_ABSENT)
+            await refuse(socket, CLOSE_ABSENT)
             return
         await pages.serve(socket, SubjectTab(socket, lab, row).serve())
 
@@ -116,6 +114,6 @@ def _add_connections(app: FastAPI, pages: StudyPages, operators: Mapping[str, st
         if who is None:
             return
         if pages.lab is None:
-            await socket.close(CLOSE_ABSENT)
+            await refuse(socket, CLOSE_ABSENT)
         else:
             await pages.serve(socket, OperatorPage(socket, pages.lab, who).serve())

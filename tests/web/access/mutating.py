@@ -16,8 +16,6 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tactuator.web import server as serving
-
 LOGGERS = ("uvicorn", "uvicorn.error", "uvicorn.access", "asyncio", "tactuator.web.lab")
 """Where a server's defects are told."""
 NASTY = (
@@ -30,8 +28,7 @@ RAW = ("9" * 5000, "1e400", "-0", "[" * 3000, "NaN", '"\\ud800"', '"\\u0000"', "
 
 
 def hear_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a test hear all that a server logs: uvicorn's own do not pass on, and the limit would leave defects out."""
-    monkeypatch.setattr(serving, "_LOGGED_PER_MINUTE", 10**9)
+    """Let a test hear all that a server logs: uvicorn's own loggers do not pass on."""
     for name in LOGGERS:
         monkeypatch.setattr(logging.getLogger(name), "propagate", True)
 
