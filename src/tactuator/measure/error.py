@@ -97,7 +97,7 @@ def expected_v(response: Response, controller: Controller) -> FloatArray:
     return np.asarray(_reshaped(response, controller) * np.abs(answer))
 
 
-_DITHERED, _BLIND = 0.6, 1e-3
+DITHERED, _BLIND = 0.6, 1e-3
 """Noise, in steps of the A/D, from which on a reading follows all that moves; share of a motion that nobody reads."""
 
 
@@ -124,7 +124,7 @@ def reading_doubt_db(
     channel = controller.display.channel(name)
     step_v, environment = channel.converter.step_v, channel.environment
     noise_v = np.broadcast_to(np.hypot(environment.noise_v_rms, beside_v_rms), amplitude_v.shape)
-    doubt, coarse = images_db(controller.display, name, frequency_hz), noise_v < _DITHERED * step_v
+    doubt, coarse = images_db(controller.display, name, frequency_hz), noise_v < DITHERED * step_v
     if np.any(coarse):
         feedback = ChannelPrediction.of(controller, name).loop.feedback
         heard = None if feedback is None else feedback.sensitivity

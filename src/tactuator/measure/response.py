@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, repeat, takewhile
+from operator import attrgetter
 
 import numpy as np
 import scipy
@@ -33,10 +34,11 @@ _FEWEST_BLOCKS = 8
 
 
 @dataclass(frozen=True)
-class _Point:
-    """One frequency on every channel: arrays of shape (channels,)."""
+class TonePoint:
+    """One frequency on every channel that is read: arrays of shape (channels,). half_width: of the amplitude's size."""
 
     amplitude: ComplexArray
+    half_width: NDArray[np.float64]
     confidence_db: NDArray[np.float64]
     noise_v: NDArray[np.float64]
     distortion_v: NDArray[np.float64]
@@ -62,9 +64,9 @@ def stepped_sine(
     """
     columns = check_asked(rig, frequency_hz, options)
     frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
-    points: list[_Point] = []
+    points: list[TonePoint] = []
     for frequency in frequencies:
-        points.append(_Tone(rig, float(frequency), columns, options).measure())
+        points.append(Tone(rig, float(frequency), columns, columns, options).measure())
         if progress is not None:
             progress(len(points), frequencies.size)
         if so_far is not None:
@@ -104,11 +106,23 @@ def on_columns(rig: Rig, columns: Sequence[int], wave: NDArray[np.float64]) -> N
     return reference
 
 
-class _Tone:
-    """One frequency being played on the measured channels; the others stay silent."""
+class Tone:
+    """One frequency that is played on `driven` columns and read on `columns`; channels that are not driven stay silent.
 
-    def __init__(self, rig: Rig, frequency_hz: float, columns: Sequence[int], options: MeasurementOptions) -> None:
-        self._rig, self._frequency, self._columns, self._options = rig, frequency_hz, columns, options
+    doubt_db: of each column that is read, what has to come down to the confidence asked for: its half-width.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        frequency_hz: float,
+        driven: Sequence[int],
+        columns: Sequence[int],
+        options: MeasurementOptions,
+        doubt_db: Callable[[TonePoint], FloatArray] = attrgetter("confidence_db"),
+    ) -> None:
+        self._rig, self._frequency, self._driven, self._columns = rig, frequency_hz, driven, columns
+        self._options, self._doubt_db = options, doubt_db
         self._reference = float(from_db(options.level_db_sl))
         self._tail = 0.5 * (1.0 - options.coverage)
         mains = mains_multiples(options.mains_hz, min(420.0, 0.45 * rig.rate_hz))
@@ -124,7 +138,7 @@ class _Tone:
         self._block = round(periods * rig.rate_hz / frequency_hz)
         self._lock_in = LockIn(lines, rig.rate_hz, self._block)
 
-    def measure(self) -> _Point:
+    def measure(self) -> TonePoint:
         """Measure at one frequency: settle, then block after block in one stream; what was fed ahead is played out."""
         confidence_db = self._options.confidence_db
         most = max(_FEWEST_BLOCKS, int(self._options.longest_s * self._rig.rate_hz / self._block))
@@ -132,7 +146,7 @@ class _Tone:
         blocks: list[ComplexArray] = []
         saturated = np.zeros(len(self._columns), dtype=bool)
         wanted = _FEWEST_BLOCKS
-        point: _Point | None = None
+        point: TonePoint | None = None
         references = chain([self._settling(settling)], self._blocks(settling, lambda: point is None))
         cut = recut_traces(self._rig.stream(references), chain([settling], repeat(self._block)))
         next(cut)
@@ -144,7 +158,7 @@ class _Tone:
             if len(blocks) < wanted:
                 continue
             mean = self._point(np.stack(blocks), saturated)
-            worst = float(np.max(mean.confidence_db))
+            worst = float(np.max(self._doubt_db(mean)))
             if worst <= confidence_db or len(blocks) >= most:
                 point = mean
             growth = (worst / confidence_db) ** 2 if np.isfinite(worst) else 4.0
@@ -158,11 +172,11 @@ class _Tone:
 
     def _settling(self, count: int) -> NDArray[np.float64]:
         rise = np.minimum(1.0, np.arange(count) / (0.4 * count))
-        return on_columns(self._rig, self._columns, self._wave(0, count) * (0.5 - 0.5 * np.cos(np.pi * rise)))
+        return on_columns(self._rig, self._driven, self._wave(0, count) * (0.5 - 0.5 * np.cos(np.pi * rise)))
 
     def _blocks(self, start: int, wanted: Callable[[], bool]) -> Iterator[NDArray[np.float64]]:
         while wanted():
-            yield on_columns(self._rig, self._columns, self._wave(start, self._block))
+            yield on_columns(self._rig, self._driven, self._wave(start, self._block))
             start += self._block
 
     def _amplitudes(self, trace: Trace, start: int) -> ComplexArray:
@@ -170,7 +184,7 @@ class _Tone:
         amplitudes = 1j * self._lock_in(trace.position_v[:, self._columns], start)
         return amplitudes[: self._harmonics.size]
 
-    def _point(self, blocks: ComplexArray, saturated: NDArray[np.bool_]) -> _Point:
+    def _point(self, blocks: ComplexArray, saturated: NDArray[np.bool_]) -> TonePoint:
         """Return the point of the mean of blocks, shape (count, harmonics, channels)."""
         count = blocks.shape[0]
         mean = blocks.mean(axis=0)
@@ -179,14 +193,15 @@ class _Tone:
         confidence = half_width_db(mean[0], half_width)
         distortion = np.sqrt(np.sum(np.abs(mean[1:]) ** 2, axis=0))
         averaged = count * self._block / self._rig.rate_hz
-        return _Point(mean[0], confidence, np.sqrt(2.0 * variance), distortion, saturated.copy(), averaged)
+        noise = np.sqrt(2.0 * variance)
+        return TonePoint(mean[0], half_width, confidence, noise, distortion, saturated.copy(), averaged)
 
 
 def _responses(
     rig: Rig,
     columns: Sequence[int],
     frequencies: NDArray[np.float64],
-    points: Sequence[_Point],
+    points: Sequence[TonePoint],
     options: MeasurementOptions,
 ) -> tuple[Response, ...]:
     done = frequencies[: len(points)]

@@ -26,6 +26,7 @@ from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
 from tactuator.verbs.designed import ControllerResult
 from tactuator.verbs.parameters import paper_controller
+from tactuator.verbs.response import MeasuredResponses
 from tactuator.verbs.result import promoted
 from tactuator.verbs.speech import SpokenResult
 from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
@@ -208,13 +209,14 @@ def measure_responses(
         result = tt.measure_response(
             rig, controller, RESPONSE_HZ, level, load, confidence_db=CONFIDENCE_DB[level], coverage=together
         )
+        assert isinstance(result, MeasuredResponses)
         for measured in result.responses:
             hertz = measured.frequency_hz
             expected = np.abs(controller.response(measured.channel, hertz)) * from_db(level)
             target = controller.display.channel(measured.channel).threshold_voltage(hertz) * from_db(level)
             columns = (hertz, expected, target, measured.magnitude_v, measured.confidence_db, measured.saturated)
-            for f, e, t, m, ci, limited in zip(*(column.tolist() for column in columns), strict=True):
-                points.append(ResponsePoint(measured.channel, load, level, f, e, t, m, ci, limited))
+            rows = zip(*(column.tolist() for column in columns), strict=True)
+            points += [ResponsePoint(measured.channel, load, level, *row) for row in rows]
         progress("response", (index + 1) / len(runs))
     return tuple(points)
 

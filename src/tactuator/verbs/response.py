@@ -39,16 +39,20 @@ from tactuator.verbs.parameters import (
 from tactuator.verbs.result import Result, columns_of, say, working
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
 
     from tactuator.measure.adaptive import Learnt
+    from tactuator.measure.crosstalk import Crosstalk
     from tactuator.measure.disturbance import DisturbanceReport
     from tactuator.measure.error import ResponseLevels
     from tactuator.measure.finger import FingerEstimate
     from tactuator.measure.noise import FeltNoise
     from tactuator.model.controller import Controller
     from tactuator.model.verdict import Verdict
+    from tactuator.rig.rig import Rig
     from tactuator.signals.record import Response
+    from tactuator.verbs.crosstalk import CrosstalkResult
 
 _LEVEL = ("--level-db-sl", "--level")
 _LIFTED_S = 3.0
@@ -358,16 +362,19 @@ def measure_response(
     confidence_db: Annotated[float, Option("95 % half-width to reach.")] = MeasurementOptions.confidence_db,
     longest_s: Annotated[float, Option("Seconds per point at most.")] = MeasurementOptions.longest_s,
     coverage: float = MeasurementOptions.coverage,
+    crosstalk: Annotated[
+        bool, Option("Drive one channel after the other, and measure what is felt on all the others.")
+    ] = False,
     out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
     figures: Figures = None,
     seed: Seed = 0,
-) -> MeasuredResponses:
+) -> "MeasuredResponses | CrosstalkResult":
     """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
-    it is not flat, or the confidence was not reached.
+    it is not flat, or the confidence was not reached; of crosstalk, if a finger may feel another.
 
-    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: 0 for no mains; coverage:
-    of the confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that the display's own models
-    call unstable.
+    channel: to be measured, or with `crosstalk` to be driven. A rig that is open already is used as it stands;
+    frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the confidence, 0 to 1. Raises BadInput for another load
+    or level, and for a loop that the display's own models call unstable.
 
     >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
     [10.0, 100.0]
@@ -383,15 +390,20 @@ def measure_response(
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
     require_stable(loop, load)
+    if crosstalk and (method != "stepped" or out is not None or figures is not None):
+        raise BadInput("--crosstalk beside --method multisine, --out or --figures", "--json for its figures")
     band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
     wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else numbers(frequency_hz, "frequency_hz")
     with opened(rig, loop.display, seed) as ready:
+        touching = put_on(ready, loop, load, None if crosstalk else channel)
         options = MeasurementOptions(
-            level_db_sl, channel, put_on(ready, loop, load, channel), confidence_db, longest_s, coverage,
+            level_db_sl, channel, touching, confidence_db, longest_s, coverage,
             mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash,
         )  # fmt: skip
         ready.load(loop)
         learnt = settle_weights(ready, loop, level_db_sl, np.random.default_rng(seed))
+        if crosstalk:
+            return _crosstalk(ready, wanted, options)
         if method == "stepped":
             with working("response", wanted.size) as step:
                 responses = stepped_sine(ready, wanted, options, progress=step)
@@ -411,6 +423,17 @@ def measure_response(
 
         save_measured(responses, loop, Path(figures))
     return measured
+
+
+def _crosstalk(rig: "Rig", frequency_hz: "NDArray[np.float64]", options: MeasurementOptions) -> "CrosstalkResult":
+    from tactuator.measure.crosstalk import measure_crosstalk
+    from tactuator.verbs.crosstalk import CrosstalkResult
+
+    rows: list[Crosstalk] = []
+    for name in options.channels or rig.channels:
+        with working(f"driving {name}") as step:
+            rows += measure_crosstalk(rig, name, frequency_hz, options, progress=step)
+    return CrosstalkResult(options.level_db_sl, tuple(rows))
 
 
 def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:

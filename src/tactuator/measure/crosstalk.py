@@ -1,0 +1,145 @@
+"""Crosstalk: what is felt on the other fingers while one channel is driven.
+
+One channel plays a tone, the controller holds the others at rest, and a lock-in at the tone's frequency reads all of
+them: at the finger ports where the rig has them, else by the sensors. What differs between blocks of the tone is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.measure.error import DITHERED
+from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.response import Progress, Tone, TonePoint, check_asked
+from tactuator.rig.rig import Rig, Trace, WrappedRig, require_sensors
+from tactuator.signals.decibels import db, half_width_db
+from tactuator.signals.multisine import tones
+
+_KNOWN_DB = 2.5
+"""Half-width up to which a level is told: the motion is three times its half-width then, which noise alone is in one of
+15,000 cases (of eight blocks)."""
+_LEAST = 1e-5
+"""Half-width at least, of the threshold: no gauge reads a motion 100 dB below it."""
+
+
+@dataclass(frozen=True)
+class FeltLevel:
+    """Level of a tone on one finger, dB SL, with its 95 % half-width; or what it is below, where noise hides it."""
+
+    level_db_sl: float | None
+    confidence_db: float | None
+    below_db_sl: float | None
+
+    @classmethod
+    def of(cls, size: float, half_width: float, threshold: float) -> FeltLevel:
+        """Return the level of a motion that is known to a half-width, all three in one unit."""
+        half_width = max(half_width, _LEAST * threshold)
+        confidence_db = float(half_width_db(size, half_width))
+        if confidence_db <= _KNOWN_DB:
+            return cls(float(db(size / threshold)), confidence_db, None)
+        return cls(None, None, float(db((size + half_width) / threshold)))
+
+    @property
+    def at_most_db_sl(self) -> float:
+        """Return the level, or what it is below."""
+        level_db_sl = self.below_db_sl if self.level_db_sl is None else self.level_db_sl
+        assert level_db_sl is not None
+        return level_db_sl
+
+    @property
+    def words(self) -> str:
+        """Return the level as it is read."""
+        if self.level_db_sl is None:
+            return f"below {self.below_db_sl:.1f}"
+        return f"{self.level_db_sl:.2f} ± {max(self.confidence_db or 0.0, 0.01):.2g}"
+
+
+@dataclass(frozen=True)
+class Crosstalk:
+    """Levels on the fingers that can be read, by channel, while one channel plays a tone; its own is among them.
+
+    saturated: a limit was reached on one of them.
+    """
+
+    driven: str
+    load: str
+    frequency_hz: float
+    levels: dict[str, FeltLevel]
+    saturated: bool
+
+    @property
+    def others(self) -> dict[str, FeltLevel]:
+        """Return the levels of the channels that are not driven."""
+        return {name: level for name, level in self.levels.items() if name != self.driven}
+
+
+def measure_crosstalk(
+    rig: Rig, driven: str, frequency_hz: ArrayLike, options: MeasurementOptions, *, progress: Progress | None = None
+) -> tuple[Crosstalk, ...]:
+    """Drive one channel under the loaded controller; return what is felt on all that have a finger port or a sensor.
+
+    Each frequency (m,) is played, kept off mains as by `stepped_sine`, until every other channel is surely below
+    threshold or known to the confidence asked for, or for longest_s. progress: is told the number of frequencies done
+    and of all. Raises BadInput as `stepped_sine` does, and where no other channel can be read.
+    """
+    at_ports = rig.has_finger_ports
+    read = _FeltRig(rig) if at_ports else rig
+    others = [name for name in rig.channels if name != driven]
+    if not others:
+        raise BadInput(f"channel {driven!r} is the only one", "a display with another")
+    if set(others) <= set(read.without_sensor):
+        require_sensors(read, others)
+    names = [name for name in rig.channels if name not in read.without_sensor]
+    columns = check_asked(read, frequency_hz, replace(options, channels=names))
+    frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
+    channels = [rig.display.channel(name) for name in names]
+    steps_v, noise_v = np.array([(each.converter.step_v, each.environment.noise_v_rms) for each in channels]).T
+    # a sensor with little noise does not read a motion within a step of the A/D
+    unread = np.where((noise_v < DITHERED * steps_v) & (not at_ports), 0.5 * steps_v, 0.0)
+    is_other = np.array(names) != driven
+    rows: list[Crosstalk] = []
+    for hertz in frequencies.tolist():
+        curves = (each.threshold.curve.displacement_mm if at_ports else each.threshold_voltage for each in channels)
+        threshold = np.array([float(curve(hertz)) for curve in curves])
+
+        def doubt_db(point: TonePoint, threshold: FloatArray = threshold) -> FloatArray:
+            is_open = np.abs(point.amplitude) + point.half_width + unread > threshold
+            return np.where(is_other & is_open & (point.half_width > 0.0), point.confidence_db, 0.0)
+
+        point = Tone(read, hertz, [rig.channels.index(driven)], columns, options, doubt_db).measure()
+        motions = zip(np.abs(point.amplitude), point.half_width + unread, threshold, strict=True)
+        levels = dict(zip(names, (FeltLevel.of(*motion) for motion in motions), strict=True))
+        rows.append(Crosstalk(driven, options.load, hertz, levels, bool(np.any(point.saturated))))
+        if progress is not None:
+            progress(len(rows), frequencies.size)
+    rig.rest()
+    return tuple(rows)
+
+
+class _FeltRig(WrappedRig):
+    """A rig in whose traces position_v is what the finger ports feel, millimetres."""
+
+    without_sensor = ()
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Stream blocks, with dial gauges at the finger ports."""
+        ports = [self.finger(name) for name in self.channels]
+        felt = [[np.zeros(0)] for _ in ports]
+        gauges = [parts.append for parts in felt]
+        for port, gauge in zip(ports, gauges, strict=True):
+            port.attach(gauge)
+        try:
+            for trace in self._rig.stream(blocks):
+                rows = np.stack([np.concatenate(parts) for parts in felt], axis=1)
+                for parts, column in zip(felt, rows.T, strict=True):
+                    parts[:] = [column[len(trace) :]]
+                yield replace(trace, position_v=rows[: len(trace)])
+        finally:
+            for port, gauge in zip(ports, gauges, strict=True):
+                port.detach(gauge)
