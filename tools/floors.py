@@ -18,7 +18,7 @@ TASKS = {
     "measure": "responses, noise, disturbance, felt levels",
     "rig": "runs an image and can be touched",
     "synthesis": "loop, prefilter, verdict",
-    "wordlength": "number formats",
+    "wordlength": "word length",
     "identification": "a model with its uncertainty, from a record",
     "runtime": "the core's binding: image, safety, simulation",
     "io": "read and write; the nouns; L, S, T and margins",

@@ -114,7 +114,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->taken++;
     board->safety = *safety;
     board->channels = safety->channels;
-    board->image.format = board->image.adapts = 0;
+    board->image.channels = board->image.adapts = 0;
     board->delay_at = 0;
     board->turn = 0;
     board->turns = safety->turns;
@@ -143,19 +143,12 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
         const float most = board->safety.channel[c].command_max_v;
-        channel->single = &board->image.tables.single[c];
-        channel->q31 = &board->image.tables.q31[c];
+        tact_controller *table = &board->image.controller[c];
+        table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
+        table->command_min_v = -table->command_max_v;
+        channel->controller = &board->image.controller[c];
         channel->touch = &board->image.touch[c];
         channel->strength = &board->image.strength[c];
-        if (image->format == TACT_Q31) {
-            tact_controller_q31 *table = &board->image.tables.q31[c];
-            const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);
-            table->command_max = table->command_max < limit ? table->command_max : limit;
-        } else {
-            tact_controller *table = &board->image.tables.single[c];
-            table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
-            table->command_min_v = -table->command_max_v;
-        }
     }
     return 1;
 }

@@ -39,14 +39,9 @@ typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
 typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_ending;
 enum { TACT_TRACE_COMMAND_LIMITED = 1 };
 
-typedef union {
-    tact_controller_state single;
-    tact_controller_q31_state q31;
-} tact_board_controller_state;
-
 /* What one channel's period works on. */
 typedef struct {
-    tact_board_controller_state controller;
+    tact_controller_state controller_state;
     tact_guard_table guard_table;
     tact_float_pair to_code;     /* D/A: offset_v | steps per volt */
     tact_guard_state guard;
@@ -59,8 +54,7 @@ typedef struct {
     tact_touch_state touch_state;
     tact_strength_state strength_state;
     const tact_safety_channel *safety; /* in the board's table */
-    const tact_controller *single;     /* in the board's image */
-    const tact_controller_q31 *q31;
+    const tact_controller *controller; /* in the board's image */
     const tact_strength *strength;     /* in the board's image; its is_on 0: a reference stays as it comes */
     const tact_touch *touch;           /* in the board's image; its feedback_count 0: nothing is fed forward */
 } tact_board_channel;

@@ -79,7 +79,7 @@ void tact_drawn_safety(tact_safety *safety, const tact_safety *from, tact_noise 
         draw_channel(&safety->channel[c], noise);
 }
 
-static void draw_single(tact_controller *table, uint32_t kind, float share)
+static void draw_controller(tact_controller *table, uint32_t kind, float share)
 {
     tact_section *first = table->feedback_count ? &table->feedback[0] : &table->prefilter[0];
     if (kind == 1) { /* stronger or weaker, and of the wrong sign at times */
@@ -96,21 +96,6 @@ static void draw_single(tact_controller *table, uint32_t kind, float share)
         last->b0 *= 2.0f;
         last->b1 *= 2.0f;
         last->b2 *= 2.0f;
-    }
-}
-
-static void draw_q31(tact_controller_q31 *table, uint32_t kind, float share)
-{
-    tact_section_q31 *first = table->feedback_count ? &table->feedback[0] : &table->prefilter[0];
-    if (kind == 1 && first->shift0 > 3 && first->shift1 > 3 && first->shift2 > 3) {
-        first->shift0--;
-        first->b1 = first->b1 / 2;
-    } else if (kind == 2) {
-        table->feedback_count = 0;
-    } else if (kind == 3) {
-        table->prefilter_count = 1;
-    } else if (kind == 4) {
-        first->b0 = share < 0.5f ? -first->b0 : first->b0 / 2;
     }
 }
 
@@ -131,9 +116,6 @@ void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noi
         const float share = tact_drawn_share(noise);
         if (kind > 5 && image->touch[c].feedback_count)
             draw_touch(&image->touch[c], noise);
-        if (image->format == TACT_Q31)
-            draw_q31(&image->tables.q31[c], kind, share);
-        else
-            draw_single(&image->tables.single[c], kind, share);
+        draw_controller(&image->controller[c], kind, share);
     }
 }

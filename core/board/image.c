@@ -37,41 +37,8 @@ static int32_t read_sections(tact_reader *reader, tact_section *sections, int32_
     return TACT_IMAGE_GOOD;
 }
 
-static double power_of_half(int shift)
-{
-    double value = 1.0;
-    for (int i = 0; i < shift; i++)
-        value *= 0.5;
-    return value;
-}
-
-static int32_t read_sections_q31(tact_reader *reader, tact_section_q31 *sections, int32_t count, int marginal)
-{
-    for (int32_t i = 0; i < count; i++) {
-        int32_t value[5];
-        uint8_t shift[4];
-        for (int j = 0; j < 5; j++) {
-            value[j] = tact_read_i32(reader);
-            if (value[j] == INT32_MIN)
-                return TACT_IMAGE_COEFFICIENT;
-        }
-        tact_read_bytes(reader, shift, 4);
-        for (int j = 0; j < 3; j++)
-            if (shift[j] < TACT_Q31_SHIFT_MIN || shift[j] > TACT_Q31_SHIFT_MAX)
-                return TACT_IMAGE_COEFFICIENT;
-        const double a1 = value[3] * power_of_half(TACT_Q31_EXTRA + shift[1]);
-        const double a2 = value[4] * power_of_half(TACT_Q31_EXTRA + shift[2]);
-        if (!is_stable(a1, a2, marginal))
-            return TACT_IMAGE_UNSTABLE_SECTION;
-        const tact_section_q31 section = {value[0], value[1], value[2], value[3], value[4],
-                                          shift[0], shift[1], shift[2], 0};
-        sections[i] = section;
-    }
-    return TACT_IMAGE_GOOD;
-}
-
-static int32_t read_single(tact_reader *reader, tact_controller *table, int32_t prefilters, int32_t feedbacks,
-                           float limit_v)
+static int32_t read_controller(tact_reader *reader, tact_controller *table, int32_t prefilters, int32_t feedbacks,
+                               float limit_v)
 {
     table->prefilter_count = prefilters;
     table->feedback_count = feedbacks;
@@ -88,31 +55,6 @@ static int32_t read_single(tact_reader *reader, tact_controller *table, int32_t 
         return TACT_IMAGE_COEFFICIENT;
     const int32_t refusal = read_sections(reader, table->prefilter, prefilters, 0);
     return refusal ? refusal : read_sections(reader, table->feedback, feedbacks, 1);
-}
-
-static int32_t read_q31(tact_reader *reader, tact_controller_q31 *table, int32_t prefilters, int32_t feedbacks,
-                        float limit_v)
-{
-    const int32_t most = (int32_t)1 << 30;
-    uint8_t shift[4];
-    table->prefilter_count = prefilters;
-    table->feedback_count = feedbacks;
-    table->command_max = tact_q31_of(limit_v, TACT_Q31_PER_VOLT);
-    for (int i = 0; i < 3; i++)
-        table->unwinding[i] = tact_read_i32(reader);
-    table->reference_max = tact_read_i32(reader);
-    tact_read_bytes(reader, shift, 4);
-    for (int i = 0; i < 3; i++) {
-        const int32_t greatest = i < 2 ? TACT_Q31_SHIFT_MAX : TACT_Q31_CONDITIONING_SHIFT_MAX;
-        table->unwinding_shift[i] = shift[i];
-        if (shift[i] < TACT_Q31_SHIFT_MIN || shift[i] > greatest || table->unwinding[i] > most ||
-            table->unwinding[i] < -most)
-            return TACT_IMAGE_COEFFICIENT;
-    }
-    if (table->reference_max < 0)
-        return TACT_IMAGE_COEFFICIENT;
-    const int32_t refusal = read_sections_q31(reader, table->prefilter, prefilters, 0);
-    return refusal ? refusal : read_sections_q31(reader, table->feedback, feedbacks, 1);
 }
 
 static int32_t read_touch_floats(tact_reader *reader, float *to, int32_t count)
@@ -166,14 +108,6 @@ static int32_t read_strength(tact_reader *reader, tact_strength *strength)
     return tact_strength_is_valid(strength) ? TACT_IMAGE_GOOD : TACT_IMAGE_COEFFICIENT;
 }
 
-static int32_t read_tables(tact_reader *reader, tact_image *image, int32_t channel, int32_t prefilters,
-                           int32_t feedbacks, float limit_v)
-{
-    if (image->format == TACT_FLOAT32)
-        return read_single(reader, &image->tables.single[channel], prefilters, feedbacks, limit_v);
-    return read_q31(reader, &image->tables.q31[channel], prefilters, feedbacks, limit_v);
-}
-
 static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t channel)
 {
     tact_read_bytes(reader, image->names[channel], TACT_NAME_SIZE);
@@ -186,7 +120,7 @@ static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t chan
     const float limit_v = tact_read_f32(reader);
     if (!(limit_v > 0.0f && limit_v < COMMAND_LIMIT_MAX))
         return TACT_IMAGE_LIMIT;
-    int32_t refusal = read_tables(reader, image, channel, prefilters, feedbacks, limit_v);
+    int32_t refusal = read_controller(reader, &image->controller[channel], prefilters, feedbacks, limit_v);
     image->adapts += touch != 0;
     image->touch[channel].feedback_count = 0;
     image->strength[channel].is_on = 0;
@@ -198,14 +132,12 @@ static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t chan
 static int32_t read_header(tact_reader *reader, tact_image *image)
 {
     reader->at = 6;
-    image->format = tact_read_u16(reader);
+    image->channels = tact_read_u8(reader);
+    image->delay_samples = tact_read_u8(reader);
     (void)tact_read_u32(reader);
     image->rate_hz = tact_read_f32(reader);
-    image->delay_samples = tact_read_u8(reader);
-    image->channels = tact_read_u8(reader);
-    const uint16_t reserved = tact_read_u16(reader);
     tact_read_bytes(reader, image->hash, TACT_HASH_SIZE);
-    return reader->overrun || reserved != 0 ? TACT_IMAGE_TRUNCATED : TACT_IMAGE_GOOD;
+    return reader->overrun ? TACT_IMAGE_TRUNCATED : TACT_IMAGE_GOOD;
 }
 
 int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, float rate_hz, int32_t delay_samples,
@@ -219,8 +151,6 @@ int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, f
     refusal = read_header(&reader, image);
     if (refusal)
         return refusal;
-    if (image->format != TACT_FLOAT32 && image->format != TACT_Q31)
-        return TACT_IMAGE_FORMAT;
     if (image->rate_hz != rate_hz)
         return TACT_IMAGE_RATE;
     if (image->delay_samples != delay_samples)

@@ -1,6 +1,6 @@
 /* Image: the controllers of all channels as bytes, checked before any of it is used.
  *
- *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
+ *     magic "TACI" | version 4 | channels, delay | length | rate_hz | hash of controller.json (32)
  *     then for each channel: name (16) | prefilter sections, feedback sections, touch, strength | command_limit_v |
  *                            unwinding | sections | where touch is not 0 but 2, the number of this layout, how
  *                            it feeds forward for a finger (touch/table.h): delay, turns, turn, lines of hum (a byte
@@ -10,9 +10,8 @@
  *                            (strength/strength.h): follow, damping, turns, rows of gains
  *     CRC-32 of all before
  *
- * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
- * four int32 and four bytes of shifts, the last one 0. A section: b0 b1 b2 a1 a2 in delta form (section.h); in Q31 five
- * int32 and four bytes of shifts (section_q31.h).
+ * All little-endian, numbers float32. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h).
+ * A section: b0 b1 b2 a1 a2 in delta form (section.h).
  *
  * Refused: anything truncated, flipped, of another version, rate, delay or number of channels; coefficients that are
  * not numbers or out of range; a prefilter section with a pole on or outside the unit circle, a feedback section with
@@ -30,14 +29,12 @@
 #include <stdint.h>
 
 #include "control/controller.h"
-#include "control/controller_q31.h"
 #include "strength/strength.h"
 #include "touch/table.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
-enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 8192 };
+enum { TACT_IMAGE_VERSION = 4, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 8192 };
 enum { TACT_TOUCH_LAYOUT = 2, TACT_STRENGTH_LAYOUT = 1 };
-enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
 
 typedef enum {
     TACT_IMAGE_GOOD = 0,
@@ -45,7 +42,6 @@ typedef enum {
     TACT_IMAGE_NOT_ONE,
     TACT_IMAGE_VERSION_UNKNOWN,
     TACT_IMAGE_CHECKSUM,
-    TACT_IMAGE_FORMAT,
     TACT_IMAGE_RATE,
     TACT_IMAGE_DELAY,
     TACT_IMAGE_CHANNELS,
@@ -56,17 +52,13 @@ typedef enum {
 } tact_image_refusal;
 
 typedef struct {
-    int32_t format; /* TACT_FLOAT32 or TACT_Q31; 0: none is loaded */
     float rate_hz;
     int32_t delay_samples;
-    int32_t channels;
+    int32_t channels; /* 0: none is loaded */
     uint32_t crc;
     uint8_t hash[TACT_HASH_SIZE];
     uint8_t names[TACT_CHANNELS_MAX][TACT_NAME_SIZE];
-    union {
-        tact_controller single[TACT_CHANNELS_MAX];
-        tact_controller_q31 q31[TACT_CHANNELS_MAX];
-    } tables;
+    tact_controller controller[TACT_CHANNELS_MAX];
     int32_t adapts; /* channels that feed forward for a finger */
     tact_touch touch[TACT_CHANNELS_MAX];
     tact_strength strength[TACT_CHANNELS_MAX];

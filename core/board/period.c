@@ -17,10 +17,10 @@ static void put(tact_board_channel *channel, int32_t slot, float command_v, int 
     channel->delayed[slot] = tact_nearest(steps) ^ ((limited ? TACT_TRACE_COMMAND_LIMITED : 0) << 24);
 }
 
-static float command_of_single(tact_board_channel *channel, float reference, float position_v, int *limited)
+static float command_of(tact_board_channel *channel, float reference, float position_v, int *limited)
 {
-    const tact_controller *table = channel->single;
-    tact_controller_state *state = &channel->controller.single;
+    const tact_controller *table = channel->controller;
+    tact_controller_state *state = &channel->controller_state;
     const float wanted_v = channel->touch->feedback_count
                                ? tact_adaptive_step(table, channel->touch, state, &channel->touch_state, reference, position_v)
                                : tact_controller_sections(table, state, reference, position_v);
@@ -29,16 +29,6 @@ static float command_of_single(tact_board_channel *channel, float reference, flo
         return wanted_v;
     const float command_v = tact_controller_limit(table, state, reference, wanted_v);
     channel->broken = state->broken;
-    return command_v;
-}
-
-static float command_of_q31(tact_board_channel *channel, float reference, float position_v, int *limited)
-{
-    tact_controller_q31_state *state = &channel->controller.q31;
-    const float command_v = channel->touch->feedback_count
-                                ? tact_adaptive_q31_step(channel->q31, channel->touch, state, &channel->touch_state, reference, position_v)
-                                : tact_controller_q31_step(channel->q31, state, reference, position_v);
-    *limited = state->clamped;
     return command_v;
 }
 
@@ -55,9 +45,7 @@ static int run_channel(const tact_board *board, tact_board_channel *channel, flo
 {
     int limited;
     const float command_v = board->drives ? command_of_drive(channel, want, board->fade, &limited)
-                            : board->image.format == TACT_Q31
-                                ? command_of_q31(channel, board->fade * want, position_v, &limited)
-                                : command_of_single(channel, board->fade * want, position_v, &limited);
+                            : command_of(channel, board->fade * want, position_v, &limited);
     put(channel, board->delay_at, board->command_fade * command_v, limited);
     if (channel->touch && channel->touch->feedback_count && !board->drives)
         tact_touch_put(channel->touch, &channel->touch_state, channel->delayed_v[board->delay_at]);

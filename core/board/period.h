@@ -4,8 +4,7 @@
  *     step:   codes of the A/D --> guard --> reference, limited --> filters --> limits --> codes for a later latch
  *
  * The reference is limited to full comfort: through the designed H the felt reference is the reference itself, so no
- * reference passes comfort (docs/safety.md). Three channels in float32 take 666 instructions on a Cortex-M4F,
- * and 1270 where a finger is fed forward.
+ * reference passes comfort (docs/safety.md). docs/porting.md has its instructions.
  *
  * Example use:
  *   int32_t code[TACT_CHANNELS_MAX];

@@ -195,21 +195,13 @@ static void transition(tact_period_check *check, const tact_board *like)
 
 /* -- what is seen -------------------------------------------------------------------------------------------------- */
 
-static void digest_controller(tact_period_check *check, int32_t format, const tact_board_channel *channel)
+static void digest_controller(tact_period_check *check, const tact_controller_state *state)
 {
     for (int32_t i = 0; i < TACT_PREFILTER_MAX + TACT_FEEDBACK_MAX; i++) {
         const int32_t at = i < TACT_PREFILTER_MAX ? i : i - TACT_PREFILTER_MAX;
-        if (format == TACT_Q31) {
-            const tact_controller_q31_state *state = &channel->controller.q31;
-            const tact_section_q31_state *one = i == at ? &state->prefilter[at] : &state->feedback[at];
-            digest(check, (uint32_t)one->s1 ^ (uint32_t)((uint64_t)one->s1 >> 32));
-            digest(check, (uint32_t)one->s2 ^ (uint32_t)((uint64_t)one->s2 >> 32));
-        } else {
-            const tact_controller_state *state = &channel->controller.single;
-            const tact_section_state *one = i == at ? &state->prefilter[at] : &state->feedback[at];
-            digest_float(check, one->s1);
-            digest_float(check, one->s2);
-        }
+        const tact_section_state *one = i == at ? &state->prefilter[at] : &state->feedback[at];
+        digest_float(check, one->s1);
+        digest_float(check, one->s2);
     }
 }
 
@@ -249,9 +241,9 @@ static void look_inside(tact_period_check *check)
     digest_float(check, channel->delayed_v[board->delay_at]);
     digest_float(check, channel->slow);
     digest(check, tact_board_locked_ticks(board));
-    if ((board->ticks & 3u) == 0 && board->image.format != 0) {
+    if ((board->ticks & 3u) == 0 && board->image.channels != 0) {
         digest_guard(check, &channel->guard);
-        digest_controller(check, board->image.format, channel);
+        digest_controller(check, &channel->controller_state);
         if (board->image.adapts)
             digest_touch(check, &channel->touch_state);
     }

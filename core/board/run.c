@@ -21,14 +21,11 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
 {
     if (board->mode == TACT_RUNNING && board->run == run)
         return 1;
-    if (board->mode != TACT_ARMED || run - board->run - 1u >= RUNS_AHEAD || (!drives && board->image.format == 0) ||
+    if (board->mode != TACT_ARMED || run - board->run - 1u >= RUNS_AHEAD || (!drives && board->image.channels == 0) ||
         (holds && !board->allows_hold))
         return 0;
     for (int32_t c = 0; c < board->channels; c++) {
-        if (board->image.format == TACT_Q31)
-            tact_controller_q31_reset(&board->channel[c].controller.q31);
-        else
-            tact_controller_reset(&board->channel[c].controller.single);
+        tact_controller_reset(&board->channel[c].controller_state);
         if (board->image.adapts)
             tact_touch_reset(board->channel[c].touch, &board->channel[c].touch_state);
         tact_strength_reset(&board->channel[c].strength_state);

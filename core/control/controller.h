@@ -1,4 +1,4 @@
-/* One channel's controller: two degrees of freedom, anti-windup, limits. float32.
+/* One channel's controller: two degrees of freedom, anti-windup, limits, in float32.
  *
  *                +---+  v   e  +---+  u'  +-------+  u
  *     r -------->| F |--->(+)->| C |----->| clamp |----> to the D/A, delay_samples later

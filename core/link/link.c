@@ -97,7 +97,7 @@ static int32_t commit(tact_link *link, tact_reader *in, tact_writer *out)
     int32_t outcome = TACT_BAD_PAYLOAD;
     if (in->overrun || in->at != in->size || size < 4 || size > TACT_UPLOAD_SIZE)
         return TACT_BAD_PAYLOAD;
-    if ((kind == TACT_UPLOAD_IMAGE && board->image.format && board->image.crc == crc) ||
+    if ((kind == TACT_UPLOAD_IMAGE && board->image.channels && board->image.crc == crc) ||
         (kind == TACT_UPLOAD_SAFETY && board->safety.channels && board->safety.crc == crc)) {
         outcome = TACT_DONE; /* this very one is there already */
     } else if (board->mode != TACT_OFF) {
@@ -247,7 +247,7 @@ static int32_t run_check(tact_link *link, tact_reader *in, tact_writer *out)
     const uint32_t seed = tact_read_u32(in), count = tact_read_u32(in);
     if (in->overrun || in->at != in->size)
         return TACT_BAD_PAYLOAD;
-    if (board->mode != TACT_OFF || board->image.format == 0)
+    if (board->mode != TACT_OFF || board->image.channels == 0)
         return TACT_NOT_IN_THIS_MODE;
     const tact_period_check_result result = tact_period_check_run(&link->check, board, seed, count);
     tact_write_u32(out, result.digest);

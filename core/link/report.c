@@ -11,11 +11,10 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     tact_write_u8(out, (uint8_t)(board->fault_channel & 255));
     tact_write_u8(out, (uint8_t)tact_board_is_at_rest(board));
     tact_write_u8(out, (uint8_t)board->allows_hold);
-    tact_write_u8(out, (uint8_t)board->image.format);
     tact_write_u8(out, (uint8_t)board->safety.delay_samples);
     tact_write_f32(out, board->safety.rate_hz);
     tact_write_u32(out, board->safety.channels ? board->safety.crc : 0);
-    tact_write_u32(out, board->image.format ? board->image.crc : 0);
+    tact_write_u32(out, board->image.channels ? board->image.crc : 0);
     tact_write_u32(out, link->display.take ? *link->display.crc : 0);
     tact_write_u32(out, board->stream_capacity);
     tact_write_u32(out, board->trace_capacity);
@@ -88,7 +87,7 @@ int32_t tact_report_weights(const tact_link *link, const tact_reader *in, tact_w
     tact_write_u32(out, board->tick);
     for (int32_t c = 0; c < board->channels; c++) {
         const tact_board_channel *channel = &board->channel[c];
-        const int adapts = board->image.format != 0 && board->image.touch[c].feedback_count != 0;
+        const int adapts = board->image.channels != 0 && board->image.touch[c].feedback_count != 0;
         for (int i = 0; i < 2; i++)
             tact_write_f32(out, adapts ? channel->touch_state.weight[i] : 0.0f);
     }

@@ -1,5 +1,4 @@
-/* A reference reshaped by its own short-time level, so that equal references are equally strong. float32, in both
- * formats.
+/* A reference reshaped by its own short-time level, so that equal references are equally strong.
  *
  *     r --+-------------------------(x gain)--+
  *         +--[ pair 1 ]--> band, low (x gains)--+---> what the prefilter gets

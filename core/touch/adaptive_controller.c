@@ -3,6 +3,3 @@
 extern inline float tact_adaptive_step(const tact_controller *table, const tact_touch *touch,
                                        tact_controller_state *state, tact_touch_state *touch_state, float reference,
                                        float position_v);
-extern inline float tact_adaptive_q31_step(const tact_controller_q31 *table, const tact_touch *touch,
-                                           tact_controller_q31_state *state, tact_touch_state *touch_state,
-                                           float reference, float position_v);

@@ -1,4 +1,4 @@
-/* Feed-forward for a finger, one channel: what is felt stays that of the unloaded display. float32, in both formats.
+/* Feed-forward for a finger, one channel: what is felt stays that of the unloaded display.
  *
  *     v --->(+)--> C --> ud --> plant --+--> yd      the unloaded loop, computed beside the real one
  *            ^-                         |

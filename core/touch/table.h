@@ -1,4 +1,4 @@
-/* Figures of one channel's feed-forward for a finger, and the states it goes through. float32, in both formats.
+/* Figures of one channel's feed-forward for a finger, and the states it goes through.
  *
  * learning.h says how the weights are found, feed_forward.h what is done with them. What is read in pairs (float_pair.h)
  * lies at multiples of 8 bytes, and begins with an integer of 8 so that it does wherever it is put.

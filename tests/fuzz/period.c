@@ -13,7 +13,7 @@
 #include "board/run.h"
 #include "tables.h"
 
-enum { ROWS = 64, CHANNELS = 3, IMAGES = 5 };
+enum { ROWS = 64, CHANNELS = 3, IMAGES = 3 };
 enum { CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW };
 
 typedef struct {
@@ -56,11 +56,9 @@ int LLVMFuzzerInitialize(int *count, char ***arguments)
         const uint8_t *bytes;
         size_t size;
     } FILES[IMAGES] = {
-        {IMAGE_SINGLE, sizeof IMAGE_SINGLE},
-        {IMAGE_Q31, sizeof IMAGE_Q31},
+        {IMAGE_DESIGNED, sizeof IMAGE_DESIGNED},
         {IMAGE_OTHER, sizeof IMAGE_OTHER},
         {IMAGE_ADAPTIVE, sizeof IMAGE_ADAPTIVE},
-        {IMAGE_ADAPTIVE_Q31, sizeof IMAGE_ADAPTIVE_Q31},
     };
     for (int i = 0; i < IMAGES; i++)
         MUST(tact_image_parse(&images[i], FILES[i].bytes, FILES[i].size, designed.rate_hz, 1, CHANNELS) == 0);

@@ -73,28 +73,23 @@ def conversations() -> dict[str, bytes]:
         safety = upload(SAFETY, safety_bytes(safety_table(of)))
         simulated = upload(link.SIMULATED_DISPLAY, simulated_board_bytes(of, 1))
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1)) + frame(Request.WEIGHTS)
-        for number_format in ("float32", "q31"):
-            image = upload(IMAGE, build_image(controller(of), number_format))
-            ready = safety + image + simulated + arm
-            rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
-            name = f"{number_format}-{count}"
-            seeds[f"stream-{name}"] = (
-                ready + frame(Request.START, start.pack(1, STREAM, 0, 1)) + rows + trace + stop * 30
-            )
-            if count == 1:
-                seeds[f"tones-{name}"] = (
-                    safety + image + simulated + stimulus(0) + arm
-                    + frame(Request.START, start.pack(1, link.STIMULUS, 0, 0))
-                    + status * 20 + trace + stop + status * 40 + off
-                )  # fmt: skip
-                seeds[f"broken-{name}"] = (
-                    ready + frame(Request.START, start.pack(1, link.SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
-                    + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
-                    + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
-                )  # fmt: skip
+        image = upload(IMAGE, build_image(controller(of)))
+        ready = safety + image + simulated + arm
+        rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
+        seeds[f"stream-{count}"] = ready + frame(Request.START, start.pack(1, STREAM, 0, 1)) + rows + trace + stop * 30
+        if count == 1:
+            seeds[f"tones-{count}"] = (
+                safety + image + simulated + stimulus(0) + arm
+                + frame(Request.START, start.pack(1, link.STIMULUS, 0, 0))
+                + status * 20 + trace + stop + status * 40 + off
+            )  # fmt: skip
+            seeds[f"broken-{count}"] = (
+                ready + frame(Request.START, start.pack(1, link.SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
+                + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
+                + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
+            )  # fmt: skip
         check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))
-        images = [upload(IMAGE, build_image(controller(of), each)) for each in ("float32", "q31")]
-        seeds[f"checks-{count}"] = safety + images[0] + check + images[1] + check
+        seeds[f"checks-{count}"] = safety + image + check
         seeds[f"driven-{count}"] = (
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status

@@ -22,11 +22,9 @@ def write_tables(folder: Path) -> None:
     controller = designed()
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
-        "IMAGE_SINGLE": build_image(controller, "float32"),
-        "IMAGE_Q31": build_image(controller, "q31"),
-        "IMAGE_OTHER": build_image(uncommon(controller), "float32"),
-        "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
-        "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
+        "IMAGE_DESIGNED": build_image(controller),
+        "IMAGE_OTHER": build_image(uncommon(controller)),
+        "IMAGE_ADAPTIVE": build_image(adaptive()),
     }
     arrays = (
         f"static const uint8_t {name}[] = {{{','.join(map(str, content))}}};" for name, content in contents.items()
@@ -40,7 +38,7 @@ def conversations(drawn_seeds: int) -> dict[str, bytes]:
     feed = [STREAM, 10, 2, RUN, 4] * 12
     ended = [RUN, 255, RUN, 255, RUN, 255, RUN, 255, RUN, 255, CLEAR, 0, ACKNOWLEDGE, 0, OFF, 0]
     begun = [ARM, 0, START, 1]
-    for image in range(5):
+    for image in range(3):
         for name, happens in {
             "played": [*feed, STOP, 0, RUN, 100],
             "loud": [*([STREAM, 23, 1, RUN, 4] * 20)],

@@ -15,14 +15,13 @@ from tactuator.rig.boards import ROOT, _command, find_board, sources
 
 @dataclass(frozen=True)
 class Mutant:
-    """`old` becomes `new` in `path`, where it stands once. only: the one format whose commands it can change. adaptive:
-    the board is checked with a controller that feeds a finger forward."""
+    """`old` becomes `new` in `path`, where it stands once. adaptive: the board is checked with a controller that feeds
+    a finger forward."""
 
     name: str
     path: str
     old: str
     new: str
-    only: str = ""
     adaptive: bool = False
 
 
@@ -109,18 +108,16 @@ _PERIOD, _BOARD, _GUARD, _RUN = (f"core/board/{name}" for name in ("period.c", "
 _LEARNING, _FED, _ADAPTIVE = "core/touch/learning.c", "core/touch/feed_forward.h", "core/touch/adaptive_controller.h"
 
 FEW = (
-    Mutant("command doubled", _PERIOD, "put(channel, slot, command_fade * command_v);",
-           "put(channel, slot, 2.0f * command_fade * command_v);", "float32"),
+    Mutant("command doubled", _PERIOD, "board->command_fade * command_v, limited);",
+           "2.0f * board->command_fade * command_v, limited);"),
     Mutant("limits of the guard off", _GUARD,
            "if (!(place <= resting.second && half_apart <= table->differing.first)) {", "if (0) {"),
     Mutant("reference not within comfort", "core/board/stream.c",
            "tact_board_within(want, safety->channel[channel].reference_max)", "want"),
     Mutant("code not rounded", "core/arithmetic/converter.h", "vcvtr.s32.f32", "vcvt.s32.f32"),
-    Mutant("command not faded in q31", _PERIOD, "board->command_fade * command_v, state->clamped)",
-           "command_v, state->clamped)", "q31"),
+    Mutant("command not faded", _PERIOD, "board->command_fade * command_v, limited);", "command_v, limited);"),
     Mutant("one sample of delay less", _PERIOD, "board->delay_at + 1 < board->safety.delay_samples",
            "board->delay_at + 2 < board->safety.delay_samples"),
-    Mutant("q31 not rounded", "core/arithmetic/section_q31.h", "((int64_t)1 << (TACT_Q31_EXTRA - 1))", "0", "q31"),
     Mutant("nothing put out", "firmware/main.c", "    tact_port_put_out(codes);\n", ""),
     Mutant("stop begins the soft start anew", _RUN, "        leave(board, TACT_FADES);\n    return",
            "        board->fade < 1.0f ? fade_in(board) : (void)0, leave(board, TACT_FADES);\n    return"),
@@ -132,23 +129,18 @@ _TOUCH = (
     ("finger fed forward by a difference", _FED, "command_v + (by.second", "command_v - (by.second"),
     ("fed forward without a bound", _FED, "if (__builtin_fabsf(added_v) <= table->push_max_v)", "if (1)"),
     ("unloaded plant without drag", _LEARNING, "r.first - first * m.first;", "r.first;"),
-    ("learns at every tick", _FED, "--state->left <= 0", "--state->left <= 99"),
+    ("learns at every tick", "core/touch/feed_forward.c", "--state->left <= 0", "--state->left <= 99"),
     ("weights leap", _LEARNING, "from + within(to - from, -slew, slew)", "slew > 0.0f ? to : from"),
     ("hum not taken off", _LEARNING, "force - state->hummed", "force - 0.0f"),
     ("nothing fades in silence", _LEARNING, "1.0f - shape.second * (1.0f - share)", "1.0f"),
+    ("nothing fed forward", _ADAPTIVE, "wanted_v - position_v) + added_v;", "wanted_v - position_v) + 0.0f * added_v;"),
     ("force of another sign", _FED, "- k1.second * position_v);", "+ k1.second * position_v);"),
     ("learnt things kept", "core/touch/table.c", "    forget(table, state);\n}",
      "    (void)forget;\n    (void)table;\n}"),
 )  # fmt: skip
-_TOUCH_ONCE = (
-    ("finger's row not faded", _PERIOD, "fade * *wants++;\n        tact_t", "*wants++;\n        tact_t", "float32"),
-    ("fed as steady while it ends", _RUN, "= board->steady_adaptive = 0;\n    if (how", "= 0;\n    if (how", "float32"),
-    ("nothing fed forward in q31", _ADAPTIVE, "+ tact_q31_of(added_v, TACT_Q31_PER_VOLT)", "+ 0 * (int32_t)added_v",
-     "q31"),
-)  # fmt: skip
 
 MANY = (
-    *(Mutant(*each, adaptive=True) for each in (*_TOUCH, *_TOUCH_ONCE)),
+    *(Mutant(*each, adaptive=True) for each in _TOUCH),
     # the period
     Mutant("lateness one too strict", _PERIOD, "lateness > (uint32_t)board->safety.lateness_max",
            "lateness >= (uint32_t)board->safety.lateness_max"),
@@ -158,37 +150,25 @@ MANY = (
     Mutant("frozen a tick later", "core/board/guard.c", "tick - state->changed_tick >= table->frozen_ticks",
            "tick - state->changed_tick > table->frozen_ticks"),
     Mutant("fade never ends", _RUN, "board->fade += board->fade_step;", "board->fade += 0.0f;"),
-    Mutant("offset forgotten", _PERIOD, "(command_v - to.first) * to.second", "command_v * to.second"),
+    Mutant("offset forgotten", _PERIOD, "(command_v - channel->to_code.first)", "command_v"),
     Mutant("cut to code zero", _RUN, "            channel->delayed[board->delay_at] = channel->rest_code;",
            "            channel->delayed[board->delay_at] = 0;"),
-    Mutant("reference not faded", _PERIOD, "const float reference = board->fade * want;",
-           "const float reference = want;", "float32"),
+    Mutant("reference not faded", _PERIOD, "command_of(channel, board->fade * want,", "command_of(channel, want,"),
+    Mutant("command beyond its limit", _PERIOD, "if (!*limited)", "if (1)"),
     Mutant("driven beyond its limit", _PERIOD, "tact_board_within(want, channel->safety->command_max_v)", "want"),
-    Mutant("integrator of another sign", _PERIOD, "- k[22] * y) + s.second)", "+ k[22] * y) + s.second)", "float32"),
-    Mutant("filters never rest",
-           _PERIOD, "return reference == 0.0f ? tact_controller_rest(state, y, smooth, error, lead, x) : y;",
-           "return y;", "float32"),
-    Mutant("stream by another row", _PERIOD, "(size_t)((tick & (board->stream_capacity - 1))",
-           "(size_t)(((tick + 1u) & (board->stream_capacity - 1))"),
-    Mutant("steady however late", _PERIOD, "lateness > latest", "0", "float32"),
-    Mutant("steady run fades a tick late", _PERIOD, "    tact_board_see_to(board);\n    if (board->fading)\n",
-           "    tact_board_see_to(board);\n    if (0)\n", "float32"),
-    Mutant("first channel twice", _PERIOD, "codes[1] = code_of(board, 1, slot);",
-           "codes[1] = code_of(board, 0, slot);"),
+    Mutant("stream by another row", _PERIOD, "board->stream + (size_t)((board->tick &",
+           "board->stream + (size_t)(((board->tick + 1u) &"),
     Mutant("fault ends at once", _PERIOD, "(board->mode == TACT_FAULT && board->command_fade > 0.0f)", "0"),
-    Mutant("limit of the command off", _PERIOD, "<= channel->command_max_v)\n            put(channel, slot",
-           "<= 2.0f * channel->command_max_v)\n            put(channel, slot", "float32"),
     # the board
     Mutant("cut after the queue", _RUN, "    board->cuts++;\n    tact_board_empty_queue(channel);",
            "    board->cuts++;"),
     Mutant("mildest fault first", _RUN, "int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--",
            "int32_t fault = TACT_FAULT_NONE + 1; fault <= TACT_FAULT_LAST; fault++"),
     Mutant("moved by hand is a fault", _RUN, "if (board->mode == TACT_ARMED) /* no command", "if (0) /* no command"),
-    Mutant("controller goes on", _RUN, "tact_controller_reset(&board->channel[c].controller.single);", ";", "float32"),
+    Mutant("controller goes on", _RUN, "tact_controller_reset(&board->channel[c].controller_state);", ";"),
     Mutant("reach without the offset", _BOARD, "step_v - offset_v;", "step_v;"),
     Mutant("limit of the image alone", _BOARD,
-           "table->command_max_v = table->command_max_v < most ? table->command_max_v : most;", "(void)most;",
-           "float32"),
+           "table->command_max_v = table->command_max_v < most ? table->command_max_v : most;", "(void)most;"),
     Mutant("travel on one side", "core/board/stream.c", "below < low ? low : below", "below"),
     Mutant("slow part of another share", "core/board/stream.c",
            "safety->travel_share * (limited - state->slow)", "safety->travel_share * (want - state->slow)"),
@@ -207,12 +187,9 @@ MANY = (
     # arithmetic, conversions, controllers
     Mutant("section of another sign", "core/arithmetic/section.h",
            "const float s2 = state->s2 + (section->b2 * x - section->a2 * y);",
-           "const float s2 = state->s2 + (section->b2 * x + section->a2 * y);", "float32"),
-    Mutant("half an anti-windup", "core/control/controller.c", "    last->s2 += table->anti_windup[1] * missing;\n", "",
-           "float32"),
-    Mutant("q31 anti-windup of another size", "core/control/controller_q31.c",
-           "add(&last->s1, table->unwinding[0], table->unwinding_shift[0], excess - change);",
-           "add(&last->s1, table->unwinding[0], table->unwinding_shift[0], excess);", "q31"),
+           "const float s2 = state->s2 + (section->b2 * x + section->a2 * y);"),
+    Mutant("half an anti-windup", "core/control/controller.c", "    last->s2 += table->anti_windup[1] * missing;\n",
+           ""),
     Mutant("ramp of a tone", "core/board/stimulus.c", "0.5f * (1.0f - state->ramp_cosine)",
            "0.5f * (1.0f + state->ramp_cosine)"),
     # outside the core

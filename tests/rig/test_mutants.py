@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,6 @@ from tactuator.rig.emulator import Emulator
 from tactuator.rig.open import emulated_rig, simulated_board_rig
 from tactuator.rig.period_check import STRETCH_TICKS, check_period
 from tactuator.rig.transport import LinkDown
-from tactuator.runtime.image import FORMATS
 from tests.rig.guard.guarded import adaptive, designed
 from tests.rig.mutants import FEW, MANY, Bench, Mutant
 
@@ -34,7 +32,7 @@ EMULATED = [name for name, board in BOARDS.items() if board.has_fifos]
 @contextmanager
 def running(board: str, program: Path, answer_s: float, controller: Controller) -> Iterator[tuple[BoardRig, Emulator]]:
     emulator = Emulator(board, program=program)
-    rig = simulated_board_rig(emulator, controller.display, 0, "float32", answer_s)
+    rig = simulated_board_rig(emulator, controller.display, 0, answer_s)
     try:
         yield rig, emulator
     finally:
@@ -55,7 +53,6 @@ def processor_s(emulator: Emulator) -> float:
 def differs(
     board: str,
     program: Path,
-    number_format: str,
     ticks: int,
     answer_s: float = 10.0,
     locates: bool = False,
@@ -67,7 +64,7 @@ def differs(
     of = controller or designed()
 
     def differs_first(rig: BoardRig) -> str:
-        return check_period(rig, of, ticks, formats=(number_format,), locates=locates).first_difference
+        return check_period(rig, of, ticks, locates).first_difference
 
     with running(board, program, answer_s, of) as (rig, emulator):
         before_s = processor_s(emulator)
@@ -102,7 +99,7 @@ ALWAYS = [  # every file reads the arithmetic: to alter it takes as long as all 
 @pytest.mark.parametrize("mutant", ALWAYS)
 def test_check_period__altered_line__is_noticed(mutant: Mutant, bench: Callable[[str], Bench]) -> None:
     program, of = bench("mps2-an500").program(mutant), adaptive() if mutant.adaptive else designed()
-    assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS, controller=of)
+    assert differs("mps2-an500", program, ENOUGH_TICKS, controller=of)
 
 
 @pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
@@ -113,21 +110,21 @@ def test_mutant__line_that_it_alters__stands_once_in_the_sources(mutant: Mutant)
 def test_check_period__altered_line__is_told_by_its_tick(bench: Callable[[str], Bench]) -> None:
     """A digest over fewer ticks is the same before that tick, and another from it on."""
     program = bench("mps2-an500").program(FEW[0])
-    told = differs("mps2-an500", program, "float32", ENOUGH_TICKS, locates=True)
-    found = re.fullmatch(r"float32: seed 1, tick (\d+) of a stretch", told)
+    told = differs("mps2-an500", program, ENOUGH_TICKS, locates=True)
+    found = re.fullmatch(r"seed 1, tick (\d+) of a stretch", told)
     assert found
     at = int(found[1])
-    assert differs("mps2-an500", program, "float32", at).startswith("float32: played")
-    assert differs("mps2-an500", program, "float32", at + 1) == "float32: seed 1"
+    assert differs("mps2-an500", program, at).startswith("played")
+    assert differs("mps2-an500", program, at + 1) == "seed 1"
 
 
 @pytest.mark.parametrize(
     ("board", "ticks"),
     [("mps2-an500", ENOUGH_TICKS), *(pytest.param(board, 10_000_000, marks=pytest.mark.soak) for board in EMULATED)],
 )
-def test_check_period__unaltered__is_the_same_in_both_formats(board: str, ticks: int) -> None:
-    for of, number_format in product((designed(), adaptive()), FORMATS):
-        assert differs(board, build_firmware(board), number_format, ticks, controller=of) == ""
+def test_check_period__unaltered__is_the_same(board: str, ticks: int) -> None:
+    for of in (designed(), adaptive()):
+        assert differs(board, build_firmware(board), ticks, controller=of) == ""
 
 
 BROKEN = {
@@ -142,9 +139,9 @@ BROKEN = {
 @pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.soak), "it ends: the board began anew"])
 def test_check_period__program_that_breaks_down__is_told(how: str, bench: Callable[[str], Bench]) -> None:
     program = bench("mps2-an500").program(BROKEN[how])
-    assert differs("mps2-an500", program, "float32", 100, 0.3).startswith(how)
+    assert differs("mps2-an500", program, 100, 0.3).startswith(how)
     with pytest.raises(BadInput, match="ticks is 0"):  # what no program is asked is not taken for an alteration
-        differs("mps2-an500", program, "float32", 0)
+        differs("mps2-an500", program, 0)
 
 
 @pytest.mark.soak
@@ -152,11 +149,10 @@ def test_check_period__program_that_breaks_down__is_told(how: str, bench: Callab
 @pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
 def test_check_period__any_altered_line_on_any_board__is_noticed(mutant, board, bench) -> None:
     program, of = bench(board).program(mutant), adaptive() if mutant.adaptive else designed()
-    for number_format in [mutant.only] if mutant.only else FORMATS:
-        reports = (differs(board, program, number_format, ticks, controller=of) for ticks in (TICKS, MORE_TICKS))
-        noticed = next(filter(None, reports), "")
-        sys.stdout.write(f"{mutant.name}: {noticed}\n")  # shown by -rP
-        assert noticed
+    reports = (differs(board, program, ticks, controller=of) for ticks in (TICKS, MORE_TICKS))
+    noticed = next(filter(None, reports), "")
+    sys.stdout.write(f"{mutant.name}: {noticed}\n")  # shown by -rP
+    assert noticed
 
 
 @pytest.mark.slow
@@ -165,8 +161,8 @@ def test_check_period__program_optimised_at_link_time__is_the_same() -> None:
     board = "mps2-an386"
     program = build_firmware(board, flags=("-flto",))
     assert program != build_firmware(board)
-    with simulated_board_rig(Emulator(board, program=program), designed().display, 0, "float32") as rig:
-        found = check_period(rig, designed(), 10_000, formats=("float32",))
+    with simulated_board_rig(Emulator(board, program=program), designed().display, 0) as rig:
+        found = check_period(rig, designed(), 10_000)
     assert found.first_difference == ""
     assert found.played > 5_000
 

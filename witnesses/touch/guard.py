@@ -41,8 +41,8 @@ class Run:
 class Guard:
     """A board with `controller` (its table of safety with it), and three devices of generator.c."""
 
-    def __init__(self, controller: Controller, seed: int, number_format: str, unguarded: bool, drives: bool) -> None:
-        self._guarded = Guarded(controller, drives, seed, number_format)
+    def __init__(self, controller: Controller, seed: int, unguarded: bool, drives: bool) -> None:
+        self._guarded = Guarded(controller, drives, seed)
         self.board = self._guarded.board
         self._devices = [Device(felt.example(), p, felt.fixed(p), 3 * seed + p) for p in range(3)]
         self.is_touched = False
@@ -93,7 +93,7 @@ class Guard:
 def comfort(seed: int, unguarded: bool) -> float:
     """Return the loudest that is felt of one adversary, dB SL."""
     rng = np.random.default_rng(seed)
-    guard = Guard(adaptive(), seed, ("float32", "q31")[seed % 2], unguarded, False)
+    guard = Guard(adaptive(), seed, unguarded, False)
     stretches = int(rng.integers(2, 5))
     for stretch in range(stretches):
         ends = stretch == stretches - 1
@@ -112,7 +112,7 @@ def travel(seed: int, unguarded: bool) -> tuple[float, float]:
     """Return how far one misbehaving image moves, mm, and the command from 250 ms after a fault, V."""
     rng = np.random.default_rng(seed)
     drives = bool(rng.random() < 0.25)
-    guard = Guard(adaptive() if drives else misbehaving(rng, adaptive), seed, "float32", unguarded, drives)
+    guard = Guard(adaptive() if drives else misbehaving(rng, adaptive), seed, unguarded, drives)
     guard.is_touched = bool(rng.integers(2))
     when = int(rng.integers(1, 1500))
     loud = rng.uniform(0.1, 10.0) if drives else rng.choice([1.0, 10.0, 300.0, 1e5])

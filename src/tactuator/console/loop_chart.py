@@ -22,7 +22,7 @@ from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.synthesis.verdict import AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
-from tactuator.wordlength.assessment import buildable
+from tactuator.wordlength.float32_check import buildable
 
 _TILES = (FELT_MINUS_ASKED, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that stand in large figures."""

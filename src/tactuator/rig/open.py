@@ -63,27 +63,26 @@ def emulated_rig(
     board: str,
     display: Display,
     seed: int = 0,
-    number_format: str = "float32",
     counting: str | None = "shift=3,sleep=off",
 ) -> BoardRig:
     """Return a rig of a simulated `display` on an emulated board ("mps2-an500"). Raises BadInput without its tools."""
-    return simulated_board_rig(emulator(board, counting), display, seed, number_format)
+    return simulated_board_rig(emulator(board, counting), display, seed)
 
 
-def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
+def in_process_rig(display: Display, seed: int = 0) -> BoardRig:
     """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
-    return simulated_board_rig(InProcess(), display, seed, number_format)
+    return simulated_board_rig(InProcess(), display, seed)
 
 
 def simulated_board_rig(
-    transport: Transport, display: Display, seed: int, number_format: str, answer_s: float = _EMULATED_ANSWER_S
+    transport: Transport, display: Display, seed: int, answer_s: float = _EMULATED_ANSWER_S
 ) -> BoardRig:
     """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
     up. answer_s: how long an answer is waited for before the board is asked again.
     """
     client = LinkClient(transport, answer_s)
     try:
-        rig = BoardRig(client, display, number_format)
+        rig = BoardRig(client, display)
         rig.simulate(seed)
     except BaseException:
         client.close()

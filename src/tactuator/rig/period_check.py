@@ -17,7 +17,7 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board.stream import BoardTone
 from tactuator.rig.open import in_process_rig
 from tactuator.rig.rig import Trace
-from tactuator.runtime.image import FORMATS, build_image
+from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault, safety_bytes
 
 STRETCH_TICKS = 10_000
@@ -29,11 +29,11 @@ _PLAYED_ROWS = 1200
 
 @dataclass(frozen=True)
 class PeriodCheck:
-    """Result of a check: `ticks` of drawn events in each of `formats`, on all `channels` of a board.
+    """Result of a check: `ticks` of drawn events, on all `channels` of a board.
 
     bit_exact: codes, modes, faults, fades and traces of every tick are this machine's. first_difference: where they
     are not (empty: nowhere). running_ticks, starts, faults: how many ticks a command was on, how many runs began, and
-    which faults occurred, in all formats together. played: ticks that the board's own timer and link brought back,
+    which faults occurred. played: ticks that the board's own timer and link brought back,
     compared with this machine's besides; 0 where the display is real.
     """
 
@@ -42,7 +42,6 @@ class PeriodCheck:
     first_difference: str
     ticks: int
     channels: int
-    formats: tuple[str, ...]
     running_ticks: int
     starts: int
     faults: tuple[str, ...]
@@ -57,10 +56,8 @@ class _Tally:
     played: int = 0
 
 
-def check_period(
-    target: BoardRig, controller: Controller, ticks: int, formats: tuple[str, ...] = FORMATS, locates: bool = True
-) -> PeriodCheck:
-    """Compare `ticks` of the target's interrupt in each format with this machine's, and what it plays where it can.
+def check_period(target: BoardRig, controller: Controller, ticks: int, locates: bool = True) -> PeriodCheck:
+    """Compare `ticks` of the target's interrupt with this machine's, and what it plays where it can.
 
     The target runs the firmware with the safety table of the controller's display.
     locates: a difference is told by its tick, not by its stretch alone; to find it takes longer than all the rest.
@@ -73,20 +70,15 @@ def check_period(
         raise BadInput(
             "the board holds the safety table of another display", "the display that it was commissioned with"
         )
-    tally, difference = _Tally(), ""
-    for number_format in formats:
-        with in_process_rig(controller.display) as host:
-            image = build_image(controller, number_format)
-            for rig in (target, host):
-                rig.load_image(image)
-            difference = _compare(target, host, ticks, tally, locates)
-            difference = difference or _compare_play(target, host, tally)
-            if difference:
-                difference = f"{number_format}: {difference}"
-                break
+    tally = _Tally()
+    with in_process_rig(controller.display) as host:
+        image = build_image(controller)
+        for rig in (target, host):
+            rig.load_image(image)
+        difference = _compare(target, host, ticks, tally, locates) or _compare_play(target, host, tally)
     faults = tuple(fault.words for fault in Fault if tally.faults >> fault & 1)
     return PeriodCheck(
-        target.status().name, not difference, difference, ticks, len(controller.channels), formats, tally.running,
+        target.status().name, not difference, difference, ticks, len(controller.channels), tally.running,
         tally.starts, faults, tally.played,
     )  # fmt: skip
 

@@ -42,7 +42,6 @@ class PeriodCost:
     """
 
     board: str
-    format: str
     channels: int
     instructions_per_tick: int
     worst: int
@@ -132,10 +131,10 @@ CASES: dict[str, Callable[[_Bench], int]] = {
 }
 
 
-def count_instructions(board: str, controller: Controller, number_format: str) -> PeriodCost:
+def count_instructions(board: str, controller: Controller) -> PeriodCost:
     """Count the instructions of periods in every case. Deterministic: the emulator's clock counts instructions."""
     counts = INSTRUCTION_S * find_board(board).timer_hz
-    with emulated_rig(board, controller.display, 0, number_format, counting=COUNTING) as rig:
+    with emulated_rig(board, controller.display, 0, counting=COUNTING) as rig:
         rig.load(controller)
         bench = _Bench(rig.client, controller, counts)
         cases = {name: case(bench) for name, case in CASES.items()}
@@ -144,7 +143,7 @@ def count_instructions(board: str, controller: Controller, number_format: str) -
         {f"{clock:g} MHz": count * controller.rate_hz / (clock * 1e6) for clock in CLOCKS_MHZ}
         for count in (usual, worst)
     ]
-    return PeriodCost(board, number_format, len(controller.channels), usual, worst, cases, *shares)
+    return PeriodCost(board, len(controller.channels), usual, worst, cases, *shares)
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,6 @@ class PeriodCycles:
     """Cycles of a connected board in each case: at rest, in silence, and with tones of 26 dB SL."""
 
     board: str
-    format: str
     channels: int
     cases: dict[str, Cycles]
 
@@ -178,7 +176,7 @@ def count_cycles(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> PeriodCycles:
-    """Count the cycles of the step on a connected board, `seconds` of each case, in float32. The board drives its
+    """Count the cycles of the step on a connected board, `seconds` of each case. The board drives its
     motors: in silence, and with tones of 20 times threshold.
 
     Raises BadInput for a board whose display is simulated (its instructions are counted) or that has no counter, and
@@ -202,7 +200,7 @@ def count_cycles(
     rig.off()
     known: dict[str, int] = {}
     with contextlib.suppress(BadInput):  # no emulator, or not of this board
-        known = count_instructions(find_board(status.name).name, controller, "float32").cases
+        known = count_instructions(find_board(status.name).name, controller).cases
     clock_hz = find_board(status.name).timer_hz if status.name in BOARDS else float("nan")
     cases = {
         name: Cycles(
@@ -210,7 +208,7 @@ def count_cycles(
         )
         for name, (least, most, total) in counts.items()
     }
-    return PeriodCycles(status.name, "float32", len(controller.channels), cases)
+    return PeriodCycles(status.name, len(controller.channels), cases)
 
 
 @dataclass(frozen=True)

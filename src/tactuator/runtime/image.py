@@ -1,5 +1,5 @@
-"""The image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31; with what it
-feeds forward for a finger (core/touch/feed_forward.h).
+"""The image: a controller as the bytes that a board loads (layout: core/board/image.h), with what it feeds forward for
+a finger (core/touch/feed_forward.h).
 """
 
 from __future__ import annotations
@@ -8,35 +8,27 @@ import struct
 import zlib
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller, FeedForward, pair_turns
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import (
     FEEDBACK_SECTIONS_MAX,
     PREFILTER_SECTIONS_MAX,
-    REFERENCE_FULL_SCALE,
-    VOLTS_FULL_SCALE,
     delta_coefficients_single,
-    q31_cascade,
-    q31_conditioning,
-    q31_row,
 )
 from tactuator.signals.decibels import from_db
 
-Format = Literal["float32", "q31"]
-FORMATS: tuple[Format, ...] = ("float32", "q31")
 CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
 """Channels that a board runs."""
-_MAGIC, _VERSION = b"TACI", 3
-_FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
-_Q31_RANGE_MAX_V = 15.0
+_HEAD = struct.Struct("<4sHBBIf")
+_MAGIC, _VERSION = b"TACI", 4
 CONDITIONING_MAX = 1e6
 """Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
 CHANNEL_HEAD = struct.Struct("<16sBBBBf")
@@ -61,14 +53,13 @@ class ImageRefusal(IntEnum):
     NOT_AN_IMAGE = 2, "it is no image", "a file that `build` wrote"
     VERSION_UNKNOWN = 3, "its version is not known here", f"{_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger"
     CHECKSUM = 4, "its checksum does not fit its contents", "a file as `build` wrote it"
-    FORMAT = 5, "its number format is not known here", f"{', '.join(FORMATS)}"
-    RATE = 6, "it is for another rate than the board runs at", "the rate of the safety table"
-    DELAY = 7, "it is for another computing delay than the board has", "that of the safety table"
-    CHANNELS = 8, "it is for another number of channels than the board has", "as many"
-    SECTIONS = 9, "it has no prefilter or too many sections", "1 to 8 for F, at most 4 for C"
-    COEFFICIENT = 10, "a coefficient is not a number or out of range", "finite ones"
-    UNSTABLE_SECTION = 11, "a section has a pole outside the unit circle", "stable sections"
-    LIMIT = 12, "its command limit is out of range", "above 0 and below 31 V"
+    RATE = 5, "it is for another rate than the board runs at", "the rate of the safety table"
+    DELAY = 6, "it is for another computing delay than the board has", "that of the safety table"
+    CHANNELS = 7, "it is for another number of channels than the board has", "as many"
+    SECTIONS = 8, "it has no prefilter or too many sections", "1 to 8 for F, at most 4 for C"
+    COEFFICIENT = 9, "a coefficient is not a number or out of range", "finite ones"
+    UNSTABLE_SECTION = 10, "a section has a pole outside the unit circle", "stable sections"
+    LIMIT = 11, "its command limit is out of range", "above 0 and below 31 V"
 
     def error(self, *where: str) -> BadInput:
         """Return the refusal as an error."""
@@ -79,7 +70,6 @@ class ImageRefusal(IntEnum):
 class ImageHeader:
     """Head of an image. controller_hash: SHA-256 (hex) of the controller.json it was built from."""
 
-    format: Format
     rate_hz: float
     delay_samples: int
     channels: int
@@ -87,42 +77,31 @@ class ImageHeader:
     crc: int
 
 
-def build_image(controller: Controller, number_format: str) -> bytes:
+def build_image(controller: Controller) -> bytes:
     """Return the image of a controller, with the hash of its content in the head.
 
-    Raises BadInput for an unknown format, a delay that boards do not have (0), a coefficient that the format cannot
-    hold, or more channels and sections than a board has.
+    Raises BadInput for a delay that boards do not have (0), a coefficient beyond float32, or more channels and sections
+    than a board has.
     """
-    if number_format not in _FORMAT_CODES:
-        raise BadInput(f"{number_format!r}", f"{', '.join(FORMATS)}", key="format")
     if not 1 <= controller.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(
             f"{controller.delay_samples}", f"1 to {lib.TACT_BOARD_DELAY_MAX} on a board", key="delay_samples"
         )
     if len(controller.channels) > CHANNELS_MAX:
         raise BadInput(f"{len(controller.channels)} channels", f"at most {CHANNELS_MAX} on a board")
-    if number_format == "float32":
-        parts = [float32_channel(channel) for channel in controller.channels]
-    else:
-        parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
+    parts = [channel_bytes(channel) for channel in controller.channels]
     touches = [touch_bytes(channel, controller.rate_hz, place) for place, channel in enumerate(controller.channels)]
     strengths = [strength_bytes(channel, controller.rate_hz) for channel in controller.channels]
     parts = [b"".join(part) for part in zip(parts, touches, strengths, strict=True)]
     for channel, body in zip(controller.channels, parts, strict=True):
-        _require_range(channel, body, number_format)
+        _require_range(channel, body)
     body = bytes.fromhex(controller.content_hash) + b"".join(parts)
-    head = struct.pack(
-        "<4sHHIfBBH",
-        _MAGIC,
-        _VERSION,
-        _FORMAT_CODES[number_format],
-        20 + len(body) + 4,
-        controller.rate_hz,
-        controller.delay_samples,
-        len(controller.channels),
-        0,
-    )
-    return sealed(head + body)
+    return _image_of(body, len(controller.channels), controller.delay_samples, controller.rate_hz)
+
+
+def _image_of(body: bytes, channels: int, delay_samples: int, rate_hz: float) -> bytes:
+    size = _HEAD.size + len(body) + 4
+    return sealed(_HEAD.pack(_MAGIC, _VERSION, channels, delay_samples, size, rate_hz) + body)
 
 
 def sealed(content: bytes) -> bytes:
@@ -139,9 +118,9 @@ def check_image(image: bytes, rate_hz: float, delay_samples: int, channels: int)
 
 def read_image_header(image: bytes) -> ImageHeader:
     """Return the head of an image, once the core has checked all of it. Raises BadInput, one line, if it is refused."""
-    if len(image) < 20:
+    if len(image) < _HEAD.size:
         raise ImageRefusal.TRUNCATED.error("image")
-    code, _, rate_hz, delay, channels, _ = struct.unpack_from("<HIfBBH", image, 6)
+    _, _, channels, delay, _, rate_hz = _HEAD.unpack_from(image)
     refusal = check_image(image, rate_hz, delay, channels)
     if refusal is not ImageRefusal.GOOD:
         raise refusal.error("image")
@@ -150,9 +129,8 @@ def read_image_header(image: bytes) -> ImageHeader:
             f"image: it is for {rate_hz:g} Hz and a delay of {delay}",
             f"above 0 Hz, a delay of 1 to {lib.TACT_BOARD_DELAY_MAX}",
         )
-    number_format: Format = "float32" if code == _FORMAT_CODES["float32"] else "q31"
     (crc,) = struct.unpack_from("<I", image, len(image) - 4)
-    return ImageHeader(number_format, rate_hz, delay, channels, image[20:52].hex(), crc)
+    return ImageHeader(rate_hz, delay, channels, image[_HEAD.size : _HEAD.size + 32].hex(), crc)
 
 
 def _channel_head(channel: ChannelController) -> bytes:
@@ -202,8 +180,8 @@ def reference_max(channel: ChannelController) -> float:
     return float(from_db(channel.limits.comfort_db_sl))
 
 
-def float32_channel(channel: ChannelController) -> bytes:
-    """Return the part of a float32 image that describes one channel: head, unwinding, sections in delta form.
+def channel_bytes(channel: ChannelController) -> bytes:
+    """Return the part of an image that describes one channel: head, unwinding, sections in delta form.
 
     Raises BadInput, with the channel's name, for too many sections or coefficients beyond float32.
     """
@@ -218,28 +196,8 @@ def float32_channel(channel: ChannelController) -> bytes:
     return _channel_head(channel) + gains + np.concatenate(rows).astype("<f4").tobytes()
 
 
-def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
-    where = (f"channel {channel.name!r}",)
-    if channel.limits.command_v > _Q31_RANGE_MAX_V:
-        raise BadInput(
-            f"{channel.limits.command_v:g}", f"at most {_Q31_RANGE_MAX_V:g} V in Q31", where=where, key="command_v"
-        )
-    with within(*where):
-        sections = list(q31_cascade(channel.prefilter_sos, rate_hz, REFERENCE_FULL_SCALE))
-        if channel.feedback_sos is not None:
-            sections += q31_cascade(channel.feedback_sos, rate_hz, VOLTS_FULL_SCALE)
-        first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
-        third = q31_conditioning(conditioning(channel))
-    most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
-    mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
-    gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
-    rows = (struct.pack("<5iBBBB", *section.mantissas, *section.shifts, 0) for section in sections)
-    return _channel_head(channel) + gains + b"".join(rows)
-
-
-def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
-    head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
-    refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
+def _require_range(channel: ChannelController, body: bytes) -> None:
+    refusal = check_image(_image_of(bytes(32) + body, 1, 1, 1.0), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:
         raise refusal.error(f"channel {channel.name!r}")
 

@@ -22,7 +22,7 @@ from tactuator.runtime.tables import (
 )
 
 REFERENCE_MAX = 1000.0
-"""Threshold units: 60 dB SL, the full scale of a reference in a WAV and in Q31."""
+"""Threshold units: 60 dB SL, the full scale of a reference in a WAV."""
 _ROUNDED_MAX = REFERENCE_MAX * (1.0 + 2.0**-25)  # what single precision takes for the largest
 _SINGLE_MAX = float(np.finfo(np.float32).max)
 _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))

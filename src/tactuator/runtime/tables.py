@@ -25,7 +25,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed, strength_bytes, touch_figures
+from tactuator.runtime.image import CHANNEL_HEAD, channel_bytes, sealed, strength_bytes, touch_figures
 from tactuator.signals.systems import ContinuousSystem
 
 ORDER_MAX = 8
@@ -188,12 +188,12 @@ def converter_table(converter: Converter) -> Any:
 
 @lru_cache(maxsize=16)
 def controller_table(controller: ChannelController) -> Any:
-    """Return `tact_controller` of a channel, filled from the bytes of its float32 image; kept for the next simulation.
+    """Return `tact_controller` of a channel, filled from the bytes of its image; kept for the next simulation.
 
     The simulated display so runs the very numbers that a board runs; unlike a board it also takes unstable sections,
     to show what they do. Raises BadInput for too many sections, coefficients beyond float32, or a limit that is none.
     """
-    body = float32_channel(controller)
+    body = channel_bytes(controller)
     _, prefilters, feedbacks, _, _, command_v = CHANNEL_HEAD.unpack_from(body)
     words = np.frombuffer(body, dtype="<f4", offset=CHANNEL_HEAD.size)
     table = ffi.new("tact_controller *")

@@ -45,7 +45,7 @@ from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.prefilter import response_error_db
 from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
 from tactuator.synthesis.touch import fed_response
-from tactuator.wordlength.assessment import buildable
+from tactuator.wordlength.float32_check import buildable
 
 _POINTS = 600
 _ROUNDS, _TOLD_DB = 16, 0.005

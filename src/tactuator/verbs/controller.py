@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from tactuator.model.controller import Controller
     from tactuator.model.description import Display
     from tactuator.verbs.designed import ControllerResult, VerdictResult
-    from tactuator.wordlength.assessment import FormatReport
+    from tactuator.wordlength.bits import BitsNeeded
+    from tactuator.wordlength.float32_check import Float32Check
 
 _RATE_DOUBLINGS = 4
 _Bytes = bytes
@@ -116,114 +117,103 @@ def check(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WordlengthResult(Result):
-    """Number formats and what they do to a controller. asked: the format whose verdict was asked for.
+    """Word length of a controller: the most of any channel.
 
-    figures: their folder; resolution_bits: the numbers of the figure, by channel, form and rate; both where asked for.
+    bits: the fractional bits that F ("prefilter") and C ("feedback") need, by form and sampling rate (Hz). float32:
+    what float32, the format of every image, does to the controller. figures: their folder, where they were asked for.
     """
 
     rate_hz: float
-    formats: "tuple[FormatReport, ...]"
-    recommended: str | None
-    asked: str | None = None
+    bits: Mapping[str, Mapping[str, Mapping[float, "BitsNeeded"]]]
+    float32: "Float32Check"
     figures: Path | None = None
-    resolution_bits: Mapping[str, Any] | None = None
 
     @property
     def holds(self) -> bool:
-        asked = [report.safe for report in self.formats if report.name == self.asked]
-        return self.recommended is not None and all(asked)
+        return self.float32.safe
+
+    def headline(self) -> Mapping[str, str]:
+        return {"rate": f"{self.rate_hz:g} Hz", "float32": "safe" if self.float32.safe else "not safe"}
 
     def to_dict(self) -> dict[str, Any]:
-        reports = [asdict(report) for report in self.formats]
-        document = {"rate_hz": self.rate_hz, "formats": reports, "recommended": self.recommended}
-        drawn = {"figures": self.figures, "resolution_bits": self.resolution_bits}
-        return document | (drawn if self.figures else {})
+        document = super().to_dict()
+        return document if self.figures else {name: document[name] for name in ("rate_hz", "bits", "float32")}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        title = f"Word length at {self.rate_hz:g} Hz; recommended: {self.recommended or 'none of what a board runs'}"
-        columns = ("format", "stable", "error (dB)", "round-off", "limit cycle", "safe")
-        rows = tuple(
-            (
-                report.name,
-                "yes" if report.stable else "no",
-                "" if report.response_error_db is None else f"{report.response_error_db:.2g}",
-                "" if report.roundoff_db_sl is None else f"{report.roundoff_db_sl:.0f}",
-                "" if report.limit_cycle_db_sl is None else f"{report.limit_cycle_db_sl:.0f}",
-                "yes" if report.safe else "no",
-            )
-            for report in self.formats
+        from tactuator.wordlength.bits import MOST_BITS
+
+        def as_text(bits: int) -> str:
+            return str(bits) if bits <= MOST_BITS else f"over {MOST_BITS}"
+
+        rows = [
+            (name, form, *(f"{as_text(bits.stable)} / {as_text(bits.accurate)}" for bits in by_rate.values()))
+            for name, forms in self.bits.items()
+            for form, by_rate in forms.items()
+        ]
+        rates = next(iter(self.bits["prefilter"].values()))
+        title = "Fractional bits that the coefficients need: to be stable / to keep 0.1 dB"
+        columns = ("filter", "form", *(f"{rate:g} Hz" for rate in rates))
+        return [ResultTable(title, columns, tuple(rows)), self._float32_table()]
+
+    def _float32_table(self) -> ResultTable:
+        check = self.float32
+        figures = (
+            ("error of |H| (dB)", check.response_error_db, ".2g"),
+            ("felt round-off (dB SL)", check.roundoff_db_sl, ".0f"),
+            ("felt limit cycle (dB SL)", check.limit_cycle_db_sl, ".0f"),
         )
-        notes = [f"{report.name}: {report.refused}." for report in self.formats if report.refused is not None]
-        first = "Round-off and limit cycle: dB SL, as a finger feels them. A board runs float32 and q31."
-        return [ResultTable(title, columns, rows, (first, *notes))]
+        rows = [("stable", "yes" if check.stable else "no")]
+        rows += [(name, f"{value:{form}}") for name, value, form in figures if value is not None]
+        rows.append(("safe", "yes" if check.safe else "no"))
+        notes = () if check.refused is None else (f"{check.refused}.",)
+        return ResultTable(f"float32 at {self.rate_hz:g} Hz", ("what", "value"), tuple(rows), notes)
 
 
 def wordlength(
     controller: ControllerFile,
     rate: Annotated[float | None, Option("Another sampling rate, hertz.")] = None,
-    number_format: Annotated[
-        str | None, Option("Ask for the verdict on one format: exit status 1 if unsafe.", ("--format",))
-    ] = None,
     figures: Figures = None,
 ) -> WordlengthResult:
-    """Say which number formats are safe for a controller. The smallest is recommended.
+    """Count the bits that a controller's coefficients need. Exit status 1 if float32 is not safe for it.
 
-    Raises BadInput for a format that there is not, and for a rate at which the controller cannot be.
+    The bits are counted at one, two, four and eight times the rate. Raises BadInput for a rate at which the controller
+    cannot be.
 
-    >>> wordlength(controller).recommended
-    'float32'
+    >>> wordlength(controller).float32.safe
+    True
     """
-    from tactuator.wordlength.assessment import FormatReport, assess, recommended
-    from tactuator.wordlength.bits import at_rate
-    from tactuator.wordlength.formats import FORMATS
+    from tactuator.model.plant import HIGHEST_RATE_HZ
+    from tactuator.wordlength.bits import at_rate, controller_bits
+    from tactuator.wordlength.float32_check import check_float32
 
-    names = [each.name for each in FORMATS]
-    if number_format is not None and number_format not in names:
-        raise BadInput(f"format is {number_format!r}", ", ".join(names))
     judged = read(controller)
     if rate is not None:
         judged = at_rate(judged, rate)
-    bits = None
+    rates = [judged.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
+    with working("counting the bits that the coefficients need"):
+        bits = controller_bits(judged, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
+    with working("comparing float32 with double precision"):
+        check = check_float32(judged)
     if figures is not None:
-        with working("counting the bits that the coefficients need"):
-            bits = _draw_resolution(judged, Path(figures))
-    reports: list[FormatReport] = []
-    with working("formats", len(FORMATS)) as step:
-        for each in FORMATS:
-            reports += assess(judged, (each,))
-            step(len(reports))
-    folder = None if figures is None else Path(figures)
-    return WordlengthResult(judged.rate_hz, tuple(reports), recommended(reports), number_format, folder, bits)
+        from tactuator.report.controller import resolution_plate
+        from tactuator.report.plate import save_plates
 
-
-def _draw_resolution(controller: "Controller", folder: Path) -> dict[str, Any]:
-    from tactuator.model.plant import HIGHEST_RATE_HZ
-    from tactuator.report.controller import resolution_plate
-    from tactuator.report.plate import save_plates
-    from tactuator.wordlength.bits import controller_bits
-
-    rates = [controller.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
-    bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
-    bands = [channel.threshold.band_hz for channel in controller.display.channels]
-    band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
-    save_plates([resolution_plate(bits, whose="this controller (the most of any channel)", band=band)], folder)
-    return {
-        name: {form: {f"{rate:g}": asdict(need) for rate, need in needs.items()} for form, needs in forms.items()}
-        for name, forms in bits.items()
-    }
+        bands = [channel.threshold.band_hz for channel in judged.display.channels]
+        band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
+        save_plates([resolution_plate(bits, "this controller (the most of any channel)", band)], Path(figures))
+    return WordlengthResult(judged.rate_hz, bits, check, None if figures is None else Path(figures))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImageResult(Result):
     """An image as the core reads it. image: its file, if any; controller: its controller's hash; content: bytes.
 
-    response_error_db: what the number format costs, of an image that was built here. is_of_controller: whether it is
+    response_error_db: what float32 costs, of an image that was built here. is_of_controller: whether it is
     the image of the controller of which that was asked, which is `asked`.
     """
 
     SHOWN: ClassVar[Mapping[str, str]] = {
         "bytes": "size (bytes)",
-        "format": "number format",
         "rate_hz": "sampling rate (Hz)",
         "delay_samples": "computing delay (samples)",
         "channels": "channels",
@@ -235,7 +225,6 @@ class ImageResult(Result):
 
     image: Path | None
     bytes: int
-    format: str
     rate_hz: float
     delay_samples: int
     channels: int
@@ -245,11 +234,6 @@ class ImageResult(Result):
     response_error_db: float | None = None
     is_of_controller: bool | None = None
     asked: str = field(default="", repr=False)
-
-    @property
-    def number_format(self) -> str:
-        """Return the number format."""
-        return self.format
 
     @property
     def holds(self) -> bool:
@@ -280,30 +264,29 @@ def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:
 
     header = read_image_header(content)
     return ImageResult(
-        None if path is None else Path(path), len(content), header.format, header.rate_hz, header.delay_samples,
+        None if path is None else Path(path), len(content), header.rate_hz, header.delay_samples,
         header.channels, header.controller_hash, f"{header.crc:08x}", content, **more,
     )  # fmt: skip
 
 
 def build(
     controller: ControllerFile,
-    number_format: Annotated[str, Option("Number format: float32 or q31.", ("--format",))] = "float32",
     out: Annotated[Place | None, Option("Image file to write.", writes=True, shell=...)] = None,
 ) -> ImageResult:
-    """Write a controller as the image that a board loads. A format that is not safe for it is refused.
+    """Write a controller as the image that a board loads. One for which float32 is not safe is refused.
 
-    Raises BadInput for such a format.
+    Raises BadInput for such a controller.
 
-    >>> tt.build(controller, "q31").number_format
-    'q31'
+    >>> tt.build(controller).channels
+    3
     """
     from tactuator.io.atomic import atomic_path
-    from tactuator.wordlength.assessment import built
+    from tactuator.wordlength.float32_check import built
 
     loaded = read(controller)
     with nullcontext() if out is None else atomic_path(out) as beside:  # a folder that is not there is told at once
-        with working("comparing the number format with double precision"):
-            content, report = built(loaded, number_format)
+        with working("comparing float32 with double precision"):
+            content, report = built(loaded)
         if beside is not None:
             beside.write_bytes(content)
     return _image(content, out, response_error_db=float(report.response_error_db or 0.0))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -82,7 +81,7 @@ class CheckResult(Result):
 def verify(
     board: Board = "mps2-an500",
     rig: Annotated[str | None, Option("A board that is connected, instead: board:PORT or board:URL.")] = None,
-    ticks: Annotated[int, Option("Ticks of the interrupt, in each format.")] = 100_000,
+    ticks: Annotated[int, Option("Ticks of the interrupt.")] = 100_000,
     controller: ControllerOption = None,
 ) -> CheckResult:
     """Compare a board's interrupt with this machine's. Every bit has to be the same; exit status 1 if one differs."""
@@ -98,7 +97,7 @@ def verify(
         check = check_period(target, loaded, ticks)
     word = "bit for bit the same" if check.bit_exact else f"DIFFERENT ({check.first_difference})"
     line = (
-        f"{check.board}: {check.ticks} ticks, {check.channels} channels, {', '.join(check.formats)}: {word}; "
+        f"{check.board}: {check.ticks} ticks, {check.channels} channels: {word}; "
         f"{check.starts} runs, {check.played} samples played, faults: {', '.join(check.faults)}"
     )
     return CheckResult(check, line, check.bit_exact)
@@ -137,12 +136,12 @@ def stream(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BenchResult(Result):
-    """Instructions of one period on every board, in every format."""
+    """Instructions of one period on every board."""
 
     costs: "tuple[PeriodCost, ...]"
 
     def headline(self) -> Mapping[str, str]:
-        return {f"{cost.board}, {cost.format}": f"{cost.cases['usual']} instructions" for cost in self.costs}
+        return {cost.board: f"{cost.cases['usual']} instructions" for cost in self.costs}
 
     def to_dict(self) -> Any:
         return [asdict(cost) for cost in self.costs]
@@ -152,8 +151,8 @@ class BenchResult(Result):
         rows = []
         for cost in self.costs:
             share = f"{100.0 * cost.worst_share_of_period['168 MHz']:.1f} %"
-            rows.append((cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share))
-        columns = ("board", "format", *cases, "worst at 168 MHz")
+            rows.append((cost.board, *(str(cost.cases[case]) for case in cases), share))
+        columns = ("board", *cases, "worst at 168 MHz")
         return [ResultTable("Instructions of a period, the most of any", columns, tuple(rows))]
 
 
@@ -165,7 +164,6 @@ def bench(
     from tactuator.rig.boards import BOARDS
     from tactuator.rig.open import open_rig
     from tactuator.rig.period_cost import count_cycles, count_instructions
-    from tactuator.runtime.image import FORMATS
 
     if rig is not None:
         _require_board(rig)
@@ -174,11 +172,10 @@ def bench(
         with working("counting cycles"), cast("BoardRig", open_rig(rig, loaded.display)) as board:
             cycles = count_cycles(board, loaded)
         return CheckResult(cycles, _cycles_table(cycles))
-    pairs = list(product(BOARDS, FORMATS))
     costs: list[PeriodCost] = []
-    with working("boards and formats", len(pairs)) as step:
-        for name, number_format in pairs:
-            costs.append(count_instructions(name, loaded, number_format))
+    with working("boards", len(BOARDS)) as step:
+        for name in BOARDS:
+            costs.append(count_instructions(name, loaded))
             step(len(costs))
     return BenchResult(tuple(costs))
 
@@ -197,7 +194,7 @@ def _cycles_table(cycles: "PeriodCycles") -> ResultTable:
         for name, case in cycles.cases.items()
     )
     columns = ("", "periods", "least", "mean", "most", "of the period", "instructions")
-    title = f"{cycles.board}: cycles of a step, {cycles.channels} channels, {cycles.format}"
+    title = f"{cycles.board}: cycles of a step, {cycles.channels} channels"
     return ResultTable(title, columns, rows)
 
 

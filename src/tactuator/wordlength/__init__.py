@@ -1,1 +1,1 @@
-"""Effects of a number format on a controller: coefficients, round-off, bits needed, verdict."""
+"""Word length of a controller: the bits that its coefficients need, and what float32 does to it."""

@@ -2,7 +2,7 @@
 
     direct     one polynomial over one polynomial in 1/z        sections   second-order sections, b and a in 1/z
     delta      second-order sections in d = z - 1, coefficients times the power of the rate that makes them those of the
-               continuous filter, or nearly (in float32 as they are, as the core has them)
+               continuous filter, or nearly
 
 Poles crowd towards z = 1 as the rate rises, so coefficients of z^-1 need ever more bits; one direct form of high order
 more than second-order sections, and sections in delta form hardly any. What the rounded numbers stand for is a table of
@@ -35,21 +35,18 @@ Form = Literal["direct", "sections", "delta"]
 FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
 
 
-def rounded(values: ArrayLike, bits: int | None) -> FloatArray:
-    """Return the values rounded to the nearest multiple of 2^-bits, or to float32 for None."""
-    array = np.asarray(values, dtype=np.float64)
-    if bits is None:
-        return array.astype(np.float32).astype(np.float64)
-    return np.asarray(np.ldexp(np.round(np.ldexp(array, bits)), -bits))
+def rounded(values: FloatArray, bits: int) -> FloatArray:
+    """Return the values rounded to the nearest multiple of 2^-bits."""
+    return np.asarray(np.ldexp(np.round(np.ldexp(values, bits)), -bits))
 
 
-def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> FloatArray:
+def quantised_rows(sos: ArrayLike, form: Form, bits: int, rate_hz: float) -> FloatArray:
     """Return the rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5),
     or (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there.
     """
     sections = check_sections(sos)
     if form == "delta":
-        scale = np.ones(5) if bits is None else rate_hz ** np.array([0.0, 1.0, 2.0, 1.0, 2.0])
+        scale = rate_hz ** np.array([0.0, 1.0, 2.0, 1.0, 2.0])
         return np.asarray(rounded(delta_coefficients(sections) * scale, bits) / scale)
     if form == "sections":
         plain = rounded(sections / sections[:, 3:4], bits)

@@ -16,7 +16,7 @@ from tactuator.io.controller import parse_controller, read_controller
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.wordlength.assessment import built
+from tactuator.wordlength.float32_check import built
 from tests.synthesis.displays import paper_controller, three_finger_controller
 
 STATED = """
@@ -153,7 +153,7 @@ def judged(document: dict[str, object]) -> str:
     except BadInput:
         return "refused"
     if verdict.outcome is not Outcome.NOT_MET:
-        assert built(controller, "float32")[0]
+        assert built(controller)[0]
     return verdict.outcome.value
 
 

@@ -1,5 +1,6 @@
 """`tactuator wordlength`, `build`, `image` and `firmware`, as a user runs them."""
 
+import re
 import struct
 from contextlib import nullcontext
 from dataclasses import replace
@@ -13,55 +14,54 @@ from tactuator.rig import emulator
 from tactuator.rig.boards import BOARDS, build_firmware
 from tactuator.rig.period_check import PeriodCheck
 from tactuator.rig.period_cost import PeriodCost
-from tactuator.wordlength.formats import FORMATS
 from tests.rig.guard.guarded import designed
 from tests.runtime.paper_display import changed, channel, controller, display, louder
 
 
-def test_wordlength__format_rate_and_figure__are_told_drawn_and_recommended(desk, run) -> None:
-    reported = run.json("wordlength", "controller.json", "--format", "q15 biquads", status=1)
-    assert set(reported) == {"rate_hz", "formats", "recommended"}
-    assert (reported["rate_hz"], reported["recommended"]) == (4000.0, "float32")
-    assert [each["name"] for each in reported["formats"]] == [each.name for each in FORMATS]
-    figures = {"response_error_db", "roundoff_db_sl", "limit_cycle_db_sl"}
-    for each in reported["formats"]:
-        assert set(each) == {"name", "stable", "loads", "safe", "refused"} | figures
-        assert all((each[figure] is not None) == each["stable"] for figure in figures)
-    assert [each["loads"] for each in reported["formats"] if each["loads"]] == ["float32", "q31"]
+def test_wordlength__another_rate_and_a_figure__bits_and_float32_are_told_and_drawn(desk, run) -> None:
     reported = run.json("wordlength", "controller.json", "--rate", "2000", "--figures", "figures")
+    assert set(reported) == {"rate_hz", "bits", "float32", "figures"}
     assert (reported["rate_hz"], reported["figures"]) == (2000.0, "figures")
+    assert set(reported["bits"]) == {"prefilter", "feedback"}
+    for forms in reported["bits"].values():
+        assert set(forms) == {"direct", "sections", "delta"}
+        for by_rate in forms.values():
+            assert list(by_rate) == ["2000.0", "4000.0", "8000.0", "16000.0"]
+            assert all(0 <= bits["stable"] <= bits["accurate"] for bits in by_rate.values())
+    figures = {"response_error_db", "roundoff_db_sl", "limit_cycle_db_sl"}
+    assert set(reported["float32"]) == {"stable", "safe", "refused"} | figures
+    assert reported["float32"]["safe"]
     assert sorted(path.name for path in (desk / "figures").iterdir()) == ["resolution.csv", "resolution.svg"]
-    assert list(reported["resolution_bits"]["prefilter"]["sections"]) == ["2000", "4000", "8000", "16000"]
-    of = display(channel())
-    wide = replace(
-        of, channels=tuple(replace(each, converter=replace(each.converter, range_v=20.0)) for each in of.channels)
-    )
-    write_controller("controller.json", changed(controller(wide), limits=Limits(20.0, 2.0)))
-    shown = " ".join(run("wordlength", "controller.json").out.split())
-    assert "recommended: float32" in shown
-    assert "q31: channel 'index': command_v is 20; allowed: at most 15 V in Q31." in shown
 
 
-def test_loop_that_does_not_close__no_format_is_recommended_and_no_image_built(desk, run) -> None:
+def test_loop_that_does_not_close__float32_is_not_safe_and_no_image_is_built(desk, run) -> None:
     write_controller("controller.json", louder(read_controller("controller.json"), 60.0))
     ended = run("wordlength", "controller.json")
     assert ended.status == 1
-    assert "recommended: none of what a board runs" in " ".join(ended.out.split())
+    assert re.search(r"safe\s+no", ended.out)
     (desk / "image.bin").write_bytes(b"old")
-    words = "format float32 is not safe for this controller (unstable); allowed: what `wordlength` calls safe"
+    words = "float32 is not safe for this controller (unstable); allowed: what `wordlength` calls safe"
     run.refused("build", "controller.json", "--out", "image.bin", said=words)
     assert (desk / "image.bin").read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("number_format", ["float32", "q31"])
-def test_build__twice_then_image__same_bytes_and_say_the_same_of_them(number_format, desk, run) -> None:
+def test_wordlength__what_no_image_holds__is_told_with_status_1(desk, run) -> None:
+    of = display(channel())
+    wide = tuple(replace(each, converter=replace(each.converter, range_v=40.0)) for each in of.channels)
+    write_controller("controller.json", changed(controller(replace(of, channels=wide)), limits=Limits(40.0, 2.0)))
+    ended = run("wordlength", "controller.json")
+    assert ended.status == 1
+    assert "its command limit is out of range" in " ".join(ended.out.split())
+
+
+def test_build__twice_then_image__same_bytes_and_say_the_same_of_them(desk, run) -> None:
     image = desk / "image.bin"
-    words = ("build", "controller.json", "--format", number_format, "--out", image)
+    words = ("build", "controller.json", "--out", image)
     assert run(*words).status == 0
     before, built = image.read_bytes(), run.json(*words)
     assert image.read_bytes() == before
     assert (built["image"], built["bytes"]) == (str(image), len(before))
-    assert (built["format"], built["rate_hz"], built["channels"]) == (number_format, 4000.0, 1)
+    assert (built["rate_hz"], built["channels"]) == (4000.0, 1)
     assert built["controller"] == read_controller("controller.json").content_hash
     assert 0.0 <= built.pop("response_error_db") < 1e-3
     read = run.json("image", image, "--controller", "controller.json")
@@ -98,23 +98,23 @@ def test_image__spoilt_or_for_another_display__is_refused(desk, run) -> None:
 CASES = ("usual", "silent", "soft start", "limited", "on-board tones", "faults")
 
 
-def test_verify__few_ticks_or_different__bit_exact_in_both_formats_or_status_1(desk, run, monkeypatch) -> None:
+def test_verify__few_ticks_or_different__bit_exact_or_status_1(desk, run, monkeypatch) -> None:
     words = ("--board", "mps2-an386", "--ticks", "1000", "--controller", "controller.json")
     checked = run.json("firmware", "verify", *words)
-    expected = {"bit_exact": True, "first_difference": "", "ticks": 1000, "channels": 1, "formats": ["float32", "q31"]}
+    expected = {"bit_exact": True, "first_difference": "", "ticks": 1000, "channels": 1}
     assert checked == checked | expected | {"board": "mps2-an386"}
-    assert min(checked["running_ticks"], checked["played"]) > 1000
-    differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
+    assert min(checked["running_ticks"], checked["played"]) > 500
+    differing = PeriodCheck("mps2-an500", False, "seed 1, tick 5", 9, 3, 9, 1, (), 0)
     monkeypatch.setattr("tactuator.rig.period_check.check_period", lambda *arguments: differing)
     monkeypatch.setattr("tactuator.rig.open.open_rig", lambda *arguments: nullcontext())
     ended = run("firmware", "verify", "--ticks", "5", "--controller", "controller.json")
     assert ended.status == 1
-    assert "DIFFERENT (float32: seed 1, tick 5)" in ended.out.replace("\n", "")
+    assert "DIFFERENT (seed 1, tick 5)" in ended.out.replace("\n", "")
 
 
 def test_bench__at_80_columns__names_of_boards_are_whole(desk, monkeypatch, run) -> None:
     cases, share = dict.fromkeys(CASES, 1234), {"168 MHz": 0.02}
-    counted = [PeriodCost(name, "float32", 1, 1234, 1234, cases, share, share) for name in BOARDS]
+    counted = [PeriodCost(name, 1, 1234, 1234, cases, share, share) for name in BOARDS]
     count = lambda board, *given: counted[list(BOARDS).index(board)]  # noqa: E731
     monkeypatch.setattr("tactuator.rig.period_cost.count_instructions", count)
     monkeypatch.setenv("COLUMNS", "80")
@@ -124,10 +124,9 @@ def test_bench__at_80_columns__names_of_boards_are_whole(desk, monkeypatch, run)
 
 
 @pytest.mark.slow
-def test_bench__one_finger__every_board_in_both_formats(desk, run) -> None:
+def test_bench__one_finger__every_board(desk, run) -> None:
     rows = run.json("firmware", "bench", "--controller", "controller.json")
-    boards = [(board, number_format) for board in BOARDS for number_format in ("float32", "q31")]
-    assert [(row["board"], row["format"]) for row in rows] == boards
+    assert [row["board"] for row in rows] == list(BOARDS)
     for row in rows:
         assert row["channels"] == 1
         assert 50 < row["instructions_per_tick"] == row["cases"]["usual"] < 3000

@@ -41,8 +41,7 @@ int main(int count, char **words)
 {
     static uint8_t bytes[TACT_IMAGE_MAX];
     static tact_image image;
-    static tact_controller_state single[TACT_CHANNELS_MAX];
-    static tact_controller_q31_state fixed[TACT_CHANNELS_MAX];
+    static tact_controller_state state[TACT_CHANNELS_MAX];
     float position[TACT_CHANNELS_MAX] = {0.0f};
     FILE *file = count == 2 ? fopen(words[1], "rb") : NULL;
     if (file == NULL)
@@ -52,17 +51,12 @@ int main(int count, char **words)
     if (tact_image_parse(&image, bytes, size, 4000.0f, 1, 3) != TACT_IMAGE_GOOD)
         return 1;
     tact_noise_seed(&dice, 12u, 7u);
-    for (int k = 0; k < image.channels; k++) {
-        tact_controller_reset(&single[k]);
-        tact_controller_q31_reset(&fixed[k]);
-    }
+    for (int k = 0; k < image.channels; k++)
+        tact_controller_reset(&state[k]);
     for (int tick = 0; tick < TICKS; tick++)
         for (int k = 0; k < image.channels; k++) {
             const float reference = reference_at(tick);
-            const float command =
-                image.format == TACT_FLOAT32
-                    ? tact_controller_step(&image.tables.single[k], &single[k], reference, position[k])
-                    : tact_controller_q31_step(&image.tables.q31[k], &fixed[k], reference, position[k]);
+            const float command = tact_controller_step(&image.controller[k], &state[k], reference, position[k]);
             position[k] = 0.99f * position[k] + 0.004f * command;
             if (fwrite(&command, sizeof command, 1, stdout) != 1)
                 return 3;

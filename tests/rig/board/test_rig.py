@@ -94,7 +94,7 @@ def test_open__names__give_rigs_or_say_what_is_allowed():
 
 def test_emulator__ends_on_its_own__is_told():
     transport = Emulator("mps2-an500")
-    rig = simulated_board_rig(transport, designed().display, 1, "float32")
+    rig = simulated_board_rig(transport, designed().display, 1)
     os.killpg(transport._process.pid, signal.SIGKILL)
     transport._process.wait()
     with pytest.raises(LinkDown, match="has ended"):

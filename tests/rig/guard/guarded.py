@@ -65,14 +65,12 @@ class Run:
 class Guarded:
     """`controller` on an in-process board; `drives`: the stream goes straight to the motors."""
 
-    def __init__(
-        self, controller: Controller, drives: bool = False, seed: int = 1, number_format: str = "float32"
-    ) -> None:
+    def __init__(self, controller: Controller, drives: bool = False, seed: int = 1) -> None:
         self.display: Display = controller.display
         self.transport = InProcess()
         self.rig = BoardRig(LinkClient(self.transport), self.display)
         self.rig.simulate(seed)
-        self.rig.client.upload(IMAGE, build_image(controller, number_format))
+        self.rig.client.upload(IMAGE, build_image(controller))
         self.rig.client.must(Request.ARM)
         self.board, self.simulated = self.transport.board, self.transport.simulated
         self.drives = drives

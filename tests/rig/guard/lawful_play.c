@@ -4,7 +4,7 @@
  *     seed --> tones, noise, steps, silence --> board --> simulated display <-- presses, taps, tremor, loads
  *
  *     lawful_play SEED SECONDS WHICH    tables.h, written by test_lying_sensor.py: designed tables and a display; WHICH of the
- *                                       controllers: 0 fixed, 1 adaptive, 2 adaptive in Q31
+ *                                       controllers: 0 fixed, 1 adaptive
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -186,11 +186,10 @@ static void take_tables(unsigned long which)
     } FILES[] = {
         {SAFETY_FIXED, IMAGE_FIXED, sizeof SAFETY_FIXED, sizeof IMAGE_FIXED},
         {SAFETY_ADAPTIVE, IMAGE_ADAPTIVE, sizeof SAFETY_ADAPTIVE, sizeof IMAGE_ADAPTIVE},
-        {SAFETY_ADAPTIVE, IMAGE_ADAPTIVE_Q31, sizeof SAFETY_ADAPTIVE, sizeof IMAGE_ADAPTIVE_Q31},
     };
     static tact_safety safety;
     static tact_image image;
-    check(which < sizeof FILES / sizeof *FILES, "allowed for WHICH: 0, 1, 2");
+    check(which < sizeof FILES / sizeof *FILES, "allowed for WHICH: 0, 1");
     check(tact_safety_parse(&safety, FILES[which].safety, FILES[which].safety_size, CHANNELS) == TACT_SAFETY_GOOD,
           "safety table");
     check(tact_image_parse(&image, FILES[which].image, FILES[which].image_size, safety.rate_hz, 1, CHANNELS) == 0, "image");

@@ -64,7 +64,7 @@ def adversary(rng: np.random.Generator, count: int) -> Rows:
 
 def judge_comfort(seed: int, of: Made) -> None:
     rng = np.random.default_rng(seed)
-    guarded = Guarded(of(), seed=seed, number_format=("float32", "q31")[seed % 2])
+    guarded = Guarded(of(), seed=seed)
     moved = []
     stretches = int(rng.integers(2, 5))
     for stretch in range(stretches):
@@ -304,12 +304,11 @@ def worst_case(lifted: int | None, stopped: int | None, tick: int) -> tuple[Cour
         pytest.param(1500, 700, 1505, id="restarted and lifted", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("number_format", ["float32", pytest.param("q31", marks=pytest.mark.soak)])
 def test_comfort__worst_reference_there_is__is_not_passed_by_1_db(
-    lifted: int | None, stopped: int | None, tick: int, number_format: str
+    lifted: int | None, stopped: int | None, tick: int
 ) -> None:
     course, reference, expected_db_sl = worst_case(lifted, stopped, tick)
-    guarded = Guarded(designed(), number_format=number_format)
+    guarded = Guarded(designed())
     rows = np.zeros((course.length, 3))
     rows[:, CHANNEL] = reference
     moved = []

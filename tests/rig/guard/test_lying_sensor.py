@@ -69,7 +69,7 @@ def main() -> None:
 
 ROOT = Path(__file__).resolve().parents[3]
 _PARTS = ("arithmetic", "board", "control", "display", "link", "strength", "touch", "wire")
-CONTROLLERS = ("fixed", "adaptive", "adaptive, q31")
+CONTROLLERS = ("fixed", "adaptive")
 _FLAGS = ("-std=c99", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 
 
@@ -78,9 +78,8 @@ def build(folder: Path) -> Path:
     contents = {
         "SAFETY_FIXED": safety_bytes(safety_table(designed().display)),
         "SAFETY_ADAPTIVE": safety_bytes(safety_table(adaptive().display)),
-        "IMAGE_FIXED": build_image(designed(), "float32"),
-        "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
-        "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
+        "IMAGE_FIXED": build_image(designed()),
+        "IMAGE_ADAPTIVE": build_image(adaptive()),
         "DISPLAY": simulated_board_bytes(designed().display, 1),
     }
     arrays = (f"static const uint8_t {name}[] = {{{','.join(map(str, of))}}};\n" for name, of in contents.items())

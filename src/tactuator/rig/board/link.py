@@ -20,7 +20,7 @@ from tactuator.rig.transport import LinkDown, Transport
 from tactuator.runtime.image import ImageRefusal
 from tactuator.runtime.safety_table import Fault, SafetyRefusal
 
-VERSION = 1
+VERSION = 2
 PAYLOAD_MAX = 4096
 ANSWER = 0x80
 _COBS_BLOCK_BYTES = 254
@@ -207,7 +207,6 @@ class Status:
     fault_channel: int
     at_rest: bool
     allows_hold: bool
-    image_format: int
     delay_samples: int
     rate_hz: float
     safety_crc: int
@@ -227,7 +226,7 @@ class Status:
     acknowledged: int
     locked_ticks: int
 
-    LAYOUT = struct.Struct("<16s8Bf16I")
+    LAYOUT = struct.Struct("<16s7Bf16I")
 
     def require_no_fault(self) -> None:
         """Raise RigFault where the guard has ended the run."""
@@ -237,10 +236,10 @@ class Status:
     @classmethod
     def parse(cls, payload: bytes) -> Status:
         """Return the status that an answer to STATUS holds."""
-        name, channels, mode, fault, where, rest, hold, code, delay, rate, *counts = cls.LAYOUT.unpack(payload)
+        name, channels, mode, fault, where, rest, hold, delay, rate, *counts = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")
         flags = (bool(rest), bool(hold))
-        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, code, delay, rate, *counts)
+        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts)
 
 
 @dataclass(frozen=True)

@@ -70,13 +70,12 @@ class BoardRig(Rig):
         self,
         client: LinkClient,
         display: Display,
-        number_format: str = "float32",
         sleep: Callable[[float], None] = time.sleep,
         waits: bool = True,
         lead_s: float = STREAM_LEAD_S,
     ) -> None:
         super().__init__(display)
-        self.client, self._format = client, number_format
+        self.client = client
         status = client.status()
         if status.channels < len(display.channels):
             raise BadInput(
@@ -95,7 +94,7 @@ class BoardRig(Rig):
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
         self.require_runs(controller)
-        self.load_image(build_image(controller, self._format))
+        self.load_image(build_image(controller))
 
     def load_image(self, image: bytes) -> None:
         """Load an image as it is; the board itself refuses what is amiss (BadInput, with the reason)."""
