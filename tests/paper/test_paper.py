@@ -24,6 +24,7 @@ from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db, obs
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
 from tactuator.verbs.parameters import paper_controller, paper_display
 from tests.paper.conftest import Reproduced
+from tests.report.boxes import assert_texts_apart
 
 CHANNELS = ("index", "thumb", "middle")
 
@@ -145,8 +146,10 @@ def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduc
     json.loads((reproduced.folder / "summary.json").read_text())
 
 
-def test_plates__of_the_study__can_all_be_drawn(study: PaperStudy) -> None:
-    assert all(plate.svg().startswith("<?xml") for plate in plates(study))
+def test_plates__of_the_study__can_all_be_drawn_and_their_texts_stand_apart(study: PaperStudy) -> None:
+    for plate in plates(study):
+        assert plate.svg().startswith("<?xml")
+        assert_texts_apart(plate)
 
 
 def test_readme__first_sentence__is_felt_less_asked_of_the_summary(reproduced: Reproduced) -> None:
