@@ -25,7 +25,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
-from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tactuator.speech.items import Component, WaveformSet, write_waveforms
 from tactuator.synthesis.design import design_controller
 
 TRIALS, ROUNDS = 200, 10

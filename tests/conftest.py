@@ -119,12 +119,12 @@ _BROWSER = ("chromium",)
 _DEVICE = ("rig/", "firmware/", "cli/controller/test_firmware", "fuzz/")
 _INTEGRATION = (
     "cli/",
-    "corpus/",
     "paper/",
     "web/",
     "repository/",
     "experiment/session/",
     "speech/test_render",
+    "speech/test_folder",
     "pages/",
     "test_processors",
 )

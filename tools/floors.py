@@ -10,10 +10,9 @@ PICTURE = ROOT / "docs" / "figures" / "floors.svg"
 TASKS = {
     "cli": "asks, calls one verb, prints its result",
     "console": "a page on which a loop is shaped by dragging",
-    "paper": "the paper's run; many files; pages in a browser",
+    "paper": "the paper's run; pages in a browser",
     "verbs": "one function for each verb; one result for every face",
     "report": "figures and pages from results",
-    "patterns": "clips of other formats",
     "speech": "coding and limiting; protocol, session, store, result",
     "measure": "responses, noise, disturbance, felt levels",
     "rig": "runs an image and can be touched",

@@ -7,17 +7,17 @@
 from importlib import import_module
 
 _ROOMS = {
-    "corpus.verb": ("render_corpus",),
     "errors": ("BadInput",),
     "paper.verb": ("reproduce",),
     "rig.open": ("open_rig",),
     "rig.simulated": ("SimulatedRig",),
     "verbs.controller": ("build", "check", "design", "image"),
     "verbs.experiment": ("thresholds",),
+    "verbs.items": ("waveforms",),
     "verbs.model": ("calibrate", "identify", "record"),
     "verbs.response": ("disturb", "finger", "measure_response", "noise"),
     "verbs.sound": ("calibrate_display",),
-    "verbs.speech": ("play", "render", "waveforms"),
+    "verbs.speech": ("play", "render"),
     "verbs.start": (
         "examples", "init", "read_controller", "read_curve", "read_display", "read_model", "read_record",
     ),

@@ -1,4 +1,3 @@
-from tactuator.corpus.verb import render_corpus as render_corpus
 from tactuator.errors import BadInput as BadInput
 from tactuator.paper.verb import reproduce as reproduce
 from tactuator.rig.open import open_rig as open_rig
@@ -8,6 +7,7 @@ from tactuator.verbs.controller import check as check
 from tactuator.verbs.controller import design as design
 from tactuator.verbs.controller import image as image
 from tactuator.verbs.experiment import thresholds as thresholds
+from tactuator.verbs.items import waveforms as waveforms
 from tactuator.verbs.model import calibrate as calibrate
 from tactuator.verbs.model import identify as identify
 from tactuator.verbs.model import record as record
@@ -18,7 +18,6 @@ from tactuator.verbs.response import noise as noise
 from tactuator.verbs.sound import calibrate_display as calibrate_display
 from tactuator.verbs.speech import play as play
 from tactuator.verbs.speech import render as render
-from tactuator.verbs.speech import waveforms as waveforms
 from tactuator.verbs.start import examples as examples
 from tactuator.verbs.start import init as init
 from tactuator.verbs.start import read_controller as read_controller

@@ -8,14 +8,18 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from multiprocessing.context import BaseContext
 from threading import Lock
+from types import FrameType
 
 import scipy
 from threadpoolctl import threadpool_limits
+
+_TIDYING_S = 0.5
 
 
 def helper_context(module: str) -> BaseContext:
@@ -33,10 +37,12 @@ def helper_context(module: str) -> BaseContext:
 def begin_helper(nicer: int = 0) -> None:
     """Begin the life of a helper process, by so much nicer to others; it is the initializer of a pool.
 
-    Ctrl-C at the terminal is for the process that started it. Where that one is killed, nobody would ever tell the
-    helper that no more work comes: it ends by itself.
+    Ctrl-C at the terminal is for the process that started it. Where it is terminated, it leaves through the `finally`
+    clauses of its work. Where the process that started it is killed, nobody would ever tell it that no more work comes:
+    it ends by itself, in the same way.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
     if nicer and hasattr(os, "nice"):
         os.nice(nicer)
     parent = multiprocessing.parent_process()
@@ -44,8 +50,14 @@ def begin_helper(nicer: int = 0) -> None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(1)
+
+
 def _end_with(sentinel: int) -> None:
     wait([sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_TIDYING_S)
     os._exit(1)
 
 

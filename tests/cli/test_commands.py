@@ -122,12 +122,12 @@ def test_completion__of_a_verb_a_part_and_an_option__in_every_shell() -> None:
     assert "thresholds" in completed("fish", "tactuator experiment thr")
     assert "--figures" in completed("bash", "tactuator design --fig")
     script = (
-        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator corp); COMP_CWORD=1; '
+        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator calibrate-); COMP_CWORD=1; '
         '_tactuator_completion tactuator; echo "${COMPREPLY[@]}"'
     )
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     done = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["corpus"]
+    assert done.stdout.split() == ["calibrate-display"]
 
 
 def test_help__of_everything__has_the_first_verbs_at_the_top_and_each_in_one_line(run, monkeypatch) -> None:

@@ -230,7 +230,7 @@ def test_enrol_and_correct__bad_input_or_sessions_being_run__is_one_line_and_cha
 
 
 RENDER = ("render", "speech.wav", "--controller", "controller.json", "--out")
-WAVEFORMS = ("waveforms", "--out", "set", "--fingers", "index", "--duration", "0.125")
+WAVEFORMS = ("experiment", "waveforms", "--out", "set", "--fingers", "index", "--duration", "0.125")
 WITH = ("--controller", "controller.json")
 
 
@@ -256,16 +256,20 @@ def test_render__display_file_and_stereo__designs_for_it_and_mixes(desk, run) ->
     assert figures["notes"] == ["2 channels mixed down to one (their mean)"]
 
 
-def test_corpus__a_bad_file__the_rest_done_and_status_1(desk, run) -> None:
+def test_render__folder_with_a_bad_file__the_rest_done_and_status_1(desk, run) -> None:
     (desk / "speech").mkdir()
     (desk / "speech.wav").rename(desk / "speech" / "good.wav")
     (desk / "speech" / "bad.wav").write_text("words")
-    words = ("corpus", "speech", "--out", "out", "--workers", "1", *WITH)
+    (desk / "speech" / "call.m4a").write_text("of a telephone")
+    words = ("render", "speech", "--out", "out", "--workers", "1", *WITH)
     figures = run.json(*words, status=1)
-    assert (figures["rendered"], [failure["source"] for failure in figures["failures"]]) == (1, ["bad.wav"])
+    assert [failure["source"] for failure in figures["failures"]] == ["bad.wav"]
+    assert [(file["source"], file["kept"]) for file in figures["files"]] == [("good.wav", False)]
+    assert figures["left_out"] == ["call.m4a"]
     (desk / "speech" / "bad.wav").unlink()
-    figures = run.json(*words)
-    assert (figures["rendered"], figures["kept"]) == (0, 1)
+    told = run(*words)
+    assert (told.status, "left out, since they are no source: 1 .m4a" in told.err) == (0, True)
+    assert run.json(*words)["files"][0]["kept"]
 
 
 def test_waveforms_recognise_information__from_nothing_to_bits(desk, run) -> None:

@@ -170,7 +170,7 @@ def test_coding__of_another_package__by_its_name_and_in_a_file_and_rendered(inst
     assert read_coding(path) == loud
     path.write_text(path.read_text().replace("gain = 2.0", "gain = 3"))
     assert read_coding(path).gain == 3.0
-    reference, _, _ = render_array(sample_path(), controller, loud)
+    reference, _ = render_array(sample_path(), controller, loud)
     assert np.all(reference[:, 0] == reference[:, 2])
     write_controller(tmp_path / "controller.json", controller)
     words = ("--controller", tmp_path / "controller.json", "--out", tmp_path / "r.wav", "--coding", "loud")

@@ -18,7 +18,6 @@ import scipy.io
 import soundfile
 
 import tactuator
-from tactuator.corpus.corpus import open_journal
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.words import read_words
@@ -56,12 +55,7 @@ class Reader:
     @property
     def name(self) -> str:
         """The file and the function that reads it."""
-        return f"{self.file} ({getattr(self.read, '__name__', 'journal').strip('_')})"
-
-
-def _journal(path: Path) -> None:
-    with open_journal(path.parent, {"a": 1}):
-        pass
+        return f"{self.file} ({self.read.__name__.strip('_')})"
 
 
 def _protocol(path: Path) -> object:
@@ -119,7 +113,6 @@ READERS = (
     Reader("de.toml", _words),
     Reader("protocol.toml", _protocol, "experiment observe {} --store o.db --controller controller.json"),
     Reader("recognition.toml", _protocol),
-    Reader("journal.jsonl", _journal),
     Reader("lab.db", thresholds, "experiment thresholds --store {}"),
     Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out s.wav"),
     Reader("environment.json", _environment),
@@ -157,9 +150,6 @@ def make_files(folder: Path, display: Path, short: str) -> None:
         with write_reference(folder / f"reference.{kind}", ReferenceHead(4000.0, ("index",))) as writer:
             writer.write(u[:, None])
     _by_the_program(folder)
-    entry = {"item": "a.wav", "sha256": "0" * 64}
-    lines = [json.dumps({"parameters": {"a": 1}}), *(json.dumps({**entry, "n": n}) for n in range(20))]
-    (folder / "journal.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     found = {"hum_hz": [50.0, 100.0], "hum_v_peak": [1.5e-3, 0.25e-3], "noise_v_rms": 0.31e-3}
     document = {"format": "tactuator-environment/1", "tool": "1", "channels": {"index": found}}
     (folder / "environment.json").write_text(json.dumps(document, indent=1), encoding="utf-8")

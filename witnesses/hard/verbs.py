@@ -45,7 +45,7 @@ VERBS = [
     "measure --controller controller.json --frequency-hz 30,100 --confidence-db 2 --longest-s 1 --out new.h5",
     "measure --controller controller.json --frequency-hz 30,100 --confidence-db 2 --longest-s 1 --out new.csv "
     "--figures figures",
-    "waveforms --controller controller.json --out waveforms --duration 0.1 --fingers index",
+    "experiment waveforms --controller controller.json --out waveforms --duration 0.1 --fingers index",
     "render speech.wav --controller controller.json --out new.wav --felt felt.wav --save-coding coding.toml",
     "render speech.wav --controller controller.json --out new.h5 --felt felt.wav --figures figures",
     "firmware program --board mps2-an500 --out new.elf",

@@ -1,10 +1,10 @@
 """Are the 39 phonemes of TAPS felt equally strongly on 24 tactors that differ?
 
-Tactors are drawn: resonances of 60 to 300 Hz, sensitivities of +/- 6 dB. `tactuator design` and `phonemes all` run as
-commands on a display file of the drawn tactors. What each tactor does with a reference is computed here: the prefilter
-from the controller file by SciPy, the tactor's own equation of motion in steps of a sixteenth of a sample, the level by
-this file's threshold curve. Seen to fail with --one-gain: the codes go to the tactors by one digital gain, as without
-calibration.
+Tactors are drawn: resonances of 60 to 300 Hz, sensitivities of +/- 6 dB. `tactuator design` and `experiment phonemes`
+run as commands on a display file of the drawn tactors. What each tactor does with a reference is computed here: the
+prefilter from the controller file by SciPy, the tactor's own equation of motion in steps of a sixteenth of a sample,
+the level by this file's threshold curve. Seen to fail with --one-gain: the codes go to the tactors by one digital gain,
+as without calibration.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def main() -> None:
         folder = Path(name)
         path, controller = display(folder, natural, damping, gain), folder / "c.json"
         run("design", str(path), "--out", str(controller))
-        run("phonemes", "all", "--controller", str(controller), "--out", str(folder / "set"), "--level", str(LEVEL_DB))
+        code = ("--controller", str(controller), "--out", str(folder / "set"), "--level", str(LEVEL_DB))
+        run("experiment", "phonemes", *code)
         document = json.loads(controller.read_text())
         prefilters = [np.array(channel["prefilter_sos"]) for channel in document["channels"]]
         levels = {}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.patterns.taps import CODES, TACTORS, duration_s
+from tactuator.speech.taps import CODES, TACTORS, duration_s
 
 RATE_HZ = 12000.0
 LEAST = 0.995

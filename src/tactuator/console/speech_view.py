@@ -16,7 +16,7 @@ from tactuator.perception.curve import check_level
 from tactuator.speech.coding import coding_names
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.speech.reading import scan_speech
-from tactuator.verbs.speech import SpokenResult, render
+from tactuator.verbs.speech import RenderResult, render
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0
@@ -41,7 +41,7 @@ class SpeechRendered(ViewRequest):
         key, folder = state.uploads.new_folder()
         result = render(speech, controller, folder / _REFERENCE, coding, self.level, felt=folder / _FELT)
         state.uploads.keep(key, folder / _REFERENCE)
-        assert isinstance(result, SpokenResult)
+        assert isinstance(result, RenderResult)
         rendered = result.rendered
         assert rendered.felt is not None
         figures = rendered.felt.figures()
@@ -52,7 +52,7 @@ class SpeechRendered(ViewRequest):
             "duration_s": rendered.frames / rendered.rate_hz,
             "shown_s": _SHOWN_S,
             "peak_db_sl": max(rendered.peak_db_sl.values()),
-            "notes": list(rendered.speech.notes),
+            "notes": list(rendered.notes),
             "fingers": [_finger(finger) | {"hum": hum[finger.finger]} for finger in rendered.felt.fingers],
             "hum": _hum_said([line for lines in hum.values() for line in zip(*lines.values(), strict=True)]),
             "rows": [

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
 from tactuator.errors import BadInput
 
-_HALF_WRITTEN = "tactuator"
 STORE_MARK = b"SQLite format 3"
 """How the file of a store begins."""
 
@@ -33,7 +31,7 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
         if not is_store and _begins_as_a_store(target):
             raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
     # the name is known before the file is there: a Ctrl-C between the two leaves nothing
-    beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
+    beside = target.with_name(f".{target.stem}-{_token()}{target.suffix}")
     try:
         with _told_of_a_full_disk(path):
             mode = 0o600 if is_store else 0o666  # subjects' answers are nobody else's, from the first byte
@@ -49,18 +47,6 @@ def _begins_as_a_store(path: Path) -> bool:
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(STORE_MARK)) == STORE_MARK
     return False
-
-
-def sweep_half_written(paths: Iterable[Path]) -> None:
-    """Remove what killed processes left of writing to the paths; nothing else has a name like that."""
-    names: dict[Path, set[str]] = {}
-    for path in paths:
-        names.setdefault(path.parent, set()).add(path.name)
-    for folder, wanted in names.items():
-        for beside in folder.glob(f".*.{_HALF_WRITTEN}.*"):
-            name = re.fullmatch(rf"\.(.+)-[a-z0-9_]{{8}}\.{_HALF_WRITTEN}(\.[^.]+)", beside.name)
-            if name is not None and name[1] + name[2] in wanted and beside.is_file():
-                beside.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -40,7 +40,6 @@ KINDS: Mapping[str, Kind] = {
     "pairs": Kind("the pairs of a calibration", "`tactuator calibrate` takes them"),
     "environment": Kind("a measured environment", "a display file names it as measured under [environment]"),
     "matrix": Kind("a confusion matrix", "`tactuator experiment information --matrix` takes it"),
-    "profile": Kind("Android's frequency profile of a device", "`tactuator render --made-for` takes it"),
     "coding": Kind("a coding of speech", "`tactuator render --coding` takes it"),
 }
 """Kinds of files by name."""
@@ -60,7 +59,6 @@ _COLUMNS = (
     ("curve", {"frequency_hz", "level_db_re_1um"}),
     ("curve", {"frequency_hz", "acceleration_m_s2_rms"}),
     ("contours", {"frequency_hz", "level_db_sl", "db_sl"}),
-    ("profile", {"frequency_hz", "acceleration_g"}),
     ("loss", {"frequency_hz", "level_db_sl"}),
     ("response", {"frequency_hz"}),
     ("pairs", {"displacement_mm", "voltage_v"}),

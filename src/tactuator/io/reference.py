@@ -92,17 +92,25 @@ def curves_of(channels: Iterable[Channel]) -> dict[str, tuple[str, str]]:
 
 
 class ReferenceWriter:
-    """Takes blocks (n, channels) in threshold units; made by `write_reference`."""
+    """Takes blocks (n, channels) in threshold units; made by `write_reference`. rendered: figures of how the reference
+    came about, plain JSON, which are written with its head.
+    """
 
     def __init__(self, sink: Any, head: ReferenceHead, path: Path, check: Callable[[], None] = lambda: None) -> None:
         self._sink, self._head, self._path, self._check = sink, head, path, check
         self._digest = hashlib.sha256()
         self.frames = 0
+        self.rendered: Mapping[str, Any] = {}
 
     @property
     def sha256(self) -> str:
         """Return SHA-256 (hex) of the samples so far; see `content_sha256`."""
         return self._digest.hexdigest()
+
+    def document(self) -> str:
+        """Return the content of NAME.json: the head, the checksum of the samples, and what was rendered."""
+        document = {**self._head.document(), "sha256": self.sha256, "rendered": self.rendered}
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
     def write(self, block: FloatArray) -> None:
         """Append a block. Raises BadInput for another shape, samples that are not finite, or where it cannot go."""
@@ -160,13 +168,15 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
                 _SoundWriter(beside, "w", int(head.rate_hz), len(head.channels), "FLOAT", format="WAV") as file,
             ):
                 file.comment = head.comment()
-                yield ReferenceWriter(file, head, path)
+                writer = ReferenceWriter(file, head, path)
+                yield writer
             forget_time(beside)
+            write_text(head_path, writer.document())
         else:
             with _writing(path), written_hdf5(beside) as written:
-                yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
-        if path.suffix == ".wav":
-            write_text(head_path, json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
+                writer = ReferenceWriter(_dataset(written.file, head), head, path, written.check)
+                yield writer
+                written.file.attrs["head"] = writer.document()
 
 
 def check_suffix(path: Path) -> None:
@@ -244,7 +254,6 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
         "reference", shape=(0, width), maxshape=(None, width), chunks=(BLOCK_FRAMES, width), dtype="<f4"
     )
     data.attrs["units"] = "threshold units (a sinusoid of amplitude 1 is at 0 dB SL)"
-    file.attrs["head"] = json.dumps(head.document(), allow_nan=False)
     file.attrs["format"] = FORMAT
     file.attrs["rate_hz"] = head.rate_hz
     return data

@@ -28,7 +28,7 @@ from tactuator.verbs.designed import ControllerResult
 from tactuator.verbs.parameters import paper_controller
 from tactuator.verbs.response import MeasuredResponses
 from tactuator.verbs.result import promoted
-from tactuator.verbs.speech import SpokenResult
+from tactuator.verbs.speech import RenderResult
 from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
 
 
@@ -154,7 +154,7 @@ def speak(plan: Plan, controller: ControllerResult, file: SpeechFile, progress: 
     with TemporaryDirectory() as folder:
         out, felt = (Path(folder) / f"{name}.wav" for name in ("reference", "felt"))
         spoken = tt.render(file.path, controller, out, felt=felt, seed=plan.seed_of("speech"))
-    assert isinstance(spoken, SpokenResult)
+    assert isinstance(spoken, RenderResult)
     assert spoken.rendered.felt is not None
     progress("speech", 1.0)
     return Spoken(file, spoken.rendered.felt, spoken.rendered.limiting)

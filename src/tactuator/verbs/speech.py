@@ -1,14 +1,14 @@
-"""The verbs that bring speech to fingers: waveforms, render, play."""
+"""The verbs that bring speech, clips and alignments to fingers: render, play."""
 
 import select
 import signal
-import string
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.verbs.items import LAYOUT_HELP
 from tactuator.verbs.parameters import (
     Argument,
     ControllerOption,
@@ -28,115 +29,57 @@ from tactuator.verbs.parameters import (
     chosen_controller,
     opened,
 )
-from tactuator.verbs.pattern import LEGACY_HELP, MADE_FOR_HELP, MOST_LOSS_DB, ClipResult, render_pattern
 from tactuator.verbs.result import Result, columns_of, figure, working
 
 if TYPE_CHECKING:
     from tactuator.rig.player import Played, Wish
-    from tactuator.speech.render import Rendered
-    from tactuator.speech.waveforms import WrittenWaveform
+    from tactuator.speech.folder import RenderedFolder
+    from tactuator.speech.render import Rendered, RenderJob
 
-PROTOCOL = "protocol.toml"
-CODING_HELP = "direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml."
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WaveformsResult(Result):
-    """Synthetic waveforms in a folder, and the protocol that asks for them."""
-
-    out: Path
-    waveforms: "tuple[WrittenWaveform, ...]"
-
-    def to_dict(self) -> dict[str, Any]:
-        items = [
-            {"label": item.label, "file": item.path.name, "max_reduction_db": item.max_reduction_db}
-            for item in self.waveforms
-        ]
-        return {"out": self.out, "protocol": self.out / PROTOCOL, "items": items}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple(
-            (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "not needed")
-            for item in self.waveforms
-        )
-        table = ResultTable("Waveforms", ("waveform", "limiter"), rows)
-        return [table, f"written: {self.out}", f"written: {self.out / PROTOCOL}"]
-
-
-def waveforms(
-    out: Annotated[Place, Option("Folder for the references and protocol.toml.", type=Path)],
-    controller: ControllerOption = None,
-    *,
-    display: DisplayOption = None,
-    duration: Annotated[float, Option("Of every waveform, seconds.")] = 0.5,
-    level: Annotated[float, Option("Of every component, dB SL.")] = 40.0,
-    fingers: Annotated[str, Option("Groups: names with +, groups with commas.")] = "thumb,index,middle,all",
-    repetitions: Annotated[int, Option("Of each item in the test.", ge=1)] = 10,
-    seed: Seed = 0,
-) -> WaveformsResult:
-    """Write waveforms and a protocol that asks for them. They are kinesthetic, middle and cutaneous, singly and
-    combined.
-
-    Raises BadInput for a finger that the display does not have.
-
-    >>> len(tt.waveforms("waves", controller, fingers="thumb").waveforms)
-    7
-    """
-    from tactuator.io.atomic import atomic_folder, write_text
-    from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, write_waveforms
-
-    loaded = chosen_controller(display, controller)
-    groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
-    components = tuple(replace(component, level_db_sl=level) for component in (KINESTHETIC, MIDDLE, CUTANEOUS))
-    waveform_set = WaveformSet(duration, components=components, fingers=groups)
-    names = {f"{label}.{ending}" for label in waveform_set.labels() for ending in ("wav", "json")} | {PROTOCOL}
-    with atomic_folder(out, frozenset(names)) as beside:
-        with working("rendering waveforms"):
-            written = write_waveforms(waveform_set, loaded, beside)
-        items = [(item.label, item.path.name) for item in written]
-        study = f"waveforms of {1e3 * duration:g} ms"
-        write_text(beside / PROTOCOL, recognition_protocol(study, items, repetitions, seed))
-    return WaveformsResult(Path(out), written)
-
-
-def recognition_protocol(study: str, items: Sequence[tuple[str, str]], repetitions: int, seed: int) -> str:
-    """Return the protocol of a recognition experiment over items: label and file of each."""
-    keys = [*string.digits[1:], *string.ascii_lowercase, *string.ascii_uppercase]
-    keys += [f"{number}" for number in range(10, 1000)]
-    listed = "".join(
-        f'\n[[item]]\nlabel = "{label}"\nfile = "{file}"\nkey = "{key}"\n'
-        for (label, file), key in zip(items, keys, strict=False)
-    )
-    return (
-        f'[study]\nname = "{study}"\nseed = {seed}\n\n'
-        '[recognition]\nparadigm = "recognition"\nlead_s = 0.3\ngap_s = 0.3\n'
-        f'{listed}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
-        f'\n[[block]]\nkind = "test"\nrepetitions = {repetitions}\nfeedback = false\n'
-        '\n[[subject]]\ncode = "S1"\n'
-    )
+CODING_HELP = "Of speech: direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml."
+MOST_LOSS_DB = 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpokenResult(Result):
-    """Speech as a reference in dB SL. path: the reference that was written."""
+class RenderResult(Result):
+    """A source as a reference in dB SL. path: of the reference. most_loss_db: the shortfall up to which it holds."""
 
     path: Path
+    source: Path
     rendered: "Rendered"
+    most_loss_db: float
+
+    @property
+    def holds(self) -> bool:
+        loss = self.rendered.loss
+        return loss is None or loss.shortfall_db_sl <= self.most_loss_db
 
     def headline(self) -> Mapping[str, str]:
         peaks = {name: figure(level, "dB SL at the peak") for name, level in self.rendered.peak_db_sl.items()}
-        return {"reference": str(self.path), "duration": figure(self.rendered.speech.duration_s, "s"), **peaks}
+        loss = self.rendered.loss
+        short = {} if loss is None else {"short by up to": figure(loss.shortfall_db_sl, "dB", 3)}
+        return {"reference": str(self.path), "duration": figure(self.rendered.duration_s, "s"), **short, **peaks}
 
     def to_dict(self) -> dict[str, Any]:
-        return {"out": self.path, **self.rendered.document()}
+        return {"out": self.path, "source": self.source, **self.rendered.document(), "met": self.holds}
+
+    def notices(self) -> Sequence[str]:
+        return self.rendered.notes
 
     def columns(self) -> Mapping[str, Any]:
-        return columns_of(("finger", "peak_db_sl"), self.rendered.peak_db_sl.items())
+        loss = self.rendered.loss
+        if loss is None:
+            return columns_of(("finger", "peak_db_sl"), self.rendered.peak_db_sl.items())
+        return {name: getattr(loss, name) for name in ("time_s", "asked_db_sl", "delivered_db_sl")}
 
     def chart(self) -> Chart:
         from tactuator.perception.curve import COMFORT_DB_SL
 
-        peaks, felt = self.rendered.peak_db_sl, self.rendered.felt
+        peaks, felt, loss = self.rendered.peak_db_sl, self.rendered.felt, self.rendered.loss
+        if loss is not None:
+            asked = ChartLine("asked", loss.time_s, loss.asked_db_sl, colour=0)
+            given = ChartLine("delivered", loss.time_s, loss.delivered_db_sl, "--", colour=1)
+            return Chart("time (s)", "level (dB SL)", [asked, given], limits={"threshold": 0.0})
         if felt is None:
             curves = [ChartLine("peak", list(peaks), list(peaks.values()), "o")]
             return Chart("finger", "level (dB SL)", curves, limits={"comfort": COMFORT_DB_SL, "threshold": 0.0})
@@ -157,8 +100,21 @@ class SpokenResult(Result):
             cells = ["–"] * 3 if figures is None else [f"{figures[name]:.2f} dB" for name in names]
             rows.append((entry.finger, f"{self.rendered.peak_db_sl[entry.finger]:.1f}", _limited(entry), *cells))
         columns = ("finger", "peak dB SL", "limiter", "felt − asked, rms", "median frame", "95 % of frames")
-        notes = (f"note: {note}" for note in self.rendered.speech.notes)
-        return [ResultTable("Reference", columns, tuple(rows)), *notes]
+        return [ResultTable("Reference", columns, tuple(rows)), *self._lost()]
+
+    def _lost(self) -> Sequence[ResultTable]:
+        loss = self.rendered.loss
+        if loss is None:
+            return []
+        rows = [
+            ("short by up to", f"{loss.shortfall_db_sl:.1f} dB SL (allowed: {self.most_loss_db:g})"),
+            ("the display's limits take back", f"{loss.clipped_s:.2f} s of {self.rendered.duration_s:.2f} s"),
+            ("frequencies moved into the band, by up to", f"{loss.frequency_shift_jnd:.1f} JND"),
+        ]
+        if loss.emphasis_rise_db is not None:
+            asked, given = loss.emphasis_rise_db
+            rows.append(("taps rise above what is beneath, asked and delivered", f"{asked:.1f}, {given:.1f} dB"))
+        return [ResultTable(f"What the display does not give of {self.source.name}", ("what", "value"), tuple(rows))]
 
 
 def _limited(entry: Any) -> str:
@@ -168,13 +124,56 @@ def _limited(entry: Any) -> str:
     return f"up to {entry.max_reduction_db:.1f} dB for {entry.reduced_s:.2f} s ({reason})"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class FolderResult(Result):
+    """A folder as references. most_loss_db: the shortfall of each clip up to which it holds."""
+
+    path: Path
+    folder: "RenderedFolder"
+    most_loss_db: float
+
+    def _short(self) -> list[str]:
+        lost = [(each["out"], (each["loss"] or {}).get("shortfall_db_sl", 0.0)) for each in self.folder.files]
+        return [f"{name}: short by {loss:.1f} dB SL" for name, loss in lost if loss > self.most_loss_db]
+
+    @property
+    def holds(self) -> bool:
+        return not (self.folder.failures or self._short())
+
+    def headline(self) -> Mapping[str, str]:
+        kept = sum(each["kept"] for each in self.folder.files)
+        return {
+            "rendered": str(len(self.folder.files) - kept),
+            "kept from an earlier run": str(kept),
+            "failed": str(len(self.folder.failures)),
+            "short": str(len(self._short())),
+            "left out": str(len(self.folder.left_out)),
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        duration_s = sum(each["duration_s"] for each in self.folder.files)
+        return {"out": self.path, "duration_s": duration_s, **vars(self.folder), "met": self.holds}
+
+    def notices(self) -> Sequence[str]:
+        endings = Counter(Path(name).suffix or Path(name).name for name in self.folder.left_out)
+        listed = ", ".join(f"{count} {ending}" for ending, count in endings.most_common())
+        return [f"left out, since they are no source: {listed}"] if listed else []
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        failures = (f"failed: {failure['error']}" for failure in self.folder.failures)
+        return [ResultTable("Folder", ("what", "files"), tuple(self.headline().items())), *failures, *self._short()]
+
+
 def render(
-    speech: Annotated[Place, Argument("Speech: WAV, FLAC, ...; or a clip: .haptic, .ahap, .hjif, .xml.", file=True)],
+    source: Annotated[
+        Place,
+        Argument("Speech (WAV, FLAC, ...), clip (.haptic, .ahap), alignment (.TextGrid); or a folder.", file=True),
+    ],
     controller: ControllerOption,
-    out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5.", writes=True)],
+    out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5; of a folder, one.", writes=True)],
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
     level_db_sl: Annotated[
-        float, Option("Of the utterance; of a clip's strength 1; dB SL.", ("--level",))
+        float, Option("Of an utterance, a clip's strength 1, a burst; dB SL.", ("--level",))
     ] = LEVEL_DB_SL,
     *,
     display: DisplayOption = None,
@@ -187,46 +186,80 @@ def render(
     most_loss_db: Annotated[
         float, Option("Of a clip: shortfall that is allowed, dB.", ("--most-loss",), ge=0)
     ] = MOST_LOSS_DB,
-    legacy: Annotated[bool, Option(LEGACY_HELP)] = False,
-    made_for: Annotated[Place | None, Option(MADE_FOR_HELP, file=True)] = None,
-) -> SpokenResult | ClipResult:
-    """Code speech onto the fingers and write the reference. Its level is set in dB SL, and the display's limits are
-    kept. A haptic clip (.haptic, .ahap, Android's .xml) is rendered as well, and its loss told.
+    legacy: Annotated[
+        bool, Option("Take a .haptic whose frequency outlasts its amplitude, as older players do.")
+    ] = False,
+    layout: Annotated[Place | None, Option(LAYOUT_HELP, file=True)] = None,
+    workers: Annotated[int | None, Option("Of a folder: processes (default: cores).", ge=1)] = None,
+    scheduler: Annotated[str | None, Option("Of a folder: address of a Dask scheduler.")] = None,
+) -> RenderResult | FolderResult:
+    """Render speech, clips or phonemes to a reference in dB SL. The display's limits are kept, and what they take back
+    is listed. Every file of a folder is rendered; what an earlier run finished is kept.
 
-    A clip holds where the display falls short by no more than `most_loss_db`. Raises BadInput for what is no speech and
-    no clip, another coding, or a display without the coding's fingers.
+    A clip holds where the display falls short by no more than `most_loss_db`, a folder where every file does. Raises
+    BadInput for what is no source, another coding, or a display without the coding's fingers.
 
     >>> tt.render("speech.wav", controller, "reference.wav").path.name
     'reference.wav'
     """
-    from tactuator.patterns.files import is_clip
     from tactuator.speech.coding import coding_of, write_coding
-    from tactuator.speech.render import RenderJob, render_file
+    from tactuator.speech.render import RenderJob, kind_of_source, render_file
+    from tactuator.speech.taps import read_layout
 
-    source = Path(speech)
-    if is_clip(source):
-        if coding != CODING or felt is not None or save_coding is not None:
-            raise BadInput(
-                f"{speech} is a clip: it has no coding, and is not felt by simulation", "--level, --most-loss"
-            )
-        folder = None if figures is None else Path(figures)
-        loaded, device = chosen_controller(display, controller), None if made_for is None else Path(made_for)
-        return render_pattern(source, loaded, Path(out), level_db_sl, most_loss_db, legacy, folder, device)
-    if figures is not None and felt is None:
+    place, target = Path(source), Path(out)
+    kind = "folder" if place.is_dir() else kind_of_source(place)
+    given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--layout": layout,
+             "--felt": felt, "--figures": figures, "--workers": workers, "--scheduler": scheduler}  # fmt: skip
+    for name, value in given.items():
+        if value and kind not in _TAKEN_BY[name]:
+            raise BadInput(f"{name} with {source} ({kind})", f"with {' or '.join(_TAKEN_BY[name])}")
+    if workers and scheduler:
+        raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
+    if figures is not None and felt is None and kind == "speech":
         raise BadInput("--figures without --felt", "both, since they show what was felt")
-    chosen = coding_of(coding)
-    job = RenderJob(chosen_controller(display, controller), chosen, level_db_sl, felt is not None, seed)
-    with working("render", 1.0) as step:
-        rendered = render_file(source, Path(out), job, None if felt is None else Path(felt), step)
+    chosen, loaded = coding_of(coding), chosen_controller(display, controller)
+    channels = [channel.name for channel in loaded.display.channels]
+    placed = None if layout is None else read_layout(Path(layout), channels)
+    job = RenderJob(loaded, chosen, level_db_sl, felt is not None, seed, placed, legacy)
+    result: RenderResult | FolderResult
+    if kind == "folder":
+        result = _folder(place, target, job, most_loss_db, workers, scheduler)
+    else:
+        with working("render", 1.0) as step:
+            rendered = render_file(place, target, job, None if felt is None else Path(felt), step)
+        result = RenderResult(target, place, rendered, most_loss_db)
+        if figures is not None:
+            _draw(result, Path(figures), f"{place.name}, coding “{coding}” at {level_db_sl:g} dB SL")
     if save_coding is not None:
         write_coding(Path(save_coding), chosen)
-    if figures is not None and rendered.felt is not None:
-        from tactuator.report.felt import spectrogram_plate
-        from tactuator.report.plate import save_plates
+    return result
 
-        plate = spectrogram_plate(rendered.felt, f"{source.name}, coding “{coding}” at {level_db_sl:g} dB SL")
-        save_plates([plate], Path(figures))
-    return SpokenResult(Path(out), rendered)
+
+_TAKEN_BY: Mapping[str, tuple[str, ...]] = {
+    "--coding": ("speech", "folder"), "--save-coding": ("speech", "folder"), "--legacy": ("clip", "folder"),
+    "--layout": ("alignment", "folder"), "--felt": ("speech", "clip", "alignment"),
+    "--figures": ("speech", "clip", "alignment"), "--workers": ("folder",), "--scheduler": ("folder",),
+}  # fmt: skip
+"""Kinds of sources that an option is for."""
+
+
+def _folder(
+    folder: Path, out: Path, job: "RenderJob", most_loss_db: float, workers: int | None, scheduler: str | None
+) -> FolderResult:
+    from tactuator.speech.folder import render_folder, workers_of
+
+    with workers_of(workers, scheduler) as doers, working("render") as step:
+        return FolderResult(out, render_folder(folder, out, job, doers, step), most_loss_db)
+
+
+def _draw(result: RenderResult, folder: Path, caption: str) -> None:
+    from tactuator.report.chart import chart_plate
+    from tactuator.report.felt import spectrogram_plate
+    from tactuator.report.plate import save_plates
+
+    felt = result.rendered.felt
+    plate = chart_plate(result.chart(), result.source.stem) if felt is None else spectrogram_plate(felt, caption)
+    save_plates([plate], folder)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

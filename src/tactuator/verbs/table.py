@@ -1,7 +1,7 @@
 """The verbs by name, in groups in the order of the chain, each with the function that it is.
 
 A name of two words is a part of a verb. Functions are named as "module:function" below tactuator, and imported when
-they are asked for: a room above the verbs may have one as well (`paper`, `corpus`, `web`, `console`).
+they are asked for: a room above the verbs may have one as well (`paper`, `web`, `console`).
 """
 
 from collections.abc import Callable, Mapping
@@ -53,6 +53,8 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment contours": "verbs.strength:contours",
         "experiment judged": "verbs.strength:judged",
         "experiment export": "verbs.experiment:export",
+        "experiment waveforms": "verbs.items:waveforms",
+        "experiment phonemes": "verbs.items:phonemes",
         "experiment recognise": "verbs.recognition:recognise",
         "experiment information": "verbs.recognition:information",
         "experiment backup": "verbs.store:backup",
@@ -60,13 +62,8 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment plan": "verbs.planning:plan",
     },
     "Speech": {
-        "waveforms": "verbs.speech:waveforms",
         "render": "verbs.speech:render",
-        "pattern": "verbs.pattern:pattern",
-        "export": "verbs.giving:export",
-        "phonemes": "verbs.phonemes:phonemes",
         "play": "verbs.speech:play",
-        "corpus": "corpus.verb:render_corpus",
     },
     "The paper": {"reproduce": "paper.verb:reproduce"},
 }

@@ -15,7 +15,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tactuator.speech.items import Component, WaveformSet, write_waveforms
 from tactuator.synthesis.design import design_controller
 from tests.experiment.session.apparatuses import ObedientClock, nobody, token
 from tests.one_finger import DISPLAY

@@ -15,7 +15,7 @@ from tactuator.experiment.simulated.sitting import ErringRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.rig.rig import require_finger_ports
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tactuator.speech.items import Component, WaveformSet, write_waveforms
 from tests.experiment.session.apparatuses import nobody, rows_of
 from tests.experiment.session.recognising import SET, THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
 

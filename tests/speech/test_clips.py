@@ -1,10 +1,13 @@
 """Clips of other formats: what they ask for, every rule that one can break, and hostile files in bounded memory."""
 
+import copy
 import json
 import random
 import re
 import subprocess
 import sys
+import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.patterns.acf import read_acf
-from tactuator.patterns.android import read_profile
-from tactuator.patterns.clip import Clip
-from tactuator.patterns.files import read_clip
-from tactuator.patterns.hjif import parse_hjif
-from tests.patterns.formats import ACF, HJIF, LIMITS, changed
+from tactuator.io.controller import write_controller
+from tactuator.io.display import parse_display
+from tactuator.io.shipped import display_template
+from tactuator.speech.clip import Breakpoints, Clip, Tap, Tone
+from tactuator.speech.clip_signal import clip_signal, read_clip
+from tactuator.speech.limiter import Limiter
+from tactuator.synthesis.design import design_controller
 
 HAPTIC = {
     "version": {"major": 1, "minor": 0, "patch": 0},
@@ -50,11 +54,19 @@ AHAP = {
             {"Time": 0.0, "ParameterValue": 0.3}, {"Time": 0.4, "ParameterValue": 0.9}]}},
     ],
 }  # fmt: skip
-BASIC = """<vibration-effect><basic-envelope-effect initialSharpness="0.3">
-<control-point intensity="0.2" sharpness="0.5" durationMs="100" />
-<control-point intensity="0.0" sharpness="0.5" durationMs="100" /></basic-envelope-effect></vibration-effect>"""
-ADVANCED = """<vibration-effect><waveform-envelope-effect>
-<control-point amplitude="0.5" frequencyHz="80" durationMs="50" /></waveform-envelope-effect></vibration-effect>"""
+
+
+def changed(document, path, value):
+    """A copy of the document with another value at a path; None takes the key away."""
+    document = copy.deepcopy(document)
+    part = document
+    for key in path[:-1]:
+        part = part[key]
+    if value is None:
+        del part[path[-1]]
+    else:
+        part[path[-1]] = value
+    return document
 
 
 def read(tmp_path, name, content, **how) -> Clip:
@@ -66,7 +78,7 @@ def read(tmp_path, name, content, **how) -> Clip:
 def test_haptic__points__are_strength_pitch_and_taps_and_a_late_frequency_is_refused_unless_legacy(tmp_path) -> None:
     clip = read(tmp_path, "knock.haptic", HAPTIC)
     (tone,), (tap,) = clip.tones, clip.taps
-    assert (clip.name, clip.format, clip.duration_s, clip.pitch_in_hz) == ("knock.haptic", "haptic", 0.3, False)
+    assert (clip.format, clip.duration_s) == ("haptic", 0.3)
     np.testing.assert_allclose(tone.strength.at(np.array([0.0, 0.05, 0.2])), [0.2, 0.4, 0.3])
     np.testing.assert_allclose(tone.pitch.at(np.array([0.1, 0.3])), [0.4, 0.6])  # held after its end
     assert (tap.time_s, tap.strength, tap.pitch) == (0.1, 0.9, 0.7)
@@ -142,48 +154,6 @@ def test_ahap__rule_broken__is_refused_with_it(tmp_path, path, value, said) -> N
         read(tmp_path, "a.ahap", changed(AHAP, path, value))
 
 
-def test_android__envelopes__begin_at_zero_reach_each_point_and_tell_what_not_every_device_plays(tmp_path) -> None:
-    basic, advanced = read(tmp_path, "a.xml", BASIC), read(tmp_path, "b.xml", ADVANCED)
-    assert (basic.format, basic.duration_s, advanced.format, advanced.pitch_in_hz) == (
-        "android-basic", pytest.approx(0.2), "android-advanced", True,
-    )  # fmt: skip
-    np.testing.assert_allclose(basic.tones[0].strength.at(np.array([0.0, 0.05, 0.1, 0.15])), [0.0, 0.1, 0.2, 0.1])
-    np.testing.assert_allclose(basic.tones[0].pitch.at(np.array([0.0, 0.1])), [0.3, 0.5])
-    np.testing.assert_allclose(advanced.tones[0].pitch.at(np.array([0.0, 0.05])), [80.0, 80.0])
-    point = '<control-point amplitude="0.5" frequencyHz="80" durationMs="{}" />'
-    points = "".join(point.format(ms) for ms in (10, 1500, *[20] * 15))
-    clip = read(tmp_path, "a.xml", ADVANCED.replace("<control", points + "<control", 1))
-    assert [line.split(";")[0] for line in clip.unsure] == [
-        "18 control points", "a step of 10 ms", "a step of 1500 ms", "an end at 0.5",
-    ]  # fmt: skip
-    assert read(tmp_path, "b.xml", BASIC).unsure == ()
-    with pytest.raises(BadInput, match=r"allowed: .haptic, .ahap, .xml"):
-        read(tmp_path, "a.json", HAPTIC)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('intensity="0.0"', 'intensity="0.4"', "intensity is 0.4; allowed: 0 at the end"),
-        ('intensity="0.2"', 'intensity="1.2"', "intensity is 1.2; allowed: 0 to 1"),
-        ('durationMs="100"', 'durationMs="0"', "durationMs is 0"),
-        ('durationMs="100"', 'durationMs="10.5"', "durationMs is 10.5; allowed: a whole number"),
-        ('initialSharpness="0.3"', 'initialSharpness="1.3"', "initialSharpness is 1.3; allowed: 0 to 1"),
-        ('initialSharpness="0.3">', 'initialSharpness="0.3">here', "text between its tags"),
-        ('sharpness="0.5" d', "d", "sharpness is missing"),
-        ('sharpness="0.5" d', 'colour="1" d', "colour is not a key that is known"),
-        ('intensity="0.2"', 'intensity="nan"', "intensity is 'nan'; allowed: a number"),
-        ('frequencyHz="80"', 'frequencyHz="0"', "frequencyHz is 0; allowed"),
-        ("basic-envelope-effect", "waveform-effect", "allowed: vibration-effect with one of"),
-        ("<vibration-effect>", "<vibration-effect", "it is not XML"),
-        ("<vibration-effect>", "<!DOCTYPE a><vibration-effect>", "a document type or entity"),
-    ],
-)
-def test_android__rule_broken__is_refused_with_it(tmp_path, old, new, said) -> None:
-    with pytest.raises(BadInput, match=f"a.xml: .*{said}"):
-        read(tmp_path, "a.xml", (ADVANCED if "frequencyHz" in old else BASIC).replace(old, new))
-
-
 def test_ahap__as_tutorials_write_it__is_read_by_the_documented_defaults(tmp_path) -> None:
     """Keys that are missing, whole numbers, sound, dynamic parameters, shaping, a byte-order mark, thirty seconds."""
     sound = {"EventType": "AudioCustom", "EventWaveformPath": "a/b.caf", "Time": 0.25, "Priority": 1}
@@ -204,8 +174,7 @@ def test_ahap__as_tutorials_write_it__is_read_by_the_documented_defaults(tmp_pat
     assert clip.unrendered == ("Sustained",)
 
 
-TEXTS = {"a.haptic": json.dumps(HAPTIC), "a.ahap": json.dumps(AHAP), "a.xml": BASIC, "a.hjif": json.dumps(HJIF)}
-TEXTS |= {"a.acf": ACF, "a.csv": "frequency_hz,acceleration_g\n30,0.3\n60,0.6\n90,1.2\n"}
+TEXTS = {"a.haptic": json.dumps(HAPTIC), "a.ahap": json.dumps(AHAP)}
 
 
 @given(st.sampled_from(sorted(TEXTS)), st.data())
@@ -216,95 +185,24 @@ def test_clip__any_alteration__is_read_or_refused(tmp_path_factory, name, data) 
     put = data.draw(st.sampled_from(["", "0", "-1", "1e400", "[", "{}", "null", '"', "NaN", "<a/>", "9" * 400]))
     path.write_text(text[:start] + put + text[end:])
     try:
-        made = {".acf": read_acf, ".csv": read_profile}.get(path.suffix, read_clip)(path)
+        assert 0.0 <= read_clip(path).duration_s <= 600.0
     except BadInput:
         return
-    assert not isinstance(made, Clip) or 0.0 <= made.duration_s <= 1200.0
 
 
-def altered(path, value):
-    return json.dumps(changed(HJIF, path, value))
-
-
-PERCEPTION = ("perceptions", 0)
-CHANNEL = (*PERCEPTION, "channels", 0)
-BAND = (*CHANNEL, "bands", 1)
-
-
-def test_hjif__effects__are_taps_and_tones_in_hertz_by_the_timescale_and_others_are_told() -> None:
-    clip = parse_hjif(json.dumps(HJIF))
-    assert (clip.format, clip.pitch_in_hz, clip.duration_s, clip.unrendered) == ("hjif", True, 1.5, ())
-    (tap,), (first, second) = clip.taps, clip.tones
-    assert (tap.time_s, tap.strength) == (0.1, 0.25)  # a gain of a half
-    assert (first.start_s, first.end_s, second.start_s, second.end_s) == (0.2, 0.7, 1.0, 1.5)
-    np.testing.assert_allclose(first.strength.at(np.array([0.2, 0.45, 0.7])), [0.25, 0.375, 0.5])
-    np.testing.assert_allclose(first.pitch.at(np.array([0.2, 0.325, 0.7])), [90.0, 195.0, 300.0])  # the band's end
-    assert parse_hjif(altered(("timescale",), 500)).duration_s == 3.0
-    bands = [*HJIF["perceptions"][0]["channels"][0]["bands"], {"band_type": "Curve", **LIMITS, "effects": []}]
-    assert parse_hjif(altered((*CHANNEL, "bands"), bands)).unrendered == ("Curve band",)
-    with pytest.raises(BadInput, match="perceptions: Force; allowed: transients or vectorial waves"):
-        parse_hjif(altered((*PERCEPTION, "perception_modality"), "Force"))
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "said"),
-    [
-        (("version",), "2022", "version is '2022'; allowed: a year from 2023 on"),
-        (("version",), "2023-0", "version is '2023-0'"),
-        (("profile",), "Most", "profile is 'Most'; allowed: Main, Simple Parametric"),
-        (("profile",), "Simple Parametric", None),
-        (("level",), 3, "level is 3; allowed: 1 to 2"),
-        (("date",), "now", "date is 'now'"),
-        (("timescale",), 96_000, "timescale is 96000; allowed: 1 to 48000"),
-        (("syncs",), None, "syncs is missing"),
-        (("avatars",), [{"id": 0}], "avatars: id is 0"),
-        ((*PERCEPTION, "avatar_id"), 4, "avatar_id is 4"),
-        ((*PERCEPTION, "perception_modality"), "Smell", "perception_modality is 'Smell'"),
-        (("perceptions",), HJIF["perceptions"] * 2, "perceptions: id is 0 twice"),
-        ((*PERCEPTION, "reference_devices", 0, "resonance_frequency"), 400, "maximum_frequency is 300"),
-        ((*CHANNEL, "reference_device_id"), 4, "reference_device_id is 4"),
-        ((*CHANNEL, "reference_device_id"), [], r"reference_device_id is \[\]; allowed: a number"),
-        ((*CHANNEL, "gain"), None, "gain is missing"),
-        ((*CHANNEL, "bands"), HJIF["perceptions"][0]["channels"][0]["bands"] * 4, "8 bands; allowed: 7 on this level"),
-        ((*BAND, "band_type"), "Wave", "band_type is 'Wave'"),
-        ((*BAND, "upper_frequency_limit"), 60, "upper_frequency_limit is 60; allowed: 65 or more"),
-        ((*BAND, "curve_type"), "Linear", "curve_type is there in a VectorialWave band"),
-        ((*BAND, "effects", 0, "effect_type"), "Wish", "effect_type is 'Wish'"),
-        ((*BAND, "effects", 1, "id"), 8, "id is 8; allowed: an effect of the library"),
-        ((*BAND, "effects", 0, "position"), 0.5, "position is 0.5; allowed: a whole number"),
-        ((*BAND, "effects", 0, "keyframes", 1, "relative_position"), -1, "relative_position is -1"),
-        ((*BAND, "effects", 0, "keyframes", 0, "amplitude_modulation"), 2, "amplitude_modulation is 2"),
-        ((*BAND, "band_type"), "WaveletWave", "block_length is missing"),
-    ],
-)
-def test_hjif__rule_broken__is_refused_with_it(path, value, said) -> None:
-    if said is None:
-        parse_hjif(altered(path, value))
-        return
-    with pytest.raises(BadInput, match=said):
-        parse_hjif(altered(path, value))
-
-
-PROFILE = "frequency_hz,acceleration_g\n" + "".join(f"{hertz},{hertz / 100}\n" for hertz in range(30, 301, 10))
-GOOD = {
-    **{f"a.{kind}": json.dumps(file, indent=1) for kind, file in (("haptic", HAPTIC), ("ahap", AHAP), ("hjif", HJIF))},
-    "a.xml": BASIC, "a.acf": ACF, "a.csv": PROFILE,
-}  # fmt: skip
+GOOD = {name: json.dumps(json.loads(text), indent=1) for name, text in TEXTS.items()}
 MOST_KB = 700_000
 CHILD = """
 import resource, sys
 from pathlib import Path
 from tactuator.errors import BadInput
-from tactuator.patterns.acf import read_acf
-from tactuator.patterns.android import read_profile
-from tactuator.patterns.files import read_clip
+from tactuator.speech.clip_signal import read_clip
 soft = int(sys.argv[2]) * 1024
 resource.setrlimit(resource.RLIMIT_DATA, (soft, soft))
-read = {".acf": read_acf, ".csv": read_profile}
 lines = answers = 0
 for path in sorted(Path(sys.argv[1]).iterdir()):
     try:
-        read.get(path.suffix, read_clip)(path)
+        read_clip(path)
         answers += 1
     except BadInput as error:
         assert "\\n" not in str(error) and len(str(error)) < 1000, path
@@ -368,3 +266,78 @@ def test_hostile__many_files__each_ends_in_an_answer_or_a_line_in_bounded_memory
     assert answers + lines == count
     assert lines >= count // 4  # most harm is noticed; what is not, is a file that keeps the rules
     assert most_kb < MOST_KB
+
+
+def steady(strength, pitch, taps=(), format="haptic"):
+    courses = [Breakpoints(np.zeros(1), np.array([float(value)])) for value in (strength, pitch)]
+    return Clip(format, 1.0, (Tone(0.0, 1.0, *courses),), tuple(taps))
+
+
+def rendered(clip, controller, level_db_sl=35.0):
+    """The reference within the display's limits, and what is lost."""
+    signal = clip_signal(clip, controller, level_db_sl)
+    reference = np.concatenate(list(Limiter(controller).process(signal.blocks)))
+    return reference, signal.loss(reference)
+
+
+@pytest.mark.parametrize(
+    ("clip", "hertz", "level_db_sl"),
+    [
+        (steady(1.0, 0.5), 127.5, 30.0),
+        (steady(0.1, 0.0), 55.0, 10.0),
+        (steady(0.5, 1.0, format="ahap"), 300.0, 30.0 - 6.0206),
+    ],
+)
+def test_clip_signal__steady_tone__has_its_level_and_the_frequency_of_the_format(controller, clip, hertz, level_db_sl):
+    reference, loss = rendered(clip, controller, 30.0)
+    count = round(0.5 * controller.rate_hz)
+    middle = reference[count // 2 : count // 2 + count]
+    turn = np.exp(-2j * np.pi * hertz / controller.rate_hz * np.arange(count)) * np.hanning(count)
+    amplitudes = np.abs(turn @ middle) * 2.0 / np.hanning(count).sum()
+    np.testing.assert_allclose(20.0 * np.log10(amplitudes), level_db_sl, atol=0.02)
+    assert (loss.shortfall_db_sl, loss.clipped_s, loss.frequency_shift_jnd) == (0.0, 0.0, 0.0)
+
+
+def test_clip_signal__tap_or_pitch_or_level_beyond__rises_is_moved_or_refused(controller) -> None:
+    _, loss = rendered(steady(0.5, 0.5, [Tap(0.4, 1.0, 0.5)]), controller)
+    asked, delivered = loss.emphasis_rise_db
+    assert asked == delivered
+    assert 6.0 < asked < 15.0  # 1 and a quarter against a quarter, however the two meet
+    channels = [replace(c, threshold=replace(c.threshold, band_hz=(0.4, 150.0))) for c in controller.display.channels]
+    narrow = replace(controller, display=replace(controller.display, channels=tuple(channels)))
+    _, loss = rendered(steady(0.5, 1.0), narrow)
+    assert loss.frequency_shift_jnd == pytest.approx(np.log(200.0 / 150.0) / np.log(1.13))
+    with pytest.raises(BadInput):
+        clip_signal(steady(1.0, 0.5), controller, 60.0)
+
+
+@pytest.fixture(scope="module")
+def lra():
+    return design_controller(parse_display(tomllib.loads(display_template("lra"))))
+
+
+def test_loss__more_than_a_resonant_actuator_gives__is_how_far_it_falls_short(lra) -> None:
+    reference, loss = rendered(steady(1.0, 0.0), lra, 50.0)
+    middle = slice(len(loss.time_s) // 3, len(loss.time_s) // 2)
+    given = np.abs(reference[len(reference) // 3 : len(reference) // 2]).max()
+    assert np.median(loss.asked_db_sl[middle] - loss.delivered_db_sl[middle]) == pytest.approx(
+        50.0 - 20.0 * np.log10(given), abs=0.5
+    )
+    assert loss.shortfall_db_sl > 20.0
+    assert loss.clipped_s > 0.9
+    assert rendered(steady(1.0, 0.0), lra, 5.0)[1].shortfall_db_sl == 0.0
+
+
+def test_render__clip__writes_a_reference_and_ends_with_1_where_more_is_lost_than_allowed(tmp_path, lra, run):
+    clip, at = tmp_path / "knock.haptic", tmp_path / "lra.json"
+    clip.write_text(json.dumps(HAPTIC))
+    write_controller(at, lra)
+    asked = ("render", clip, "--controller", at, "--out", tmp_path / "a.wav")
+    told = run.json(*asked, "--level", "5", "--felt", tmp_path / "felt.wav")
+    assert (told["format"], told["pitch_hz"], told["met"]) == ("haptic", [55.0, 200.0], True)
+    assert set(told["loss"]) == {"shortfall_db_sl", "clipped_s", "frequency_shift_jnd", "emphasis_rise_db"}
+    assert set(told["felt"]) == set(told["limiter"]) == {"index"}
+    lost = run.json(*asked, "--level", "54", "--figures", tmp_path / "f", status=1)["loss"]
+    assert lost["shortfall_db_sl"] > 3.0
+    assert (tmp_path / "f" / "knock.svg").exists()
+    run.refused(*asked, "--coding", "bands", said="--coding with")

@@ -16,7 +16,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, likely
 from tactuator.io.text import parse_finite_json
-from tactuator.patterns.clip import (
+from tactuator.speech.clip import (
     LONGEST_S,
     MOST_IN_ALL_POINTS,
     Breakpoints,
@@ -28,8 +28,8 @@ from tactuator.patterns.clip import (
     rows_of,
 )
 
-INTENSITY_CONTROL, SHARPNESS_CONTROL = "HapticIntensityControl", "HapticSharpnessControl"
-LONGEST_EVENT_S = 30.0
+_INTENSITY, _SHARPNESS = "HapticIntensityControl", "HapticSharpnessControl"
+_LONGEST_EVENT_S = 30.0
 _DEFAULTS = {"HapticIntensity": 1.0, "HapticSharpness": 0.5}
 _SHAPING = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
 _MISSPELT = 0.85
@@ -83,7 +83,7 @@ def parse_ahap(text: str) -> Clip:
     notes, silent_s = _Notes(), 0.0
     events: list[_Event] = []
     notes.pass_over(document, ("Version", "Pattern"), "")
-    stretches: dict[str, list[list[tuple[float, float]]]] = {INTENSITY_CONTROL: [], SHARPNESS_CONTROL: []}
+    stretches: dict[str, list[list[tuple[float, float]]]] = {_INTENSITY: [], _SHARPNESS: []}
     for k, entry in enumerate(entries):
         kinds = [kind for kind in ("Event", "ParameterCurve", "Parameter") if isinstance(entry.get(kind), Mapping)]
         if not kinds:
@@ -107,7 +107,7 @@ def _clip_of(
     events: list[_Event], silent_s: float, stretches: Mapping[str, list[list[tuple[float, float]]]], notes: _Notes
 ) -> Clip:
     """Return the clip of events under their controls. silent_s: the end of what is heard and not felt."""
-    intensity, sharpness = _course(stretches[INTENSITY_CONTROL], 1.0), _course(stretches[SHARPNESS_CONTROL], 0.0)
+    intensity, sharpness = _course(stretches[_INTENSITY], 1.0), _course(stretches[_SHARPNESS], 0.0)
     tones: list[Tone] = []
     taps: list[Tap] = []
     points, end_s = 0, silent_s
@@ -125,7 +125,7 @@ def _clip_of(
         pitch = Breakpoints(sharp.time_s, notes.clamp_all(event.sharpness + sharp.value))
         tones.append(Tone(event.time_s, event.time_s + event.lasts_s, strength, pitch))
     return Clip(
-        "", "ahap", end_s, tuple(tones), tuple(taps),
+        "ahap", end_s, tuple(tones), tuple(taps),
         clamped=notes.clamped, ignored=tuple(notes.ignored), unrendered=tuple(dict.fromkeys(notes.unrendered)),
     )  # fmt: skip
 
@@ -158,7 +158,7 @@ def _event(event: Mapping[str, Any], where: str, notes: _Notes) -> _Event | floa
             notes.unrendered.append(str(name))
         else:
             notes.pass_over([name], (*_DEFAULTS, *_SHAPING), where)
-    whole_s = notes.clamp(lasts_s, 0.0, LONGEST_EVENT_S) if is_continuous else None
+    whole_s = notes.clamp(lasts_s, 0.0, _LONGEST_EVENT_S) if is_continuous else None
     return _Event(time_s, whole_s, values["HapticIntensity"], values["HapticSharpness"])
 
 
@@ -175,7 +175,7 @@ def _control_points(
         else:
             notes.pass_over([name], stretches, where)
         return
-    low = 0.0 if name == INTENSITY_CONTROL else -1.0
+    low = 0.0 if name == _INTENSITY else -1.0
     stretch = []
     for k, point in enumerate(points):
         place = where if kind == "Parameter" else f"{where}.ParameterCurveControlPoints[{k}]"

@@ -1,11 +1,12 @@
-"""Sets of synthetic waveforms after Tan et al. (1999): components from kinesthetic to cutaneous, singly and combined.
+"""Sets of items for a recognition experiment: waveforms after Tan et al. (1999), and the phonemes of TAPS.
 
-Every combination of components, on every group of fingers, at one duration, in dB SL. The kinds of attributes are those
-of that work; the numbers are our own and stand in the set.
+The waveforms are components from kinesthetic to cutaneous, singly and combined, on every group of fingers, at one
+duration, in dB SL. The kinds of attributes are those of that work; the numbers are our own and stand in the set.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
@@ -15,12 +16,13 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.reference import ReferenceHead, curves_of, write_reference
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.signals.excitation import ramps
 from tactuator.speech.coding import place
-from tactuator.speech.limiter import Limiter
+from tactuator.speech.render import RenderJob, write_signal
+from tactuator.speech.signal import Signal
+from tactuator.speech.taps import CODES, Phoneme, taps_signal
 
 LONGEST_S = 10.0
 
@@ -88,32 +90,38 @@ class WaveformSet:
 
 
 @dataclass(frozen=True)
-class WrittenWaveform:
-    """A waveform as it was written; max_reduction_db: the limiter's, on the finger where it was greatest."""
+class WrittenItem:
+    """An item as it was written; max_reduction_db: the limiter's, on the finger where it was greatest."""
 
     label: str
     path: Path
     max_reduction_db: float
 
 
-def write_waveforms(waveforms: WaveformSet, controller: Controller, folder: str | Path) -> tuple[WrittenWaveform, ...]:
+def write_waveforms(waveforms: WaveformSet, controller: Controller, folder: str | Path) -> tuple[WrittenItem, ...]:
     """Write every waveform of the set as a reference FOLDER/LABEL.wav within the display's limits, like speech."""
-    folder = Path(folder)
-    channels = controller.display.channels
-    curves = curves_of(channels)
-    common: dict[str, Any] = {"controller": controller.content_hash, "waveforms": asdict(waveforms)}
-    written = []
-    for label in waveforms.labels():
-        asked = waveforms.reference(label, tuple(c.finger for c in channels), controller.rate_hz)
-        limiter = Limiter(controller)
-        blocks = list(limiter.process([asked]))
-        head = ReferenceHead(
-            controller.rate_hz, tuple(c.name for c in channels), curves, provenance={"label": label, **common}
-        )
-        with write_reference(folder / f"{label}.wav", head) as writer:
-            for block in blocks:
-                writer.write(block)
-        written.append(
-            WrittenWaveform(label, folder / f"{label}.wav", max(entry.max_reduction_db for entry in limiter.report))
-        )
-    return tuple(written)
+    fingers = tuple(channel.finger for channel in controller.display.channels)
+    asked = {label: waveforms.reference(label, fingers, controller.rate_hz) for label in waveforms.labels()}
+    signals = {label: Signal(len(wave), iter([wave]), {}) for label, wave in asked.items()}
+    return _written(signals, controller, Path(folder), {"waveforms": asdict(waveforms)})
+
+
+def write_phonemes(
+    controller: Controller, level_db_sl: float, layout: tuple[int, ...], folder: str | Path
+) -> tuple[WrittenItem, ...]:
+    """Write the code of each of the 39 phonemes of TAPS as a reference FOLDER/NAME.wav; see `taps_signal`."""
+    signals = {name: taps_signal((Phoneme(name),), controller, level_db_sl, layout) for name in CODES}
+    about = {"coding": "taps", "level_db_sl": level_db_sl, "layout": list(layout)}
+    return _written(signals, controller, Path(folder), about)
+
+
+def _written(
+    signals: Mapping[str, Signal], controller: Controller, folder: Path, about: dict[str, Any]
+) -> tuple[WrittenItem, ...]:
+    job, items = RenderJob(controller), []
+    for label, signal in signals.items():
+        provenance = {"label": label, "controller": controller.content_hash, **about}
+        rendered = write_signal(signal, folder / f"{label}.wav", job, provenance)
+        reduction_db = max(entry.max_reduction_db for entry in rendered.limiting)
+        items.append(WrittenItem(label, folder / f"{label}.wav", reduction_db))
+    return tuple(items)

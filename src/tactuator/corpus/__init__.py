@@ -1,1 +1,0 @@
-"""Work on many files by many workers, each of which does the same job."""

@@ -1,0 +1,74 @@
+"""Phonemes with their times, of a TextGrid of Praat as aligners write it: ARPAbet, stress marks and silences passed
+over.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tactuator.errors import BadInput, within
+from tactuator.io.text import read_text
+from tactuator.speech.taps import Phoneme
+
+MOST_PHONEMES, LONGEST_S = 10_000, 3600.0
+_OF_ARPABET = {
+    "IY": "EE", "EY": "AY", "AY": "I", "AA": "AH", "AO": "AW", "OW": "OE", "UW": "OO", "HH": "H", "JH": "J",
+    "AW": "OW", "AH": "UH", "UH": "UU",
+}  # fmt: skip
+"""Where TAPS has another name. The word lists of its rebuild have all but the last three (bee, bake, lie, lot, bore,
+bow, due); those are what is left of both sets of 39."""
+_ARPABET = frozenset((
+    "AA", "AE", "AH", "AO", "AW", "AY", "B", "CH", "D", "DH", "EH", "ER", "EY", "F", "G", "HH", "IH", "IY", "JH", "K",
+    "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH", "UW", "V", "W", "Y", "Z", "ZH",
+))  # fmt: skip
+_SILENCES = frozenset(("", "SIL", "SP", "SPN", "PAU", "#", "<EPS>", "_"))
+_TOKEN = re.compile(r'"((?:[^"]|"")*)"|(?<![\w.\[])(-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?![\w\]])')
+
+
+def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
+    """Return the phonemes of a TextGrid, by their names in TAPS.
+
+    Raises BadInput for a phoneme that is not one of the 39, times that go back, or a file that holds no phonemes.
+    """
+    with within(str(path)):
+        spoken = [Phoneme(name, start_s) for label, start_s in _intervals(read_text(path)) if (name := _name(label))]
+        if not 0 < len(spoken) <= MOST_PHONEMES:
+            raise BadInput(f"{len(spoken)} phonemes", f"1 to {MOST_PHONEMES}")
+        times = [each.start_s for each in spoken]
+        if times[0] < 0.0 or times[-1] > LONGEST_S or times != sorted(times):
+            raise BadInput(f"times that go back, or beyond 0 to {LONGEST_S:g} s", "phonemes in their order")
+    return tuple(spoken)
+
+
+def _name(label: str) -> str:
+    plain = label.strip().upper().rstrip("012")
+    if plain in _SILENCES:
+        return ""
+    if plain not in _ARPABET:
+        raise BadInput(f"phoneme {label!r}", f"ARPAbet: {', '.join(sorted(_ARPABET))}")
+    return _OF_ARPABET.get(plain, plain)
+
+
+def _intervals(text: str) -> list[tuple[str, float]]:
+    """Return the intervals of the tier of phones, in Praat's long or short text form: the order is the same."""
+    tokens = [(words.replace('""', '"'), number) for words, number in _TOKEN.findall(text.partition('TextGrid"')[2])]
+    tiers: dict[str, list[tuple[str, float]]] = {}
+    at = 0
+    try:
+        while at < len(tokens):
+            if tokens[at][0] not in ("IntervalTier", "TextTier"):
+                at += 1
+                continue
+            kind, name, count = tokens[at][0], tokens[at + 1][0], int(tokens[at + 4][1])
+            step = 3 if kind == "IntervalTier" else 2
+            rows = [tokens[at + 5 + step * n : at + 5 + step * (n + 1)] for n in range(min(count, MOST_PHONEMES + 1))]
+            if kind == "IntervalTier":
+                tiers[name] = [(row[2][0], float(row[0][1])) for row in rows]
+            at += 5 + step * len(rows)
+    except (IndexError, ValueError):
+        raise BadInput("a TextGrid that is cut off or damaged", "one that Praat has written as text") from None
+    named = [name for name in tiers if "phon" in name.lower()] or list(tiers)
+    if len(named) != 1:
+        raise BadInput(f"tiers {', '.join(tiers) or 'none'}", "one interval tier, or one whose name has 'phon' in it")
+    return tiers[named[0]]

@@ -1,0 +1,139 @@
+"""The verbs that write items to recognise, each with the protocol of an experiment that asks for them."""
+
+import string
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.speech.options import LEVEL_DB_SL
+from tactuator.table import ResultTable
+from tactuator.verbs.parameters import ControllerOption, DisplayOption, Option, Place, Seed, chosen_controller
+from tactuator.verbs.result import Result, working
+
+if TYPE_CHECKING:
+    from tactuator.speech.items import WrittenItem
+
+PROTOCOL = "protocol.toml"
+LAYOUT_HELP = "Of phonemes: CSV of tactor (1 to 24) and channel (a name)."
+
+Items = Annotated[Place, Option("Folder for the references and protocol.toml.", type=Path)]
+Repetitions = Annotated[int, Option("Of each item in the test.", ge=1)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ItemsResult(Result):
+    """References in a folder, and the protocol that asks for them. notes: what is to be known of the set."""
+
+    out: Path
+    items: "tuple[WrittenItem, ...]"
+    notes: tuple[str, ...] = ()
+
+    def headline(self) -> Mapping[str, str]:
+        return {"written": str(self.out), "items": str(len(self.items))}
+
+    def to_dict(self) -> dict[str, Any]:
+        items = [
+            {"label": item.label, "file": item.path.name, "max_reduction_db": item.max_reduction_db}
+            for item in self.items
+        ]
+        return {"out": self.out, "protocol": self.out / PROTOCOL, "items": items, "notes": list(self.notes)}
+
+    def notices(self) -> Sequence[str]:
+        return self.notes
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        rows = tuple(
+            (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "not needed")
+            for item in self.items
+        )
+        table = ResultTable("Items", ("item", "limiter"), rows)
+        return [table, f"written: {self.out}", f"written: {self.out / PROTOCOL}"]
+
+
+def waveforms(
+    out: Items,
+    controller: ControllerOption = None,
+    *,
+    display: DisplayOption = None,
+    duration: Annotated[float, Option("Of every waveform, seconds.")] = 0.5,
+    level: Annotated[float, Option("Of every component, dB SL.")] = 40.0,
+    fingers: Annotated[str, Option("Groups: names with +, groups with commas.")] = "thumb,index,middle,all",
+    repetitions: Repetitions = 10,
+    seed: Seed = 0,
+) -> ItemsResult:
+    """Write waveforms and a protocol that asks for them. They are kinesthetic, middle and cutaneous, singly and
+    combined.
+
+    Raises BadInput for a finger that the display does not have.
+
+    >>> len(tt.waveforms("waves", controller, fingers="thumb").items)
+    7
+    """
+    from tactuator.io.atomic import write_text
+    from tactuator.speech.items import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, write_waveforms
+
+    loaded = chosen_controller(display, controller)
+    groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
+    components = tuple(replace(component, level_db_sl=level) for component in (KINESTHETIC, MIDDLE, CUTANEOUS))
+    waveform_set = WaveformSet(duration, components=components, fingers=groups)
+    with _folder(out, waveform_set.labels()) as beside:
+        with working("rendering waveforms"):
+            written = write_waveforms(waveform_set, loaded, beside)
+        study = f"waveforms of {1e3 * duration:g} ms"
+        write_text(beside / PROTOCOL, recognition_protocol(study, written, repetitions, seed))
+    return ItemsResult(Path(out), written)
+
+
+def phonemes(
+    out: Items,
+    controller: ControllerOption = None,
+    *,
+    display: DisplayOption = None,
+    level: Annotated[float, Option("Of every burst, dB SL.")] = LEVEL_DB_SL,
+    layout: Annotated[Place | None, Option(LAYOUT_HELP, file=True)] = None,
+    repetitions: Repetitions = 4,
+    seed: Seed = 0,
+) -> ItemsResult:
+    """Write TAPS's phonemes and a protocol that asks for them. There are 39; up to six channels get a reduced code.
+
+    Raises BadInput for a layout that does not fit the display.
+    """
+    from tactuator.io.atomic import write_text
+    from tactuator.speech.items import write_phonemes
+    from tactuator.speech.taps import CODES, layout_notes, read_layout, usual_layout
+
+    loaded = chosen_controller(display, controller)
+    channels = tuple(channel.name for channel in loaded.display.channels)
+    placed = usual_layout(len(channels)) if layout is None else read_layout(Path(layout), channels)
+    with _folder(out, CODES) as beside:
+        with working("coding phonemes"):
+            written = write_phonemes(loaded, level, placed, beside)
+        write_text(beside / PROTOCOL, recognition_protocol("phonemes by TAPS", written, repetitions, seed))
+    return ItemsResult(Path(out), written, layout_notes(placed))
+
+
+def _folder(out: Place, labels: Mapping[str, Any]) -> AbstractContextManager[Path]:
+    from tactuator.io.atomic import atomic_folder
+
+    return atomic_folder(
+        out, frozenset({f"{label}.{ending}" for label in labels for ending in ("wav", "json")} | {PROTOCOL})
+    )
+
+
+def recognition_protocol(study: str, items: "Sequence[WrittenItem]", repetitions: int, seed: int) -> str:
+    """Return the protocol of a recognition experiment over items."""
+    keys = [*string.digits[1:], *string.ascii_lowercase, *string.ascii_uppercase]
+    keys += [f"{number}" for number in range(10, 1000)]
+    listed = "".join(
+        f'\n[[item]]\nlabel = "{item.label}"\nfile = "{item.path.name}"\nkey = "{key}"\n'
+        for item, key in zip(items, keys, strict=False)
+    )
+    return (
+        f'[study]\nname = "{study}"\nseed = {seed}\n\n'
+        '[recognition]\nparadigm = "recognition"\nlead_s = 0.3\ngap_s = 0.3\n'
+        f'{listed}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
+        f'\n[[block]]\nkind = "test"\nrepetitions = {repetitions}\nfeedback = false\n'
+        '\n[[subject]]\ncode = "S1"\n'
+    )

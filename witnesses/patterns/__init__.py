@@ -1,1 +1,0 @@
-"""Clips of public collections."""
