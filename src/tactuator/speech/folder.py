@@ -84,7 +84,9 @@ def find_items(folder: Path, out: Path) -> tuple[tuple[Item, ...], tuple[str, ..
         here = Path(place).resolve()
         real_of = {name: (here / name).resolve() for name in folders}
         above = (here, *here.parents)
-        folders[:] = [name for name, real in real_of.items() if real not in above and inside not in (real, *real.parents)]
+        folders[:] = [
+            name for name, real in real_of.items() if real not in above and inside not in (real, *real.parents)
+        ]
         for name in names:
             path = Path(place, name).relative_to(folder)
             is_source = path.suffix.lower() in (*SOUNDS, *KINDS) and not name.startswith(".")
