@@ -31,7 +31,7 @@ from tactuator.experiment.protocol.recognition import Paradigm
 from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import CONSENT_NAMES
+from tactuator.experiment.store.records import CONSENT_NAME
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.io.atomic import atomic_folder
@@ -115,7 +115,7 @@ def exported(store: Store) -> Exported:
             .outerjoin(study, study.c.id == subject.c.study_id)
         )
         correction = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # a change is data of the subject
-        events = read("events", event.c.id, happened, (event.c.kind != CONSENT_NAMES) & correction, event.c.id)
+        events = read("events", event.c.id, happened, (event.c.kind != CONSENT_NAME) & correction, event.c.id)
         kept = subject.c.id.not_in(_discarded())
         subjects = read("subjects", subject.c.id, subject.join(study), kept, study.c.id, subject.c.number)
         items = _add_facts(connection, subjects)

@@ -13,7 +13,7 @@ from pydantic import Field
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.parameters import Flag, Number, Positive, Seconds, Whole, table
+from tactuator.parameters import Number, Positive, Seconds, Whole, table
 from tactuator.perception.curve import Level
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
@@ -190,11 +190,6 @@ class ForcedChoice:
     false_alarms: Annotated[
         Number, Field(ge=0.01, le=0.3, description="share of blank trials taken to be felt, of one interval")
     ] = 0.02
-    held: Annotated[Flag, Field(description="1 is held while bursts are felt, which answers each at its end")] = False
-
-    def __post_init__(self) -> None:
-        if self.held and not self.yes_no:
-            raise BadInput(f"held with {self.intervals} intervals", "with one interval")
 
     @property
     def yes_no(self) -> bool:

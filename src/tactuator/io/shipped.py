@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not
 _WIDTH = 120
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
-PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "clinic", "recognition", "middle-of-three", "abx")
+PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
 
 
 def display_template(kind: str) -> str:

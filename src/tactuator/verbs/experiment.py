@@ -1,4 +1,4 @@
-"""The parts of the verb `experiment` on detection: enrol, correct, observe, thresholds, export, simulate."""
+"""The parts of the verb `experiment` on detection: enrol, correct, observe, thresholds, export, backup, simulate."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -465,6 +465,34 @@ def export(
 
     with working("exporting"), closing(Store(store, must_exist=True)) as database:
         return ExportedResult(Path(out), form, exported(database, Path(out), form))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BackupResult(Result):
+    """A whole copy of a store; answers: their number in it."""
+
+    out: Path
+    answers: int
+
+    def tables(self) -> Sequence[str]:
+        return [f"{self.answers} answers"]
+
+
+def backup(
+    store: Annotated[Place, Argument("Store of the experiment: a file (SQLite).", metavar="STORE", type=str)],
+    out: Annotated[Place, Argument("File to write.", metavar="OUT", writes=True)],
+) -> BackupResult:
+    """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
+    from sqlalchemy import func, select
+
+    from tactuator.experiment.store import schema
+    from tactuator.experiment.store.store import Store
+
+    with closing(Store(store, must_exist=True, whole=False)) as database:
+        database.backup(Path(out))
+    with closing(Store(Path(out), must_exist=True)) as copy, copy.read() as connection:
+        answers = connection.execute(select(func.count()).select_from(schema.response)).scalar_one()
+    return BackupResult(Path(out), answers)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,8 +22,6 @@ from tactuator.experiment.words import Words
 from tactuator.table import ResultTable
 
 _T = TypeVar("_T")
-_GATED = "\u26a0 "
-"""Beginning of a call about a gate, so that it goes when the gate is met."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -173,24 +171,6 @@ class Lab:
         if self.active is None and self.auto_start:
             self.start(session)
         return self.active == session and not self.paused
-
-    async def may_begin(self, presented: PresentedSession) -> bool:
-        """Return whether the next trial of the session may be presented: it is its turn, and no gate refuses it, which
-        is told to the operator otherwise.
-        """
-        session = presented.session
-        refused = await self.work(lambda: session.refused)
-        kept = self.calls.get(session.id, "")
-        if not refused:
-            if kept.startswith(_GATED):
-                del self.calls[session.id]
-            return self.may_play(session.id)
-        row = next(row for row in self._rows if row.id == session.id)
-        text = self.words("operator.gated", subject=row.subject_code, reason="; ".join(map(str, refused)))
-        if kept != _GATED + text:
-            self.calls[session.id] = _GATED + text
-            self.notify()
-        return False
 
     def start(self, session: int) -> None:
         """Put a session at the rig. Raises BadInput while another is there."""

@@ -7,8 +7,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.clinic import Celsius
-from tactuator.experiment.protocol.study import Code, Group, ParticipantId
+from tactuator.experiment.protocol.study import Celsius, Code, Group, ParticipantId
 
 Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
@@ -22,11 +21,10 @@ class _Message(BaseModel):
 
 
 class Consent(_Message):
-    """Message of a subject who agrees, with the names that the protocol asks for."""
+    """Message of a subject who agrees, with the name where the protocol asks for it."""
 
     type: Literal["consent"]
     name: Short = ""
-    witness: Short = ""
 
 
 class Decline(_Message):
@@ -112,7 +110,6 @@ class Day(_Message):
     session: Count
     skin_temperature_c: Celsius | None = None
     preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
-    posture: Short | None = None
 
 
 OperatorMessage = Command | Enrol | NewVisit | Correct | Day

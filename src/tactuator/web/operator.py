@@ -101,7 +101,7 @@ class OperatorPage:
             raise BadInput(f"session {day.session} is not of this study", "one that is")
         study = self.lab.study
         values = (day.skin_temperature_c, day.preload_n)
-        await self.lab.work(lambda: study.set_day(day.session, *values, self.who, day.posture))
+        await self.lab.work(lambda: study.set_day(day.session, *values, self.who))
 
     def _require_control(self) -> None:
         if self.lab.control is not self:
@@ -156,7 +156,7 @@ class OperatorPage:
         course = None if active is None else active.session.course
         return {
             **picked(lab, "paused", "fault", "active"),
-            **picked(lab.study.task.protocol, study="study.name", posture="gates.posture"),
+            **picked(lab.study.task.protocol, study="study.name"),
             "type": "snapshot",
             "control": lab.control is self,
             "calls": list(lab.calls.values()),

@@ -133,8 +133,8 @@ class SubjectTab:
         elif stage == "consent":
             said: Consent | Decline = await self._next_of(Consent, Decline)
             if isinstance(said, Consent):
-                name, witness = said.name, said.witness
-                await self._save_or_report(lambda: session.give_consent(name, witness))
+                name = said.name
+                await self._save_or_report(lambda: session.give_consent(name))
             else:
                 await self._save_or_report(session.decline)
         else:
@@ -149,7 +149,7 @@ class SubjectTab:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
         session = presented.session
         while session.stage == "trial":
-            if not await self.lab.may_begin(presented):
+            if not self.lab.may_play(self.session):
                 await self._stage(presented)
                 await self._until_changed()
                 continue
@@ -347,8 +347,8 @@ class SubjectTab:
         task = presented.session.task
         study, question = task.protocol.study, task.question
         return {
-            **picked(study, "consent", "consent_by", "consent_witness", "instructions", study="name"),
-            **picked(question, "prompt", "intervals", "released"),
+            **picked(study, "consent", "consent_by", "instructions", study="name"),
+            **picked(question, "prompt", "intervals"),
             "choices": [asdict(choice) for choice in question.choices],
             "subject": self.row.subject_code,
             "masking_sound": task.protocol.circumstances.masking_sound,

@@ -296,8 +296,6 @@ def test_yes_no__of_a_person_who_says_yes_to_nothing__is_flagged(store, clock) -
     assert result(store, clock, 0.5)[1] == ("attention",)
     protocol = parse_protocol(YES_NO, Protocol)
     assert (protocol.paradigm.responses, protocol.paradigm.guess) == (("1", "0"), 0.02)
-    with pytest.raises(BadInput, match="held with 3 intervals; allowed: with one interval"):
-        parse_protocol(YES_NO.replace("intervals = 1", "intervals = 3\nheld = true"), Protocol)
 
 
 PARTS, STREAM_S, BLOCK = 100, 720.0, 200

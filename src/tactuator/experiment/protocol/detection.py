@@ -9,11 +9,9 @@ from pydantic import Field
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, ProcedureKeys, parse_procedure
-from tactuator.experiment.protocol.clinic import StandardConditions, Unmet
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
 from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.experiment.words import Words, shipped_words
-from tactuator.model.description import Channel
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
 from tactuator.perception.curve import Level
 
@@ -81,7 +79,6 @@ class Protocol(StudyProtocol):
     timing: Timing = Timing()
     masker: Masker | None = None
     marks: Marks | None = None
-    standard: StandardConditions | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,22 +96,6 @@ class Protocol(StudyProtocol):
     def warning(self) -> str:
         """Return that no curve follows from so few frequencies, "" where one does."""
         return no_curve(len(self.conditions.frequencies_hz))
-
-    def unmet(self) -> list[Unmet]:
-        """Return the conditions of [standard] that the protocol does not meet, none without that table."""
-        if self.standard is None:
-            return []
-        about, timing = self.circumstances, self.timing
-        return self.standard.unmet(
-            self.conditions.frequencies_hz, about.contact_area_mm2, about.surround, timing.ramp_s, timing.stimulus_s
-        )
-
-    def unmet_by(self, channel: Channel) -> list[Unmet]:
-        """Return the conditions of [standard] that a channel of the display does not meet, none without that table."""
-        if self.standard is None:
-            return []
-        ramps = {hertz: self.timing.ramp_at_s(hertz) for hertz in self.conditions.frequencies_hz}
-        return self.standard.unmet_by(channel.contact, channel.threshold.band_hz, ramps)
 
     def practice(self, frequency_hz: float) -> Practice:
         """Return a fresh practice run at that frequency."""

@@ -9,8 +9,6 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.clinic import Celsius, Gates, Unmet
-from tactuator.model.description import Channel
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
 
@@ -26,6 +24,7 @@ ParticipantId = Annotated[
 _SEED_MAX = 2**53
 
 
+Celsius = Annotated[Positive, Field(lt=50.0)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -40,7 +39,6 @@ class StudyPart:
     consent_by: Annotated[Literal["press", "name"], Field(description="a press, or the subject's name as well")] = (
         "press"
     )
-    consent_witness: Annotated[Flag, Field(description="a witness gives a name too")] = False
     consent_version: Annotated[str, Field(description="version of that text")] = ""
     instructions: Annotated[str, Field(description="what a subject reads before the session")] = ""
     language: Annotated[str, Field(description="of every page")] = "en"
@@ -129,7 +127,6 @@ class StudyProtocol:
     study: StudyPart
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
-    gates: Gates = Gates()
     demographic: tuple[Demographic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -146,10 +143,6 @@ class StudyProtocol:
     def warning(self) -> str:
         """Return what the results will not have, "" where they have all."""
         return ""
-
-    def unmet_by(self, channel: Channel) -> list[Unmet]:
-        """Return the conditions of a standard that a channel of the display does not meet: none without a standard."""
-        return []
 
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.

@@ -25,7 +25,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.task.task_keys import JudgedTone
-from tactuator.experiment.trial import BLANK, LOUD, NOT_FELT, SIGNAL, Timing, Trial, trial_rng
+from tactuator.experiment.trial import BLANK, LOUD, SIGNAL, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import nearest_mains
@@ -75,8 +75,6 @@ class DetectionTask(ToneTask):
         """Return the question of every trial, with one key for each interval."""
         responses = self.protocol.paradigm.responses
         choices = tuple(OfferedResponse(response, (response,)) for response in responses)
-        if self.protocol.paradigm.held:
-            return Question(self.words("prompt.held"), choices[:1], released=NOT_FELT)
         if self.protocol.paradigm.yes_no:
             return Question(self.words("prompt.yes_no"), choices)
         return Question(self.words("prompt.detection"), choices, responses)

@@ -15,7 +15,6 @@ from datetime import datetime
 from typing import Literal
 
 from tactuator.errors import BadInput, StoreFault
-from tactuator.experiment.protocol.clinic import Unmet
 from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.session.task import Clock, Course, SessionTask
 from tactuator.experiment.store import records
@@ -286,30 +285,9 @@ class Session:
         self._trial_since_s = self.clock.monotonic_s()
         return NextTrial(running.row, running.planned, trial, running.course.seed)
 
-    @property
-    def unmet(self) -> list[Unmet]:
-        """Return what the day's data do not meet of the protocol's gates; nothing for who has no skin."""
-        if self.sitting.respondent != "person":
-            return []
-        with self.store.read() as connection:
-            row = records.session(connection, self.id)
-            posture = records.latest(connection, self.id, "posture")
-        return self.task.protocol.gates.unmet(row.skin_temperature_c, row.preload_n, posture)
-
-    @property
-    def refused(self) -> list[Unmet]:
-        """Return what keeps a run from beginning."""
-        return self.unmet if self._running is None and self.task.protocol.gates.outside == "refuse" else []
-
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
-        now, unmet = self.clock.utc(), self.unmet
-        if refused := self.refused:
-            raise BadInput("; ".join(map(str, refused)))
+        now = self.clock.utc()
         with self.store.begin() as connection:
-            for condition in unmet:
-                records.note(connection, self.id, "gate", str(condition), now, records.PROGRAM)
-            for condition in self.task.protocol.unmet_by(self.task.apparatus.channel(planned.finger)):
-                records.note(connection, self.id, "standard", str(condition), now, records.PROGRAM)
             if replaced is not None:
                 records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
@@ -382,29 +360,25 @@ class Session:
         self._states[self._running.planned.position] = state
         self._running, self._introduced = None, False
 
-    def give_consent(self, name: str = "", witness: str = "") -> None:
+    def give_consent(self, name: str = "") -> None:
         """Store consent to this text, in this version of the protocol, which the session stays with.
 
-        Raises BadInput without a name, or a witness's, where the protocol asks for it.
+        Raises BadInput without a name where the protocol asks for it.
         """
-        study = self.task.protocol.study
-        names = {"name": (study.consent_by == "name", name), "witness": (study.consent_witness, witness)}
-        for what, (asked, said) in names.items():
-            if asked and not said.strip():
-                raise BadInput(f"consent without a {what}", "with it, since the protocol asks for it")
+        study, now = self.task.protocol.study, self.clock.utc()
+        if study.consent_by == "name" and not name.strip():
+            raise BadInput("consent without a name", "with it, since the protocol asks for it")
         with self.store.begin() as connection:
             records.change_session(
                 connection,
                 self.id,
-                consented_utc=stamp(self.clock.utc()),
+                consented_utc=stamp(now),
                 consent_version=study.consent_version or None,
                 consent_sha256=hashlib.sha256(study.consent.encode()).hexdigest(),
                 protocol_version_id=self.version,
             )
-            if given := [f"{what}: {text.strip()}" for what, (asked, text) in names.items() if asked]:
-                records.note(
-                    connection, self.id, records.CONSENT_NAMES, "; ".join(given), self.clock.utc(), self.subject
-                )
+            if study.consent_by == "name":
+                records.note(connection, self.id, records.CONSENT_NAME, name.strip(), now, self.subject)
         self._consented = True
 
     def decline(self) -> None:

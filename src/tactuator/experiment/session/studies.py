@@ -255,14 +255,11 @@ class Study:
         skin_temperature_c: float | None,
         preload_n: float | None,
         who: str = records.PROGRAM,
-        posture: str | None = None,
     ) -> None:
-        """Store the data of the day of a session; what was there before is kept as an event, and the posture is one."""
+        """Store the data of the day of a session; what was there before is kept as an event."""
         values = {"skin_temperature_c": skin_temperature_c, "preload_n": preload_n}
         with self.store.begin() as connection:
             row, now = records.session(connection, session), self.clock.utc()
-            if posture is not None:
-                note(connection, session, "posture", posture, now, who)
             for _, change in change_day(connection, row, values):
                 note(connection, session, "day", "", now, who, subject=row.subject_id, change=change)
 

@@ -185,13 +185,11 @@ class Question:
 
     choices: none where a number is asked for.
     intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
-    released: the answer while the key of the one choice is not held; "" where a press answers.
     """
 
     prompt: str
     choices: tuple[OfferedResponse, ...]
     intervals: tuple[str, ...] = ()
-    released: str = ""
 
 
 @dataclass(frozen=True)

@@ -257,22 +257,8 @@ class Change:
     after: str | None
 
 
-CONSENT_NAMES = "consent-names"
-"""Kind of the event with the names of who consented and who saw it; in no export."""
-
-
-def latest(connection: Connection, session: int, kind: str) -> str:
-    """Return the detail of a session's newest event of that kind, "" without one."""
-    event = schema.event.c
-    asked = select(event.detail).where(event.session_id == session, event.kind == kind).order_by(event.id.desc())
-    return str(connection.execute(asked.limit(1)).scalar() or "")
-
-
-def details(connection: Connection, session: int, kind: str) -> list[str]:
-    """Return the details of a session's events of that kind, each once, in their order."""
-    event = schema.event.c
-    asked = select(event.detail).where(event.session_id == session, event.kind == kind).order_by(event.id)
-    return list(dict.fromkeys(connection.execute(asked).scalars()))
+CONSENT_NAME = "consent-name"
+"""Kind of the event with the name of who consented; in no export."""
 
 
 def note(

@@ -19,19 +19,17 @@ function enrolment(form) {
   return participant === "" ? message : { ...message, participant_id: participant };
 }
 
-// Shows the data of the day of a session in a row below it; posture: what is to be confirmed, "" for nothing; saved: called
-// with the message. An emptied field says that its value is taken away.
-function dayForm(session, posture, saved) {
+// Shows the data of the day of a session in a row below it; saved: called with the message. An emptied field says that its
+// value is taken away.
+function dayForm(session, saved) {
   const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value, placeholder: `${value} → –` }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);
-  const kept = make("input", { type: "checkbox", name: "posture" });
   const form = make("form", { class: "day" }, make("b", {}, word("day")), make("label", {}, word("skin_temperature"), " ", temperature),
-    make("label", {}, word("contact_force"), " ", force), ...(posture === "" ? [] : [make("label", {}, kept, " ", posture)]), make("button", { type: "submit" }, word("save")));
-  const stood = () => (posture === "" ? {} : { posture: kept.checked ? posture : "" });
+    make("label", {}, word("contact_force"), " ", force), make("button", { type: "submit" }, word("save")));
   const value = (field) => (field.value === "" ? null : Number(field.value));
   form.onsubmit = (event) => {
     event.preventDefault();
-    saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force), ...stood() });
+    saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force) });
   };
   return form;
 }

@@ -71,7 +71,7 @@ function sessionRows(session, snapshot) {
   const heads = el("sessions").parentElement.tHead.rows[0].cells; // on a phone each cell has its own
   for (const cell of made.cells) cell.dataset.head = heads[cell.cellIndex].textContent;
   const saved = (message) => { link.send(message); dayOf = null; };
-  return dayOf === session.id ? [made, under(dayForm(session, snapshot.posture, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
+  return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
 }
 
 const runRow = (run) => row(run.title, named("state", run.state),

@@ -1,10 +1,10 @@
 "use strict";
 // The subject's page. It shows what the server's messages say, and keeps an answer until it is acknowledged.
 // going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
-// litAt: when each interval's lamp was lit; held: the key of the one choice is down, which answers every trial at its end; leaving: the subject is asked how to leave, or is to be once nothing plays.
+// litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave, or is to be once nothing plays.
 const page = {
   about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
-  shownAt: 0, litAt: [], noise: null, choices: null, held: false, demonstration: null, restUntil: 0, over: false, leaving: false,
+  shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
 const finished = () => page.stage === "done" || page.stage === "ended";
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
@@ -31,10 +31,7 @@ const handlers = {
     el("who").textContent = message.subject;
     simulated(message);
     if (page.noise === null) page.noise = new MaskingNoise(message.masking_sound);
-    if (page.choices === null) {
-      page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
-      if (message.released !== "") holdByHand(message.choices[0].response);
-    }
+    if (page.choices === null) page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
     page.choices.open(false);
     if (page.unsaved !== null) link.send(page.unsaved);
   },
@@ -74,15 +71,12 @@ const handlers = {
     page.shownAt = performance.now();
     stand({ run: message.run, number: message.number });
     show();
-    if (page.about.released !== "") answer(page.held ? page.about.choices[0].response : page.about.released);
   },
   ack(message) {
     if (page.unsaved !== null && message.right !== null) {
       const correct = page.unsaved.response === message.right;
-      if (page.about.released === "") { // where a key is held, the button shows that alone
-        if (!correct) page.choices.mark(page.unsaved.response, "wrong");
-        page.choices.mark(message.right, "right");
-      }
+      if (!correct) page.choices.mark(page.unsaved.response, "wrong");
+      page.choices.mark(message.right, "right");
       say(correct ? word("right") : word("wrong", { right: message.right }));
     }
     page.unsaved = null;
@@ -177,19 +171,12 @@ function show() {
     el("text").hidden = text === "";
     el("text").textContent = text;
     el("go").textContent = button;
-    if (page.stage === "consent") askNames();
+    el("names").hidden = !(page.stage === "consent" && page.about.consent_by === "name");
     el("go").disabled = page.stage === "break" && restLeft() > 0;
     el("go").hidden = false;
     asked(others);
     if (!el("others").contains(document.activeElement) && !(page.stage === "consent" && el("names").contains(document.activeElement))) el(text === "" ? "go" : "text").focus();
   }
-}
-
-// Shows the fields of the names that the protocol asks for.
-function askNames() {
-  const asked = { name: page.about.consent_by === "name", witness: page.about.consent_witness };
-  for (const [name, yes] of Object.entries(asked)) { el(name).required = yes; el(name).parentElement.hidden = !yes; }
-  el("names").hidden = !asked.name && !asked.witness;
 }
 
 function trial() {
@@ -198,7 +185,7 @@ function trial() {
   el("stimulus").hidden = page.about.shown === "";
   if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
   el("lamps").hidden = el("lamps").childElementCount === 0;
-  if (page.standing !== null || page.about.released !== "") say(page.about.prompt);
+  if (page.standing !== null) say(page.about.prompt);
   else if (page.waiting) say(word("wait"));
   else if (page.unsaved === null) say(word("feel"));
   page.choices.fit();
@@ -209,9 +196,9 @@ function goOn() { page.asked = true; link.send({ type: "ready", stage: page.stag
 function go() {
   if (page.over) { location.reload(); return; }
   if (page.asked || el("go").disabled) return;
-  if (page.stage === "consent" && !el("names").reportValidity()) return;
+  if (!el("names").hidden && !el("names").reportValidity()) return;
   page.noise.start();
-  if (page.stage === "consent") { link.send({ type: "consent", name: el("name").value, witness: el("witness").value }); return; }
+  if (page.stage === "consent") { link.send({ type: "consent", name: el("name").value }); return; }
   page.going = page.stage !== "break" || page.introduction === "";
   goOn();
   if (page.stage === "trial") show();
@@ -233,23 +220,8 @@ function answer(response) {
   stand(null);
   page.choices.clear();
   page.choices.mark(response, "chosen");
-  if (page.about.released === "") say(word("saving"));
+  say(word("saving"));
   link.send(page.unsaved);
-}
-
-function hold(yes) {
-  page.held = yes;
-  for (const button of page.choices.buttons.values()) button.setAttribute("aria-pressed", String(yes));
-}
-
-// Lets the button of that response be held by a finger or a mouse; a page that is left holds nothing.
-function holdByHand(response) {
-  const button = page.choices.buttons.get(response);
-  button.onpointerdown = (event) => { button.setPointerCapture(event.pointerId); hold(true); };
-  button.onpointerup = button.onpointercancel = window.onblur = () => hold(false);
-  for (const type of ["keydown", "keyup"]) // before the first trial too
-    document.addEventListener(type, (event) => { if (page.choices.byKey(event.code, event.key) === response) hold(type === "keydown"); });
-  hold(false);
 }
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -262,7 +234,7 @@ document.addEventListener("keydown", (event) => {
   if (writes && event.key !== "Enter" && event.key !== "Escape") return;
   const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.code, event.key);
   const other = document.activeElement !== null && el("others").contains(document.activeElement);
-  if (response !== undefined) { event.preventDefault(); if (page.about.released === "") answer(response); }
+  if (response !== undefined) { event.preventDefault(); answer(response); }
   else if (event.key === "Escape") pause();
   else if (enter && !el("go").hidden && !other) { event.preventDefault(); go(); }
   else if (event.key in ARROWS && !el("choices").hidden && page.choices.number === null) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
