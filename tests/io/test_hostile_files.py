@@ -4,7 +4,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -266,15 +265,6 @@ def test_model__numbers_no_record_leads_to__refused_by_itself_and_in_a_display(t
     channel = {"name": "index", "sensor_gain_v_per_mm": 0.2, "travel_mm": 12.5, "plant": "m.json"}
     document = {"display": {"name": "one", "rate_hz": 4000.0, "delay_samples": 1}, "channel": [channel]}
     one_line(lambda: parse_display({**document, "threshold": {"curve": "bolanowski-1988"}}, tmp_path), "plant|allowed")
-
-
-@pytest.mark.slow
-def test_every_reader__a_sample_of_hostile_files__is_answered_or_refused_in_one_line_by_function_and_command() -> None:
-    """`witnesses.hard.files` has 200 for each of 37 readers."""
-    names = ["model.json", "controller.json", "speech.wav", "record.mat", "pairs.csv"]
-    witness = [sys.executable, "-m", "witnesses.hard.files", "--count", "45", "--only", *names]
-    done = subprocess.run(witness, cwd=Path(__file__).resolve().parents[2], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Files with one slip in them, and right ones, as a person would bring them (`witnesses.slips`, which prints both).
+"""Files with one slip in them, and right ones, as a person would bring them.
 
 Tried always: one slip of each field of a file, and a sixth of the right files; among the slow tests one of each way of
 writing it, and a third; in the soak all of them. Bounds are tried on both sides in `tests/model/test_description.py`.
@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from witnesses.slips.said import alarms, faults, said_of
-from witnesses.slips.setups import RIGHT, SLIPS, Slip, Written
+from tests.verbs.slips import RIGHT, SLIPS, Slip, Written, alarms, faults, said_of
 
 
 def wrong_in(slip: Slip) -> dict[str, object]:

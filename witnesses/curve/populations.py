@@ -1,7 +1,6 @@
 """Do the bands of whole curves hold for people who are not like the prior, at every frequency that is exported?
 
-The people are people.py's, and the peers, which measure the same people in the same run, are peers.py's; neither uses
-anything of the program. The curve is what `thresholds` would export of the trials: the same points, means and ends.
+The people are people.py's, which uses nothing of the program. The curve is what `thresholds` would export of the trials: the same points, means and ends.
 Seen to fail with --narrow, which judges bands of half the width. One process takes about 0.5 s for each person.
 """
 
@@ -20,7 +19,6 @@ from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.procedure import Answering
 from tactuator.experiment.procedure.run_flags import unseen_notch
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-from witnesses.curve import peers
 from witnesses.curve.people import GUESS, POPULATIONS, Floats, People, Population
 
 LEAST_COVERAGE, MOST_RMS_DB = 0.93, 1.8
@@ -93,32 +91,16 @@ def together(parts: list[Judged]) -> Judged:
     )
 
 
-def run(population: Population, number: int, count: int, seed: int, narrow: bool, alone: bool) -> dict[str, object]:
-    """Run a population, with the peers unless alone, and return its figures."""
-    rule, parts, others, begun = (
-        WholeCurveRule(),
-        [],
-        dict[str, list[tuple[float, float, float]]](),
-        time.process_time(),
-    )
-    hertz, spent = rule.prior.frequency_hz, 0.0
+def run(population: Population, number: int, count: int, seed: int, narrow: bool) -> dict[str, object]:
+    """Run a population and return its figures."""
+    rule, parts = WholeCurveRule(), []
+    hertz, begun = rule.prior.frequency_hz, time.process_time()
     for first in range(0, count, _AT_ONCE):
         size = min(_AT_ONCE, count - first)
         people = People(population, size, rule.trials, np.random.default_rng((seed, number, first)))
-        begun = time.process_time()
         parts.append(measured(rule, people, narrow))
-        spent += time.process_time() - begun
-        for name in () if alone else ("tracks", "two_channels"):
-            truth = people.threshold(hertz)
-            (mean, sd), (early, _) = (
-                getattr(peers, name)(people.answers, size, n, hertz) for n in (rule.trials, _EARLY)
-            )
-            inside = float(np.mean(np.abs(mean - truth) <= 1.96 * sd))
-            others.setdefault(name, []).append((_rms(mean - truth), _rms(early - truth), inside))
-    judged = together(parts)
+    spent, judged = time.process_time() - begun, together(parts)
     figures: dict[str, object] = {"population": population.name, "people": count, **judged.row()}
-    for name, rows in others.items():
-        figures[name] = np.sqrt(np.mean(np.array(rows) ** 2, axis=0)).round(3).tolist()
     figures["ms_a_trial"] = 1e3 * spent / count / rule.trials
     figures["by_frequency"] = [
         (round(float(f), 2), round(_rms(judged.error[:, at]), 2), float(judged.inside[:, at].mean()))
@@ -134,13 +116,12 @@ def main() -> int:
     parser.add_argument("--only", type=int, nargs="*", help="numbers of populations, from 0")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--narrow", action="store_true")
-    parser.add_argument("--alone", action="store_true", help="without the peers")
     parser.add_argument("--json", action="store_true")
     given, holds = parser.parse_args(), True
     for number, population in enumerate(POPULATIONS):
         if given.only and number not in given.only:
             continue
-        one = run(population, number, given.people, given.seed, given.narrow, given.alone)
+        one = run(population, number, given.people, given.seed, given.narrow)
         if population.honest:
             holds &= one["least"] >= LEAST_COVERAGE  # type: ignore[operator]
         if number == 0:

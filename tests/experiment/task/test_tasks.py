@@ -23,7 +23,6 @@ from tactuator.experiment.trial import Timing
 from tactuator.experiment.words import shipped_words
 from tactuator.perception.curve import curve
 from tests.griffin import distance_db
-from witnesses.strength.people import JNDS, discriminated
 
 PLACE = Place(Playable(), Timing())
 TASKS = {
@@ -157,14 +156,6 @@ def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) ->
     for response in ("0", "-1", "inf", "nan", "strong", ""):
         with pytest.raises(BadInput, match="allowed: a number above 0"):
             number_of(response)
-
-
-@pytest.mark.parametrize(("of", "level", "jnds", "unit", "most"), JNDS[2::2] + JNDS[5:])
-def test_difference__of_the_witness_s_people__is_found(of, level, jnds, unit, most) -> None:
-    """A sample of `witnesses.strength.people`: 20 people, twice the bound."""
-    mean, _, held = discriminated(of, level, jnds[1], unit, 20, deaf=False, seed=77)
-    assert abs(mean) <= 2.0 * most
-    assert held >= 0.8
 
 
 def test_difference__put_into_a_simulated_person__comes_out() -> None:

@@ -6,13 +6,19 @@ files say of it, as factors, so that a slip of units is one number.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import signal
+
+from tactuator.cli.main import main as tactuator
 
 LIBRARY_UM = ((0.4, 31.0), (3.0, 30.0), (10.0, 9.0), (30.0, 3.5), (100.0, 0.5), (250.0, 0.12), (300.0, 0.14))
 """Thresholds of about everybody, micrometres of peak displacement, at hertz."""
@@ -288,3 +294,73 @@ RIGHT = (
         ("a weak drive", MOTOR, Written(plant="record", command=1.0, range=4.0)),
     )),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Said:
+    """One verb's exit status and all that it wrote."""
+
+    verb: str
+    status: int
+    text: str
+
+    @property
+    def is_met(self) -> bool:
+        """Tell whether its verdict is that everything is met."""
+        return bool(re.search(r"^verdict: met", self.text, re.MULTILINE))
+
+    @property
+    def doubts(self) -> bool:
+        """Tell whether it doubts the numbers of its files."""
+        return bool(re.search(r"numbers, |note: .*expected|not to be trusted|another reading|swapped", self.text))
+
+
+def said_of(slip: Slip, folder: Path, measured: bool = False) -> Iterator[Said]:
+    """Yield what each verb of the chain says of the files, as far as the chain comes; measured: at a rig, too."""
+    setup, written = slip.setup, slip.written
+    written.files(setup, folder)
+    display, model, controller = (str(folder / name) for name in ("display.toml", "model.json", "controller.json"))
+    if written.pairs is not None:
+        pairs = _run("calibrate", str(folder / "pairs.csv"))
+        yield pairs
+        gain = re.search(r"gain \(V/mm\)\W+([\d.e+-]+)", pairs.text)
+        if gain is not None:
+            written = replace(written, gain=float(gain[1]) / setup.gain_v_per_mm)
+            written.files(setup, folder)
+    if written.plant != "inline":
+        source = str(folder / f"{written.plant}.csv")
+        order = ["--order", "2", "--no-friction"] if written.plant == "record" else []
+        quantity = ["--quantity", setup.quantity]
+        yield _run("identify", source, *order, *quantity, "--out", model)
+    if written.plant == "record" and not Path(model).exists():
+        return
+    yield _run("design", display, "--out", controller)
+    if Path(controller).exists():
+        yield _run("check", controller)
+        if measured:
+            points = ["--frequency-hz", "40,100", "--level", "5", "--confidence-db", "1"]
+            yield _run("measure", "--controller", controller, *points)
+            yield _run("noise", "--controller", controller, "--duration-s", "4")
+
+
+def _run(*arguments: str) -> Said:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = tactuator(list(arguments))
+    return Said(arguments[0], status, out.getvalue() + err.getvalue())
+
+
+def faults(slip: Slip, said: list[Said]) -> list[str]:
+    """Return what is wrong with what was said of a slip; empty where it is caught."""
+    wrong = [f"{each.verb} ends in met" for each in said if each.is_met]
+    wrong += [f"{each.verb} fails with {each.status}" for each in said if each.status not in (0, 1, 2)]
+    if not any(slip.words in each.text for each in said):
+        wrong.append(f"nobody says {slip.words!r}")
+    if not any(each.status or each.doubts for each in said):
+        wrong.append("every verb exits 0 without a word")
+    return wrong
+
+
+def alarms(said: list[Said]) -> list[str]:
+    """Return what was said against right files: doubts of their numbers, and refusals."""
+    return [f"{each.verb} {each.status}: {each.text}" for each in said if each.doubts or each.status not in (0, 1)]

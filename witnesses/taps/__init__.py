@@ -1,1 +1,0 @@
-"""A tactile speech code against its published form, and how strongly its phonemes are felt."""
