@@ -1,6 +1,7 @@
 """Do the bands of whole curves hold for people who are not like the prior, at every frequency that is exported?
 
-The people are people.py's, which uses nothing of the program. The curve is what `thresholds` would export of the trials: the same points, means and ends.
+The people are people.py's, which uses nothing of the program. The curve is what `thresholds` would export of the
+trials: the same points, means and ends.
 Seen to fail with --narrow, which judges bands of half the width. One process takes about 0.5 s for each person.
 """
 
