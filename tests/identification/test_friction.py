@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from tactuator.identification.friction import ruled_by_friction
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
+from tactuator.identification.trust import RULED
 from tactuator.signals.record import Record
+from witnesses.identification.motors import drawn, recorded
 from witnesses.identification.rubbing import judged
 
 RATE_HZ = 2500.0
@@ -95,3 +98,12 @@ def test_identify__recursion_under_friction__truth_inside_its_band_or_not_truste
     assert abs(found.model.den[1] - DAMPING) > 0.5
     assert found.distrust or share_inside(found) > 0.9
     assert judged(26, "rls")[0] == "ok"
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_ruled_by_friction__motors__free_ones_in_a_position_loop_alone(sprung: bool) -> None:
+    rng = np.random.default_rng(5)
+    forces, positions = recorded(drawn(rng, 4, sprung=sprung), rng, seconds=6.0, steps=3)
+    records = [Record(1000.0, force, place) for force, place in zip(forces.T, positions.T, strict=True)]
+    ruled = [100.0 * ruled_by_friction(record) > RULED.limit for record in records]
+    assert ruled == [not sprung] * 4

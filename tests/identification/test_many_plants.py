@@ -9,8 +9,8 @@ from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.signals.record import Record
 from tests.identification import others
-from tests.identification.motors import motor
 from tests.identification.others import Plant, band_limited
+from tests.identification.test_friction import rubbing_motor
 
 SECONDS = {600.0: 40.0, 1000.0: 30.0, 4000.0: 20.0, 48000.0: 5.0}
 
@@ -86,11 +86,11 @@ FACTORS = [(1e3, 1e-3, 30.0), pytest.param(0.01, 250.0, 1e3, marks=pytest.mark.s
 """Of the rate, of the command's unit and of the position's."""
 
 
-@pytest.fixture(scope="module", params=["resonator", "motor"])
+@pytest.fixture(scope="module", params=["resonator", "rubbing"])
 def known(request: pytest.FixtureRequest) -> tuple[Record, Identification]:
-    """A record, of a motor with friction or of none, and what is identified of it as it is."""
-    if request.param == "motor":
-        record = Record(1000.0, *motor(np.random.default_rng(8), 7.0)[1:])
+    """A record, of a motor that rubs or of a resonator, and what is identified of it as it is."""
+    if request.param == "rubbing":
+        record = Record(2500.0, *rubbing_motor(0.1, 5e-3, 2, 3.0))
     else:
         record = Record(610.35, *band_limited(PLANT, np.random.default_rng(7), 610.35, 4.0, 40.0))
     return record, identify(record)

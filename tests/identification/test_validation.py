@@ -19,7 +19,6 @@ from tactuator.identification.trust import CLIPPED
 from tactuator.identification.validation import validate
 from tactuator.io.record import is_response, read_foreign_response, read_record, write_record
 from tactuator.signals.record import Record
-from tests.identification.motors import motor
 from tests.identification.others import Plant, band_limited
 
 PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.0)
@@ -55,15 +54,6 @@ def test_validate__same_mechanism__holds(found: Identification, seed: int, close
 def test_validate__another_mechanism__fails_with_the_reason(found: Identification, other: Plant, reason: str) -> None:
     stands = validate(found, made(4, other), "bench.h5")
     assert any(reason in one and "bench.h5" in one for one in stands.failures)
-
-
-def test_validate__motor_with_friction__holds_on_its_other_half_and_fails_with_another_mass() -> None:
-    _, command, position = motor(np.random.default_rng(3), duration_s=14.0, steps=10)
-    half = command.size // 2
-    found = identify(Record(1000.0, command[:half], position[:half]))
-    assert found.model.method == "inverse dynamics"
-    assert validate(found, Record(1000.0, command[half:], position[half:])).failures == ()
-    assert validate(found, Record(1000.0, 1.3 * command[half:], position[half:])).failures
 
 
 def test_identify__several_long_records__are_cut_together(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +188,6 @@ def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_se
     assert not mended.distrust
     sound = identify(GOOD, **KNOWN)
     assert not sound.distrust
-    assert sound.model.method == "refined"  # a spring holds it: no motor
 
 
 def test_identify__position_of_a_slower_logger_filled_up__is_read_where_it_was() -> None:

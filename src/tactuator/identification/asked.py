@@ -225,18 +225,6 @@ class Asked:
         origin_zeros = DERIVATIVES.get(self.quantity, 0)
         return Known(self.order, self.zeros, self.integrators, origin_zeros, self.delay_s, sections, pins)
 
-    @property
-    def may_be_motor(self) -> bool:
-        """Tell whether nothing that is asked speaks against a free motor with friction."""
-        return (
-            self.friction
-            and self.quantity == "displacement"
-            and self.order in (None, 2)
-            and self.zeros in (None, 0)
-            and self.integrators <= 1
-            and not self.delay_s
-        )
-
 
 @cache
 def _checks() -> dict[str, tuple[Any, TypeAdapter[Any]]]:

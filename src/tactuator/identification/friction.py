@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import islice, product
+from typing import Literal
 
 import numpy as np
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import Known, freedom
-from tactuator.identification.inverse_dynamics import FADING, low_passed, motion_corner
 from tactuator.identification.likelihood import eliminated
 from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
 from tactuator.identification.prepared import Signals
@@ -23,6 +24,7 @@ from tactuator.identification.residual import Residual, record_residual
 from tactuator.identification.spectral_estimate import SpectralEstimate, refitted, simplified
 from tactuator.identification.uncertainty import log_slopes
 from tactuator.runtime._core import ffi, lib
+from tactuator.signals.record import Record
 
 _CERTAIN = 100.0
 """Drop of -2 log likelihood by one parameter from which on friction is looked for."""
@@ -45,6 +47,11 @@ _ESTIMATES, _ROUNDS = 3, 12
 """Most whole estimates of a record's form with friction off its command, and most steps of the level between them."""
 _FINE_AT_FIRST, _FINE, _REACH = 10.0 ** (1.0 / 32.0), 1.25**0.125, 15
 """Steps of a presliding distance, as ratios: where none is known, and about one that is, at most so many of them."""
+_FADING = np.geomspace(0.03, 0.6, 10)
+"""Speeds over which Stribeck's part may fade, over the usual speed; beyond them it passes for the others."""
+_RULED = 0.5
+"""What friction may leave of a command, over what the linear motion leaves, where it rules the record: of 30 motors in
+position loops one had more, of resonances all had twice that, but two of 70."""
 _STILL = 0.05
 """Change of the level, in its deviations, from which on another round brings nothing."""
 
@@ -124,7 +131,7 @@ class _Stage:
     @cached_property
     def measured(self) -> tuple[FloatArray, ...]:
         rate_hz = self.now.spectra[0].rate_hz
-        paths = (low_passed(position, rate_hz, motion_corner(position, rate_hz)) for _, position in self.signals)
+        paths = (_without_noise(position, rate_hz) for _, position in self.signals)
         return tuple(self._earlier(path, path.size) for path in paths)
 
     def _earlier(self, path: FloatArray, count: int, shift: int = 0) -> FloatArray:
@@ -211,6 +218,58 @@ def _shows(bare: _Stage) -> bool:
     motion = max(float(np.std(path)) for path in bare.paths)
     ways = ([dahl_state(path, place) for path in bare.paths] for place in _SHOWN_AT * motion)
     return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in bare.lines.pulls(ways))
+
+
+def _without_noise(position: FloatArray, rate_hz: float) -> FloatArray:
+    """Return the position (n,) as far up as it stands out of its noise, its ends turned round."""
+    return np.asarray(_low_passed(position, rate_hz, _motion_corner_hz(position, rate_hz), "odd")[0])
+
+
+def _low_passed(
+    values: FloatArray, rate_hz: float, corner_hz: float, ends: Literal["odd", "even"], derivatives: int = 0
+) -> FloatArray:
+    """Return values (n,) behind a Gaussian low-pass without phase, and their derivatives, (1 + derivatives, n); ends:
+    turned round (odd) or mirrored (even).
+    """
+    # the low-pass rings over a few of its own periods: no more than those is turned round at either end
+    more = min(values.size - 1, int(6.0 * rate_hz / corner_hz))
+    size = scipy.fft.next_fast_len(values.size + 2 * more, real=True)
+    before = (size - values.size) // 2
+    turned = np.pad(values, (before, size - values.size - before), mode="reflect", reflect_type=ends)
+    frequency = np.fft.rfftfreq(size, 1.0 / rate_hz)
+    lines = np.fft.rfft(turned) * np.exp(-0.35 * (frequency / corner_hz) ** 2)
+    rows = [lines * (2j * np.pi * frequency) ** k for k in range(1 + derivatives)]
+    return np.asarray(np.fft.irfft(rows, size)[:, before : before + values.size])
+
+
+def ruled_by_friction(record: Record) -> float:
+    """Return the share of the command's power that follows the direction of the motion and nothing linear of it, as of
+    a motor that friction rules in a position loop; 0 where both together leave more than half of what the latter does.
+    """
+    corner = 0.7 * _motion_corner_hz(record.position, record.rate_hz)
+    position = record.position - record.position.mean()
+    motion = _low_passed(position, record.rate_hz, corner, "odd", derivatives=2)
+    rows = (record.command - record.command.mean(), np.sign(motion[1]))
+    goal, direction = (_low_passed(row, record.rate_hz, corner, "even")[0] for row in rows)
+    columns = np.stack([*motion, np.ones(goal.size), direction])
+    columns /= np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1e-300)
+    products = np.vstack([columns, goal]) @ np.vstack([columns, goal]).T
+    power = max(float(products[-1, -1]), 1e-300)
+    linear, whole = (float(eliminated(products, known)[1][-1, -1]) / power for known in (4, 5))
+    return float(linear - whole if whole < _RULED * linear else 0.0)
+
+
+def _motion_corner_hz(position: FloatArray, rate_hz: float) -> float:
+    """Return the frequency up to which the position stands 7 dB above its noise (the floor beyond 0.3 rate), hertz."""
+    power = np.abs(np.fft.rfft(np.hanning(position.size) * (position - position.mean()))) ** 2
+    frequency = np.fft.rfftfreq(position.size, 1.0 / rate_hz)
+    floor = float(np.mean(power[frequency > 0.3 * rate_hz]))
+    edges = np.unique(np.round(np.geomspace(3, power.size - 1, 120)).astype(int))
+    mean = np.add.reduceat(power, edges)[:-1] / np.diff(edges)
+    centre = np.sqrt(edges[:-1] * edges[1:]) * rate_hz / position.size
+    above = centre[mean > 5.0 * floor]
+    lowest = 20.0 * rate_hz / position.size
+    return float(np.clip(above.max() if above.size else lowest, lowest, 0.1 * rate_hz))
 
 
 def _share_left(residuals: Sequence[Residual]) -> float:
@@ -366,7 +425,7 @@ class _FrictionLines:
             shares = [(slow / max(float(np.sqrt(np.mean(slow**2))), 1e-300)) ** shape for slow in speed]
             falling = (
                 _acting([z * np.exp(-share / fading**shape) for z, share in zip(free, shares, strict=True)], level.held)
-                for fading in FADING
+                for fading in _FADING
             )
             tried = (self._together([plain, *uneven, pull]) for pull in self.pulls(falling))
             solved.append(max(tried, key=lambda law: law[0]))

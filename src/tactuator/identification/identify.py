@@ -15,14 +15,13 @@ from tactuator.identification.by_spectrum import identification
 from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, read_at, without_images
 from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
-from tactuator.identification.friction import fit_friction
+from tactuator.identification.friction import fit_friction, ruled_by_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.lines import LocalResponse
-from tactuator.identification.motor import motor_identification
 from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared, valid_range
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
-from tactuator.identification.result import BetweenSamples, Identification
+from tactuator.identification.result import Identification
 from tactuator.identification.spectral_estimate import SpectralEstimate, estimate, estimate_lines, following
 from tactuator.model.plant_model import PlantModel, Weighed
 from tactuator.processors import single_threaded
@@ -72,6 +71,7 @@ def identify_periods(
 
 _CHANCE = 1e-3
 """Chance of a residual that follows the command so much, from which on it is taken to."""
+_RULED_HELP = "record the motor outside its position loop, with noise several times as large as the friction"
 _SHOWN = 20.0
 """Radians that a resonance turns in a record; one that turns less may be two integrators."""
 
@@ -107,7 +107,10 @@ def judged(result: Identification, common: Prepared) -> Identification:
             rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
     model = model.judged(*rows)
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
-        model = model.judged(*(doubt.weighed() for doubt in check_rise(common.response)))
+        model = model.judged(
+            *(doubt.weighed() for doubt in check_rise(common.response)),
+            trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), _RULED_HELP),
+        )
     return replace(result, model=model)
 
 
@@ -268,10 +271,6 @@ def _again(first: Prepared, records: Sequence[Record]) -> Prepared:
 def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     asked = common.asked
     holds, source = _holds(common.records[0], asked)
-    if asked.may_be_motor and len(common.records) == 1:
-        motor = motor_identification(common, BetweenSamples(holds[0], source, len(holds) == 1))
-        if motor is not None:
-            return motor
     known = asked.known(common.gain)
     plans = plans_of(common)
     if plans is not None:

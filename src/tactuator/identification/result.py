@@ -21,15 +21,12 @@ class Friction:
     """Levels in units of command, with their 95 % half-widths.
 
     coulomb: what friction takes. presliding: units of position over which it builds up after a reversal (Dahl); None
-    where the record cannot tell. offset: command that stands against a steady pull. small_command: amplitude of a slow
-    command of which friction takes 1 dB.
+    where the record cannot tell. small_command: amplitude of a slow command of which friction takes 1 dB.
     """
 
     coulomb: float
     confidence: float
     presliding: float | None
-    offset: float = 0.0
-    offset_confidence: float = 0.0
 
     @property
     def stated(self) -> dict[str, float]:
@@ -92,10 +89,10 @@ def resonances(den: FloatArray) -> tuple[Resonance, ...]:
 class Validation:
     """A model's standing on one record that its fit never saw.
 
-    fit_percent: 100 (1 - |y - simulated| / |y - mean|); of a motor by inverse dynamics that of the command. tests: of
-    what is left. inside: share of the record's own response (points: how many there are, magnitude and phase counted
-    each) within the model's 95 % band and its own error, nan where nothing can be compared; of a motor the share of its
-    parameters. weighed: what decides whether the model holds there. remarks: what was done to the record.
+    fit_percent: 100 (1 - |y - simulated| / |y - mean|). tests: of what is left. inside: share of the record's own
+    response (points: how many there are, magnitude and phase counted each) within the model's 95 % band and its own
+    error, nan where nothing can be compared. weighed: what decides whether the model holds there. remarks: what was
+    done to the record.
     """
 
     name: str

@@ -12,14 +12,13 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import solvable
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
-from tactuator.identification.inverse_dynamics import motor_estimate, motor_prediction
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import LocalResponse, local_response, spectrum
 from tactuator.identification.prepared import check_record
 from tactuator.identification.residual import Residual, fit_percent, judged_residual, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
-from tactuator.identification.trust import MOTOR_EXPLAINED, UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
+from tactuator.identification.trust import UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 from tactuator.processors import single_threaded
@@ -57,8 +56,6 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
         units_of_model = _units(model.command_unit, model.position_unit)
         raise BadInput(f"{called} is in {_units(*units)}, the model in {units_of_model}", "the same units")
     check_record(record)
-    if model.method == "inverse dynamics":
-        return _validate_motor(result, record, called)
     scale = (float(np.std(record.command)), float(np.std(record.position)))
     fit = fit_of_model(model, record.rate_hz, _hold(result, record), scale[1] / scale[0])
     command, position = (record.command - record.command.mean()) / scale[0], record.position / scale[1]
@@ -132,31 +129,3 @@ def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> 
     reach = [np.hypot(half_width, 1.959964 * error[keep]) for half_width in band]
     inside = np.concatenate([np.abs(off.real) <= reach[0], np.abs(off.imag) <= reach[1]])
     return float(np.mean(inside)), int(inside.size)
-
-
-def _validate_motor(result: Identification, record: Record, name: str) -> Validation:
-    model, friction = result.model, result.friction
-    assert friction is not None
-    assert model.valid_hz is not None
-    is_held = _hold(result, record) != "band-limited"
-    holds = (is_held,) if result.between.certain or "hold" in record.about else (is_held, not is_held)
-    theta = np.array([model.num[0], model.den[1], friction.coulomb, friction.offset])
-    wanted, predicted = motor_prediction(
-        record.command, record.position, record.rate_hz, theta, model.valid_hz[1], is_held=is_held
-    )
-    if wanted.size < _FEWEST:
-        raise BadInput(f"in {name} the motor hardly moves", "a record with motion of its own")
-    rest = wanted - predicted
-    spread = float(np.sum((wanted - wanted.mean()) ** 2))
-    unexplained = float(rest @ rest) / max(spread, 1e-300)
-    tests = ResidualTests(float("nan"), float("nan"), unexplained, feedback=None)
-    rows, inside, points = [MOTOR_EXPLAINED.of(100.0 * (1.0 - unexplained), name)], float("nan"), 0
-    again = motor_estimate(record.command, record.position, record.rate_hz, holds=holds)
-    if again is not None:
-        half_widths = np.append(
-            1.959964 * np.sqrt(np.diag(model.covariance)[:2]), [friction.confidence, friction.offset_confidence]
-        )
-        agree = np.abs(again.theta - theta) <= np.hypot(half_widths, 1.959964 * np.sqrt(np.diag(again.covariance)))
-        inside, points = float(np.mean(agree)), agree.size
-        rows.append(UNSEEN_INSIDE.of(100.0 * inside, name))
-    return Validation(name, 100.0 * (1.0 - unexplained**0.5), tests, inside, points, tuple(rows), record.remarks)

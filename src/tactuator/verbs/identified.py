@@ -163,9 +163,8 @@ class IdentificationResult(_FittedResult, Identification):
 
     def _friction_document(self) -> dict[str, Any]:
         if self.friction is None:
-            return {"coulomb": 0.0, "confidence": None, "presliding": None, "offset": None, "command_for_1_db": None}
-        names = ("coulomb", "confidence", "presliding", "offset", "offset_confidence")
-        return picked(self.friction, *names, command_for_1_db="small_command")
+            return {"coulomb": 0.0, "confidence": None, "presliding": None, "command_for_1_db": None}
+        return picked(self.friction, "coulomb", "confidence", "presliding", command_for_1_db="small_command")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
