@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactuator.identification.asked import Fixed
 from tactuator.identification.form import Form, ladder
 from tactuator.identification.hold import Grid, held_slopes, response_columns
 from tactuator.identification.identify import identify
@@ -46,7 +47,7 @@ def test_identify__recorded_through_filters__is_named_and_right_within_its_band(
 def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(filtered) -> None:
     said = replace(filtered, about={"hold": "band-limited"})
     assert identify(said, order=2, zeros=0).between.source == "file"
-    kept = identify(filtered, hold="band-limited", order=3, zeros=1, delay_s=1e-4)
+    kept = identify(filtered, hold="band-limited", order=3, zeros=1, fixed=(Fixed("delay_s", 1e-4),))
     assert (kept.order, kept.model.num.size - 1, kept.model.delay_s) == (3, 1, pytest.approx(1e-4))
     fast = identify(filtered, hold="band-limited", order=3, zeros=0)
     assert np.max(fast.poles_hz) > 0.5 * RATE_HZ
@@ -115,7 +116,7 @@ def test_identify__noisy_loop_with_its_reference__keeps_the_loops_noise_out() ->
     off = []
     for reference in (None, signals[2]):
         record = Record(RATE_HZ, signals[0], signals[1], reference=reference)
-        found = identify(record, order=2, zeros=1, delay_s=0.0, hold="band-limited")
+        found = identify(record, order=2, zeros=1, fixed=(Fixed("delay_s", 0.0),), hold="band-limited")
         off.append(float(np.sqrt(np.mean(np.abs(logarithm_off(found, plant, frequency)) ** 2))))
     assert off[1] < 0.4 * off[0]
     assert any("follows the recorded reference" in remark for remark in found.remarks)

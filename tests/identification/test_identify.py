@@ -6,9 +6,9 @@ from scipy import optimize, signal
 
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked, Fixed
+from tactuator.identification.fixed_values import FixedAgainstOwn, weighed_against_own
 from tactuator.identification.identify import identify
 from tactuator.identification.recursive import identify_recursively
-from tactuator.identification.standing import FixedAgainstOwn, weighed_against_own
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.excitation import log_chirp, prbs, steps
 from tactuator.signals.record import Record
@@ -53,33 +53,6 @@ def test_identify__strong_noise__is_seen_as_feedback_where_it_is_fed_back_and_ca
     for loop, feedback in ((closed_loop, True), (open_loop, None)):
         record = loop(PAPER, np.random.default_rng(26), 5.0, noise=3.0)
         assert identify(record, order=2).tests.feedback is feedback
-
-
-def test_identify__friction_rules_a_positioning_drive_in_closed_loop__mass_and_friction_are_found() -> None:
-    """A slide with Coulomb friction of a third of its command, position and velocity fed back, 1 kHz, metres."""
-    rng = np.random.default_rng(5)
-    rate, count, mass, viscous, coulomb, gain = 1000.0, 12000, 95.0, 203.0, 20.0, 35.0
-    slow = signal.butter(2, 4.0 / 500.0, output="sos")
-    reference = signal.sosfilt(slow, np.cumsum(np.repeat(rng.uniform(-1.0, 1.0, count // 500), 500)))
-    reference *= 0.12 / np.max(np.abs(reference))
-    command, position = np.empty(count), np.empty(count)
-    x = v = z = 0.0
-    for k in range(count):
-        position[k] = x + 1e-6 * rng.standard_normal()
-        command[k] = min(max(9600.0 * (reference[k] - position[k]) - 72.9 * v, -10.0), 10.0)
-        for _ in range(5):
-            moved = v * 2e-4 / 2e-5
-            z = (z + moved) / (1.0 + abs(moved))
-            v += (gain * command[k] - viscous * v - coulomb * z) / mass * 2e-4
-            x += v * 2e-4
-    found = identify(Record(rate, command, position))
-    assert found.friction.coulomb == pytest.approx(coulomb / gain, rel=0.1)
-    frequency = np.geomspace(1.0, 50.0, 40)
-    s = 2j * np.pi * frequency
-    expected = (gain / mass) / (s * (s + viscous / mass))
-    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(frequency) / expected)))) < 0.6
-    assert any("ruled by friction" in remark for remark in found.remarks)
-    assert not found.distrust
 
 
 def test_identify__slow_process_with_dead_time__delay_is_found() -> None:
@@ -171,7 +144,7 @@ def test_identify__record_that_cannot_tell__is_refused(record: Record, match: st
 
 @pytest.mark.parametrize(
     "asked",
-    [{"order": 0}, {"order": 9}, {"zeros": -1}, {"integrators": 9}, {"delay_s": -1.0}]
+    [{"order": 0}, {"order": 9}, {"zeros": -1}, {"integrators": 9}]
     + [{name: "guess"} for name in ("hold", "method", "quantity")],
 )
 def test_identify__unknown_option__is_refused(asked) -> None:

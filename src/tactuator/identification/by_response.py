@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
-from tactuator.identification.asked import Asked, solvable
+from tactuator.identification.asked import Asked, Fixed, solvable
+from tactuator.identification.fixed_values import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.form import (
     Form,
     Known,
@@ -28,7 +29,6 @@ from tactuator.identification.lines import LocalResponse
 from tactuator.identification.prepared import valid_range
 from tactuator.identification.search import Choice, best_few, choose, propose, pruned
 from tactuator.identification.spectral_estimate import CERTAIN
-from tactuator.identification.standing import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
 from tactuator.model.plant_model import Excess, PlantModel
@@ -66,9 +66,9 @@ def identify_response(
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     asked = asked.of(given.about)
     if given.phase_rad is None:
-        if asked.fixed:
+        if asked.gain_and_poles:
             raise BadInput("fixed values with a magnitude without phase", "with a response of both, or a record")
-        asked = replace(asked, delay_s=asked.delay_s or 0.0)
+        asked = replace(asked, fixed=(Fixed("delay_s", asked.delay_s or 0.0),))
     with single_threaded(scipys=False), solvable():
         fits = _beginning(given, asked, note)
         astray, is_clear = _astray(given, fits)
@@ -254,9 +254,9 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
 
     free = best_of(alone)
     free_fit = _judged(given, free, local, asked)
-    if not asked.fixed and known.allows(free.fit.form):
+    if not asked.gain_and_poles and known.allows(free.fit.form):
         return free_fit
-    bound = best_of(known, tuple(free.fits.values()) if asked.fixed else ())
+    bound = best_of(known, tuple(free.fits.values()) if asked.gain_and_poles else ())
     form, better = free.fit.form, free.criterion(free.fit) < bound.criterion(bound.fit)
     zeros = form.zeros if known.zeros is None else known.zeros
     poles = known.poles or max(form.poles, zeros)
@@ -266,7 +266,7 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
         said = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
         return replace(padded, remarks=(*padded.remarks, said))
     bound_fit = _judged(given, bound, local, asked)
-    both: ResponseFit = beside_free(bound_fit, free_fit.model, asked.fixed, bound, [free])
+    both: ResponseFit = beside_free(bound_fit, free_fit.model, asked.gain_and_poles, bound, [free])
     return both
 
 
@@ -377,8 +377,9 @@ def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, aske
         excess=excess,
         valid_hz=(low, high),
     )
-    if fit.form.pins or fit.form.known:
-        model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, asked.fixed))}), asked.fixed)
+    fixed = [value for value in asked.fixed if value.binds(fit.form)]
+    if fixed and given.phase_rad is not None:
+        model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, fixed))}), fixed)
     off = _off(model, given)
     alike = float(np.real(np.sum(off[1:] * np.conj(off[:-1]))) / max(float(np.sum(np.abs(off) ** 2)), 1e-300))
     doubts = response_doubts(given)

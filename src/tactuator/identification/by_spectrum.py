@@ -9,6 +9,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.fixed_values import beside_free, exact
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.nonlinear import distortion_left
@@ -18,7 +19,6 @@ from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
 from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
-from tactuator.identification.standing import beside_free, exact
 from tactuator.identification.trust import DISTORTION, HOLD, KNOCK
 from tactuator.identification.uncertainty import (
     FLOOR,
@@ -108,7 +108,7 @@ def _beside_free(
     alone = _model(common, free, free.chosen)
     alone = replace(alone, valid_hz=_valid(alone, free))
     beside = [choice for choice in (free.chosen, free.other) if choice is not None]
-    both: Identification = beside_free(result, alone, common.asked.fixed, estimate.chosen, beside)
+    both: Identification = beside_free(result, alone, common.asked.gain_and_poles, estimate.chosen, beside)
     return replace(both, model=replace(both.model, valid_hz=_valid(both.model, estimate)))
 
 
@@ -164,7 +164,7 @@ def _model(
         covariance = covariance * BENT
         if choice is estimate.chosen:
             covariance += rubbed.shifts.T @ rubbed.shifts
-    asked = {"fixed": " ".join(map(str, common.asked.fixed))} if fit.form.pins or fit.form.known else {}
+    fixed = [value for value in common.asked.fixed if value.binds(fit.form)]
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
     bias = fed_back(choice, estimate.spectra) if choice.problem.with_transient else None
@@ -183,10 +183,10 @@ def _model(
         *physical(fit, covariance, common.gain),
         delay_s=fit.delay_s,
         method="refined",
-        record={"hold": choice.hold} | asked,
+        record={"hold": choice.hold} | ({"fixed": " ".join(map(str, fixed))} if fixed else {}),
         excess=beyond.joined((np.hypot(missing, FLOOR)) * (1.0 + 1.0j)),
     )
-    return exact(model, common.asked.fixed) if fit.form.pins else model
+    return exact(model, fixed)
 
 
 def _valid(model: PlantModel, estimate: SpectralEstimate) -> tuple[float, float]:

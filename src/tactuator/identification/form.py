@@ -2,9 +2,8 @@
 
 Its denominator stands as sections, its numerator on a ladder of products of sections. Sections keep the numbers well
 conditioned over many decades and eight poles, where coefficients of one polynomial do not. Time is scaled: s is in
-units of `scale_rad_s`. Known values of the numerator bind its weights, which are linear: they move in a plane, and its
-foot follows the denominator where the gain is known. Those of the denominator bind the coefficients of its sections, of
-which it is a sum of products, of the first degree in each. So all derivatives are exact.
+units of `scale_rad_s`. A gain at s = 0 that is known binds the numerator's weights, which are linear: they move in a
+plane, and its foot follows the denominator. So all derivatives are exact.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,26 +20,14 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
 Ladder = tuple[tuple[FloatArray, int], ...]
-Section = tuple[float, ...]
-"""The coefficients of a monic section but the first, descending."""
 MOST_POLES = 8
-
-
-@dataclass(frozen=True)
-class Pin:
-    """A value that is known. kind: "num" or "den", the coefficient of s^power (den: monic); "gain", the response at
-    s = 0; "lead", the numerator's first coefficient where there are `power` poles more than zeros.
-    """
-
-    kind: Literal["num", "den", "gain", "lead"]
-    power: int
-    value: float
 
 
 @dataclass(frozen=True)
 class Form:
     """The form of a transfer function: poles, of which `integrators` at s = 0; zeros, of which `origin_zeros` at s = 0;
-    dead_time: is it estimated? known: sections of known poles; pins: values that are known; both of scaled time.
+    dead_time: is it estimated? known: rates of real poles that are known, of scaled time; gain: the response at s = 0,
+    where it is known.
     """
 
     poles: int
@@ -48,8 +35,8 @@ class Form:
     dead_time: bool = False
     integrators: int = 0
     origin_zeros: int = 0
-    known: tuple[Section, ...] = ()
-    pins: tuple[Pin, ...] = ()
+    known: tuple[float, ...] = ()
+    gain: float | None = None
 
     def __post_init__(self) -> None:
         if not (1 <= self.poles <= MOST_POLES and self.integrators >= 0 and self.free >= 0):
@@ -62,32 +49,12 @@ class Form:
     @cached_property
     def free(self) -> int:
         """Return the number of poles that are estimated."""
-        return self.poles - self.integrators - sum(len(section) for section in self.known)
-
-    @property
-    def pins_below(self) -> tuple[Pin, ...]:
-        """Return the pins of the denominator: its coefficients, and the last one where gain and last coefficient of the
-        numerator are both known.
-        """
-        pins = tuple(pin for pin in self.pins if pin.kind == "den")
-        gain, last = (next((pin for pin in self.pins if is_one(pin)), None) for is_one in (_is_gain, self._is_last))
-        if gain is None or last is None:
-            return pins
-        return (*pins, Pin("den", 0, last.value / gain.value))
-
-    @property
-    def pins_above(self) -> tuple[Pin, ...]:
-        """Return the pins of the numerator."""
-        gives_way = len(self.pins_below) > sum(pin.kind == "den" for pin in self.pins)
-        return tuple(pin for pin in self.pins if pin.kind != "den" and not (gives_way and _is_gain(pin)))
-
-    def _is_last(self, pin: Pin) -> bool:
-        return (pin.kind == "num" and pin.power == 0) or (pin.kind == "lead" and self.zeros == 0)
+        return self.poles - self.integrators - len(self.known)
 
     @property
     def bending(self) -> int:
         """Return the number of estimated parameters on which the response does not depend in proportion."""
-        return self.free + int(self.dead_time) - len(self.pins_below)
+        return self.free + int(self.dead_time)
 
     @property
     def numerators(self) -> int:
@@ -97,11 +64,7 @@ class Form:
     @property
     def count(self) -> int:
         """Return the number of parameters that are estimated."""
-        return self.free + self.numerators + int(self.dead_time) - len(self.pins)
-
-
-def _is_gain(pin: Pin) -> bool:
-    return pin.kind == "gain"
+        return self.free + self.numerators + int(self.dead_time) - int(self.gain is not None)
 
 
 def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
@@ -112,18 +75,13 @@ def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
 
 def all_sections(theta: FloatArray, form: Form) -> list[FloatArray]:
     """Return the free sections and those of known poles, but for poles at s = 0."""
-    return [*section_list(theta, form), *(np.array([1.0, *section]) for section in form.known)]
+    return [*section_list(theta, form), *(np.array([1.0, rate]) for rate in form.known)]
 
 
 def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return the estimated poles, (free,)."""
-    return np.array(_roots(theta, form), dtype=np.complex128)
-
-
-def _roots(theta: FloatArray, form: Form, known: tuple[Section, ...] = ()) -> list[complex]:
-    """Return the roots of the free sections, and of known ones."""
     values, roots = theta.tolist(), list[complex]()
-    for section in (*(values[j : min(j + 2, form.free)] for j in range(0, form.free, 2)), *known):
+    for section in (values[j : min(j + 2, form.free)] for j in range(0, form.free, 2)):
         if len(section) == 1:
             roots.append(complex(-section[0]))
             continue
@@ -135,7 +93,7 @@ def _roots(theta: FloatArray, form: Form, known: tuple[Section, ...] = ()) -> li
             # the larger root first: the smaller one as a difference would lose its digits
             large = -half - (under**0.5 if half >= 0.0 else -(under**0.5))
             roots += [complex(large), complex(product / large if large else 0.0)]
-    return roots
+    return np.array(roots, dtype=np.complex128)
 
 
 def is_stable(theta: FloatArray, form: Form) -> bool:
@@ -145,7 +103,8 @@ def is_stable(theta: FloatArray, form: Form) -> bool:
 
 def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return all poles, those at zero last, (poles,)."""
-    return np.array([*_roots(theta, form, form.known), *[0.0] * form.integrators], dtype=np.complex128)
+    known = [*(-rate for rate in form.known), *[0.0] * form.integrators]
+    return np.concatenate([free_poles(theta, form), known]).astype(np.complex128)
 
 
 def sections_of(poles: NDArray[Any]) -> FloatArray:
@@ -282,38 +241,30 @@ MANY = 4
 
 @dataclass(frozen=True)
 class Known:
-    """Knowledge beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time; sections of
-    known poles and values that are known, of time in seconds, of responses in the scale of the signals."""
+    """Knowledge beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time, rates of
+    real poles (1/s), and the gain at s = 0 in the scale of the signals."""
 
     poles: int | None = None
     zeros: int | None = None
     integrators: int = 0
     origin_zeros: int = 0
     delay_s: float | None = None
-    sections: tuple[Section, ...] = ()
-    pins: tuple[Pin, ...] = ()
+    rates: tuple[float, ...] = ()
+    gain: float | None = None
 
     @property
     def without_values(self) -> Known:
-        """Return the same without known poles and values, but for poles and zeros at s = 0."""
-        return replace(self, sections=(), pins=())
+        """Return the same without gain and poles that are known, but for poles and zeros at s = 0."""
+        return replace(self, rates=(), gain=None)
 
     @property
     def least_poles(self) -> int:
         """Return the least number of poles that a form has."""
-        placed = self.integrators + sum(len(section) for section in self.sections)
-        lead = max((pin.power for pin in self.pins if pin.kind == "lead"), default=0)
-        return max(1, placed, self.origin_zeros + lead, (self.zeros or 0) + lead)
+        return max(1, self.integrators + len(self.rates), self.origin_zeros, self.zeros or 0)
 
     def in_scale(self, scale_rad_s: float) -> Known:
         """Return the same in scaled time."""
-        sections = tuple(tuple(a / scale_rad_s ** (k + 1) for k, a in enumerate(section)) for section in self.sections)
-        powers = {"gain": 0, "lead": 2}
-        pins = tuple(
-            replace(pin, value=pin.value / scale_rad_s ** powers.get(pin.kind, (self.poles or 0) - pin.power))
-            for pin in self.pins
-        )
-        return replace(self, sections=sections, pins=pins)
+        return replace(self, rates=tuple(rate / scale_rad_s for rate in self.rates))
 
     def forms(self, poles: int) -> Iterator[Form]:
         """Yield the forms of that many poles that are allowed, without and with a dead time to estimate."""
@@ -338,25 +289,14 @@ class Known:
         """
         for known_form in self._form(form.poles, form.zeros, form.dead_time):
             rest: ComplexArray | None = poles
-            for section in self.sections:
-                rest = None if rest is None else _less(rest, np.roots([1.0, *section]).astype(np.complex128))
+            for rate in self.rates:
+                rest = None if rest is None else _less(rest, rate)
             if rest is not None:
                 yield known_form, sections_of(rest)
 
     def _form(self, poles: int, zeros: int, late: bool) -> Iterator[Form]:
-        placed = self.integrators + sum(len(section) for section in self.sections)
-        if zeros <= poles and poles >= placed:
-            form = Form(poles, zeros, late, self.integrators, self.origin_zeros, self.sections, self.pins)
-            if self._holds_pins(form):
-                yield form
-
-    def _holds_pins(self, form: Form) -> bool:
-        fitting = {"num": lambda k: k <= form.zeros, "lead": lambda k: form.poles - form.zeros == k}
-        return (
-            all(fitting[pin.kind](pin.power) for pin in self.pins if pin.kind in fitting)
-            and len(form.pins_below) <= form.free
-            and len(form.pins_above) <= form.numerators
-        )
+        if zeros <= poles and poles >= self.integrators + len(self.rates):
+            yield Form(poles, zeros, late, self.integrators, self.origin_zeros, self.rates, self.gain)
 
     def allows(self, form: Form) -> bool:
         """Return true for a form that does not contradict what is known."""
@@ -366,134 +306,56 @@ class Known:
             and form.zeros >= self.origin_zeros
             and form.free >= 0
             and not (form.dead_time and self.delay_s is not None)
-            and self._holds_pins(form)
         )
 
 
-def _less(poles: ComplexArray, known: ComplexArray) -> ComplexArray | None:
-    """Return the poles without the real one, or the pair, nearest to the known; a pair leaves a real pole where one is
-    known and none is real; None where there is nothing to take off.
+def _less(poles: ComplexArray, rate: float) -> ComplexArray | None:
+    """Return the poles without the real one nearest to -rate; of none but pairs the nearest leaves a real one. None
+    where there is nothing to take off.
     """
     pairs, real = poles[poles.imag > 1e-9 * np.abs(poles)], poles[np.abs(poles.imag) <= 1e-9 * np.abs(poles)]
-    if known.size == 1 and real.size:
-        real = np.delete(real, np.argmin(np.abs(real - known[0])))
-    elif known.size == 2 and not pairs.size and real.size > 1:
-        real = np.delete(real, np.argsort(np.abs(real - known[0]))[:2])
+    if real.size:
+        real = np.delete(real, np.argmin(np.abs(real + rate)))
     elif pairs.size:
-        nearest = int(np.argmin(np.abs(pairs - known[np.argmax(known.imag)])))
-        real = np.append(real, -np.abs(pairs[nearest])) if known.size == 1 else real
-        pairs = np.delete(pairs, nearest)
+        nearest = int(np.argmin(np.abs(pairs + rate)))
+        real, pairs = np.append(real, -np.abs(pairs[nearest])), np.delete(pairs, nearest)
     else:
         return None
     return np.concatenate([pairs, np.conj(pairs), real]).astype(np.complex128)
 
 
-_ROUNDS = 60
-_EXACT = 1e-14
-
-
 def weights_left(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArray, FloatArray]:
-    """Return the numerator's weights nearest to zero that obey what is known, (numerators,), and an orthonormal basis
+    """Return the numerator's weights nearest to zero that have the known gain, (numerators,), and an orthonormal basis
     of the changes that they are free to make, (numerators, k).
     """
-    rows, wanted, _ = _conditions(theta, form, rungs)
-    if not rows.size:
+    if form.gain is None:
         return np.zeros(form.numerators), np.eye(form.numerators)
-    across, values, right = np.linalg.svd(rows)
-    foot = right[: values.size].T @ (across.T @ wanted / np.maximum(values, 1e-300))
-    return np.asarray(foot), np.asarray(right[values.size :].T)
+    row, wanted, _ = _gain_condition(theta, form, form.gain, rungs)
+    return row * wanted, np.linalg.svd(row[None])[2][1:].T
 
 
 def freedom(theta: FloatArray, form: Form, rungs: Ladder) -> FloatArray:
     """Return how (numerator, theta, dead time), the ladder as it is, move with what is free of them, (all, free)."""
-    late = int(form.dead_time)
-    if not form.pins:
-        return np.eye(form.numerators + theta.size + late)
+    size, first = form.numerators + theta.size + int(form.dead_time), form.numerators
+    if form.gain is None:
+        return np.eye(size)
     _, basis = weights_left(theta, form, rungs)
-    sections = theta_left(theta, form)
-    count, first = basis.shape[1], form.numerators
-    directions = np.zeros((first + theta.size + late, count + sections.shape[1] + late))
-    directions[:first, :count] = basis
-    directions[first : first + theta.size, count : count + sections.shape[1]] = sections
-    rows, _, slopes = _conditions(theta, form, rungs)
-    if rows.size:
-        directions[:first, count : count + sections.shape[1]] = np.linalg.pinv(rows) @ slopes @ sections
-    if late:
-        directions[-1, -1] = 1.0
+    row, _, slopes = _gain_condition(theta, form, form.gain, rungs)
+    directions = np.zeros((size, size - 1))
+    directions[:first, : first - 1] = basis
+    directions[:first, first - 1 : first - 1 + theta.size] = np.outer(row, slopes)
+    directions[first:, first - 1 :] = np.eye(size - first)
     return directions
 
 
-def _conditions(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rows (p, numerators) and wanted values (p,) of the numerator's weights, and slopes by theta (p, free)."""
-    pins = form.pins_above
-    rows, wanted, slopes = (
-        np.zeros((len(pins), form.numerators)),
-        np.zeros(len(pins)),
-        np.zeros((len(pins), theta.size)),
-    )
-    if not pins:
-        return rows, wanted, slopes
-    basis = numerator_basis(rungs, form)
-    last = float(np.prod([section[-1] for section in all_sections(theta, form)]))
-    for k, pin in enumerate(pins):
-        rows[k] = basis[{"gain": -1, "lead": 0}.get(pin.kind, -1 - pin.power)]
-        wanted[k] = pin.value * (last if pin.kind == "gain" else 1.0)
-        size = max(float(np.linalg.norm(rows[k])), 1e-300)
-        if pin.kind == "gain":
-            slopes[k] = pin.value * _coefficient_slopes(theta, form, 0) / size
-        rows[k] /= size
-        wanted[k] /= size
-    return rows, wanted, slopes
-
-
-def _coefficient_slopes(theta: FloatArray, form: Form, power: int) -> FloatArray:
-    """Return the derivatives of the denominator's coefficient of s^power by theta, (free,)."""
-    here = denominator_polynomial(theta, form)[-1 - power]
-    slopes = np.zeros(theta.size)
-    for j in range(theta.size):
-        # of the first degree in each coefficient: without it, and with it alone
-        without = theta.copy()
-        without[j] = 0.0
-        rest = denominator_polynomial(without, form)[-1 - power]
-        without[j] = 1.0
-        slopes[j] = denominator_polynomial(without, form)[-1 - power] - rest
-    return slopes if np.isfinite(here) else np.full(theta.size, np.nan)
-
-
-def theta_left(theta: FloatArray, form: Form) -> FloatArray:
-    """Return a basis of the changes of theta that keep the known coefficients of the denominator, (free, k)."""
-    rows = [_coefficient_slopes(theta, form, pin.power) for pin in form.pins_below]
-    if not rows:
-        return np.eye(theta.size)
-    scale = np.maximum(np.abs(theta), 1e-9)
-    matrix = np.stack(rows) * scale
-    matrix /= np.maximum(np.linalg.norm(matrix, axis=1), 1e-300)[:, None]
-    _, values, right = np.linalg.svd(matrix)
-    return np.asarray(right[values.size :].T * scale[:, None])
-
-
-def settled(theta: FloatArray, form: Form) -> FloatArray | None:
-    """Return the theta nearest to this one, each coefficient by its size, that has the known coefficients of the
-    denominator; None where none is found.
+def _gain_condition(theta: FloatArray, form: Form, gain: float, rungs: Ladder) -> tuple[FloatArray, float, FloatArray]:
+    """Return a row of unit length (numerators,) and what it has to make of the numerator's weights for that gain at
+    s = 0, and how this moves with theta, (free,).
     """
-    pins = form.pins_below
-    if not pins:
-        return theta
-    wanted = np.array([pin.value for pin in pins])
-    now, positive = theta.copy(), bool(np.all(theta > 0.0))
-    for _ in range(_ROUNDS):
-        values = denominator_polynomial(now, form)
-        there = np.array([values[-1 - pin.power] for pin in pins])
-        if np.all(np.abs(there - wanted) <= _EXACT * wanted):
-            return now
-        scale = np.maximum(np.abs(now), 1e-9)
-        rows = np.stack([_coefficient_slopes(now, form, pin.power) for pin in pins]) * scale
-        if positive and np.all(there > 0.0):
-            # sums of products of positive numbers: the steps in logarithms keep them positive
-            step = np.linalg.lstsq(rows / there[:, None], np.log(wanted / there), rcond=None)[0]
-            now = now * np.exp(np.clip(step, -2.0, 2.0))
-        else:
-            now = now + scale * np.linalg.lstsq(rows, wanted - there, rcond=None)[0]
-        if not np.all(np.isfinite(now)):
-            return None
-    return now if np.all(np.abs(there - wanted) <= 1e3 * _EXACT * wanted) else None
+    row = numerator_basis(rungs, form)[-1]
+    size = max(float(np.linalg.norm(row)), 1e-300)
+    lasts = np.array([section[-1] for section in all_sections(theta, form)])
+    slopes, free = np.zeros(theta.size), -(-form.free // 2)
+    for j in range(free):
+        slopes[min(2 * j + 1, form.free - 1)] = np.prod(np.delete(lasts, j))
+    return row / size, gain * float(np.prod(lasts)) / size, gain * slopes / size

@@ -373,7 +373,7 @@ class _FrictionLines:
             last = _moving(weighted, taken.command[1:])
             self._weighted.append(-weighted[:last])
             slopes = log_slopes(fit, taken.frequency_hz[1 : last + 1])
-            slopes = slopes @ self._free if fit.form.pins else slopes
+            slopes = slopes @ self._free if fit.form.gain is not None else slopes
             columns_of.append(slopes * (weighted * taken.command[1:])[:last, None])
             rest.append(here[:last])
         self._rows = np.ascontiguousarray(np.concatenate(columns_of).T).view(np.float64)

@@ -82,8 +82,7 @@ def judged(result: Identification, common: Prepared) -> Identification:
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
     growing = float(np.sum(poles.real > 1e-6 * size))
-    sections = [value.fixed.section for value in result.fixed if value.fixed.section]
-    known = np.concatenate([np.roots([1.0, *value]) for value in sections]) if sections else np.zeros(0)
+    known = np.array([-value.fixed.rate for value in result.fixed if value.fixed.name == "pole"])
     unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
     fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
     slowest = 1.0 / common.longest_s

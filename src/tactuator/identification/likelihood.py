@@ -23,8 +23,6 @@ from tactuator.identification.form import (
     monic_values,
     numerator_values,
     section_list,
-    settled,
-    theta_left,
     weights_left,
 )
 from tactuator.identification.hold import Grid, held_slopes, response_columns, transient_columns
@@ -88,7 +86,7 @@ class SpectralProblem:
         rungs = ladder(theta, form)
         response = response_columns(self.grid, theta, delay, form, rungs)
         parts, goal = [self.given.response_of(response)], self.given.goal
-        if form.pins:
+        if form.gain is not None:
             foot, basis = weights_left(theta, form, rungs)
             columns = np.ascontiguousarray(parts[0])
             goal, parts = goal - columns @ foot, [columns @ basis]
@@ -102,7 +100,7 @@ class SpectralProblem:
         turning = turning_of(products[:-1, :-1])
         solution, rest = eliminated(products, rows.shape[0] - 1, turning)
         weights = solution[: parts[0].shape[1], 0]
-        if form.pins:
+        if form.gain is not None:
             weights = foot + basis @ weights
         cost = float(max(rest[0, 0], 0.0))
         return _Point(form, theta, delay, weights, rungs, response @ weights, rows, along, products, turning, cost)
@@ -164,7 +162,7 @@ class SpectralProblem:
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
         bent = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
-        if at.form.pins:
+        if at.form.gain is not None:
             linear = response_columns(self.grid, at.theta, at.delay, at.form, at.rungs)
             bent = np.hstack([linear, bent]) @ self._nonlinear(at)
         return self.weighted(self.given.response_of(bent))
@@ -191,9 +189,7 @@ class SpectralProblem:
         hopeless: the cost beyond which nothing more is tried after a few steps.
         """
         with np.errstate(all="ignore"):
-            begin = settled(theta, form)
-            now = None if begin is None else self._ends.get((form, begin.tobytes(), delay))
-            now = self.evaluate(form, begin, delay) if now is None and begin is not None else now
+            now = self._ends.get((form, theta.tobytes(), delay)) or self.evaluate(form, theta, delay)
             now = None if now is None or self._ran_away(now) else now
             damping = 1e-3
             for step in range(most if now is not None and form.bending else 0):
@@ -213,8 +209,8 @@ class SpectralProblem:
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
 
     def _ran_away(self, at: _Point) -> bool:
-        """Return true where values that are known were obeyed by a pole so far away that nothing shows it."""
-        if not at.form.pins:
+        """Return true where a known gain was obeyed by a pole so far away that nothing shows it."""
+        if at.form.gain is None:
             return False
         far = _RAN_AWAY * float(np.max(np.abs(self.grid.s)))
         return not bool(np.all(np.abs(all_poles(at.theta, at.form)) < far))
@@ -238,20 +234,13 @@ class SpectralProblem:
                 break
             step = scaled / size
             delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
-            theta = self._moved(now, step)
-            refused = theta is None or (self.stable and not is_stable(theta, now.form))
-            trial = None if refused or theta is None else self.evaluate(now.form, theta, delay)
+            theta = now.theta + step[: now.theta.size]
+            refused = self.stable and not is_stable(theta, now.form)
+            trial = None if refused else self.evaluate(now.form, theta, delay)
             if trial is not None and trial.cost < now.cost * (1.0 + 1e-12):
                 return trial, max(damping / 8.0, 1e-9)
             damping = max(damping * 6.0, 1e-4)
         return None, damping
-
-    def _moved(self, now: _Point, step: FloatArray) -> FloatArray | None:
-        """Return theta after a step of what is free of it (and the dead time); None where it cannot be reached."""
-        if not now.form.pins_below:
-            return now.theta + step[: now.theta.size]
-        free = theta_left(now.theta, now.form)
-        return settled(now.theta + free @ step[: free.shape[1]], now.form)
 
     def _products_with(self, now: _Point, slopes: FloatArray) -> FloatArray:
         """Return the products of (linear columns, goal, slopes), those of the first two as they are known."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.prepared import EmpiricalResponse, ExcitationReport
 from tactuator.identification.residual_tests import ResidualTests
-from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel, Weighed, reasons
 

@@ -268,7 +268,7 @@ def _with_slow_poles(
     price, to_scale = float(np.log(problem.given.total)), 2.0 * np.pi / best.grid.scale_rad_s
     lowest_hz = float(problem.grid.frequency_hz.min())
     places = np.geomspace(lowest_hz, first_hz, _STARTS) * to_scale
-    while best.form.poles < MOST_POLES and not best.form.pins and first_hz > SHOWN_LATE * lowest_hz:
+    while best.form.poles < MOST_POLES and best.form.gain is None and first_hz > SHOWN_LATE * lowest_hz:
         form = replace(best.form, poles=best.form.poles + 1, zeros=best.form.zeros + 1)
         won = problem.won_by(best, places)
         if not known.allows(form) or 2.0 * float(np.max(won)) < 2.0 * price + _SLOWER:

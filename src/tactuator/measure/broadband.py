@@ -189,7 +189,7 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
     remarks: list[str] = []
     for poles, zeros in FORMS:
         try:
-            fit = identify_response(given, Asked(poles, zeros, 0, None, "auto", channel.quantity, False))
+            fit = identify_response(given, Asked(poles, zeros, quantity=channel.quantity, friction=False))
         except BadInput as error:
             remarks.append(f"{poles} poles: {error}")
             continue

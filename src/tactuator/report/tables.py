@@ -114,8 +114,7 @@ def identification_rows(fit: Identification, about: Mapping[str, str]) -> Iterat
         top = values.size - 1
         for k in range(first, values.size):
             error = confidence[f"{name[:3]}_s{top - k}"]
-            value, width = with_error(float(values[k]), error)
-            yield f"{name}, s^{top - k}", value, "fixed" if fit.fixed and error == 0.0 else width
+            yield f"{name}, s^{top - k}", *with_error(float(values[k]), error)
     for known in fit.fixed:
         yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
     yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])

@@ -10,8 +10,8 @@ import numpy as np
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.result import Identification, Validation, resonances
-from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
@@ -191,8 +191,7 @@ _TESTS = ("white_p", "uncorrelated_p", "unexplained")
 def _fixed_document(known: FixedAgainstOwn) -> dict[str, Any]:
     """Return a value that was fixed, beside what the record shows without it (null: it shows no such thing)."""
     value, confidence = known.by_record or (None, None)
-    q = {"q": known.fixed.q} if known.fixed.q else {}
-    return {"name": known.fixed.name, "value": known.fixed.value} | q | {"own": value, "own_confidence": confidence}
+    return {"name": known.fixed.name, "value": known.fixed.value, "own": value, "own_confidence": confidence}
 
 
 @np.errstate(divide="ignore")

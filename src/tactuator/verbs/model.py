@@ -264,7 +264,6 @@ def identify(
     order: Annotated[int | None, _ASKED.option("order")] = _ASKED.default("order"),
     zeros: Annotated[int | None, _ASKED.option("zeros")] = _ASKED.default("zeros"),
     integrators: Annotated[int, _ASKED.option("integrators")] = _ASKED.default("integrators"),
-    delay_s: Annotated[float | None, _ASKED.option("delay_s")] = _ASKED.default("delay_s"),
     fix: Annotated[Sequence[str], _ASKED.option("fixed", "--fix", type=list[str])] = _ASKED.default("fixed"),
     hold: Annotated[str, _ASKED.option("hold")] = _ASKED.default("hold"),
     method: Annotated[str, _ASKED.option("method")] = _ASKED.default("method"),
@@ -300,7 +299,7 @@ def identify(
     from tactuator.verbs.identified import IdentificationResult
 
     fixed = tuple(map(Fixed.parse, fix))
-    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
+    asked = Asked(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}

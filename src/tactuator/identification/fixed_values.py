@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -65,20 +65,12 @@ class FixedAgainstOwn:
 
 def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Choice, free: Sequence[Choice]) -> Any:
     """Return a fit (an Identification, a ResponseFit) of fixed values beside what the record shows without them, a
-    model `alone` and its choices `free`; where that speaks against them, the band holds both.
-    """
-    return held_against(fit, alone, fixed, lambda known: disagrees(chosen, free) or cancelled(known, fit.model))
-
-
-def held_against(
-    fit: Any, alone: PlantModel, fixed: Sequence[Fixed], is_against: Callable[[tuple[FixedAgainstOwn, ...]], bool]
-) -> Any:
-    """Return a fit of fixed values beside a model `alone` without them; where that is against them, the band holds
-    both, and what decides on trust is told.
+    model `alone` and its choices `free`; where that speaks against them, the band holds both, and what decides on trust
+    is told.
     """
     known = tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in fixed)
     fit = replace(fit, fixed=known)
-    if not is_against(known):
+    if not (disagrees(chosen, free) or cancelled(known, fit.model)):
         return fit
     return replace(fit, model=fit.model.holding(alone).judged(*weighed_against_own(known, fit.model, alone)))
 
@@ -95,7 +87,7 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     lost, values = 2.0 * (again.cost - beside.fit.cost), beside.fit.form.count - fit.form.count
     if lost - float(np.log(problem.given.total)) * values > _BEHIND:
         return True
-    alike = replace(fit.form, known=(), pins=()) == replace(beside.fit.form, known=(), pins=())
+    alike = replace(fit.form, known=(), gain=None) == replace(beside.fit.form, known=(), gain=None)
     return bool(alike and scipy.special.chdtrc(max(values, 1), max(lost, 0.0)) < _CHANCE)
 
 
@@ -108,7 +100,7 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
         return True
     zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
     return any(
-        value.fixed.section and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < _BESIDE))
+        value.fixed.name == "pole" and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < _BESIDE))
         for value in known
     )
 
@@ -135,33 +127,14 @@ def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
 
 
 def exact(model: PlantModel, fixed: Sequence[Fixed]) -> PlantModel:
-    """Return the model with the fixed coefficients and gain to the last digit, and no variance of theirs."""
-    num, den, covariance = model.num.copy(), model.den.copy(), model.covariance.copy()
-    places = []
-    for value in fixed:
-        if value.name == "mass":
-            num[0], at = 1.0 / value.value, 0
-        elif value.name.startswith("num"):
-            at = num.size - 1 - value.power
-            num[at] = value.value
-        elif value.name.startswith("den"):
-            at = num.size - 1 + den.size - 1 - value.power
-            den[den.size - 1 - value.power] = value.value
-        else:
-            continue
-        places.append(at)
-    covariance[places, :] = 0.0
-    covariance[:, places] = 0.0
-    last, under = num.size - 1, num.size + den.size - 2
-    for value in fixed:
-        if value.name in ("gain", "stiffness"):
-            gain = value.value if value.name == "gain" else 1.0 / value.value
-            if last in places:
-                den[-1] = num[-1] / gain
-                covariance[under, :] = covariance[:, under] = 0.0
-            else:
-                num[-1] = gain * den[-1]
-                covariance[last, :] = gain * covariance[under, :]
-                covariance[:, last] = covariance[last, :]
-                covariance[last, last] = gain**2 * covariance[under, under]
-    return replace(model, num=num, den=den, covariance=covariance)
+    """Return the model with a fixed gain to the last digit, and no variance of it."""
+    gain = next((value.value for value in fixed if value.name == "gain"), None)
+    if gain is None:
+        return model
+    num, covariance = model.num.copy(), model.covariance.copy()
+    last, under = num.size - 1, num.size + model.den.size - 2
+    num[-1] = gain * model.den[-1]
+    covariance[last, :] = gain * covariance[under, :]
+    covariance[:, last] = covariance[last, :]
+    covariance[last, last] = gain**2 * covariance[under, under]
+    return replace(model, num=num, covariance=covariance)
