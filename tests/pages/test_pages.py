@@ -5,19 +5,16 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
 
 import pytest
 
 from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.io.display import parse_display
-from tools.pages.blocks import Block, commands, read_page
-from tools.pages.executed import with_outputs
-from tools.pages.glossary import anchor, glossary, pattern
-from tools.pages.navigation import LISTS, START, contents, entries
-from tools.pages.run import PageFault, Said, make_folder, run_page
+from tools.pages.blocks import commands, read_page
+from tools.pages.glossary import anchor, glossary
+from tools.pages.navigation import LISTS, START, contents
+from tools.pages.run import PageFault, make_folder, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
@@ -86,10 +83,8 @@ def parsed(text: str) -> str:
     [
         ("```sh\ntactuator design no-such.toml --out c.json\n```\n", "ended with status 2, not 0"),
         ("<!-- exit 1 -->\n```sh\ntrue\n```\n", "ended with status 0, not 1"),
-        ("```sh\ngrep --quiet absent display.toml | false\n```\n", "ended with status 1, not 0"),
         ("```python\nvalue = 1\n```\n\n```python\nraise KeyError(value)\n```\n", "line 6"),
         ("<!-- figure: missing.svg | A picture -->\n", "no file missing.svg to show"),
-        ("<!-- serves -->\n```sh\ntactuator --version\n```\n", "ended with status"),
     ],
 )
 def test_run_page__with_one_fault__is_caught(page, words, examples, tmp_path):
@@ -97,17 +92,6 @@ def test_run_page__with_one_fault__is_caught(page, words, examples, tmp_path):
     with pytest.raises(PageFault) as fault:
         run_page(page, "page.md", folder)
     assert words in str(fault.value)
-
-
-def test_run_page__file_and_later_blocks__stand_in_one_folder(examples, tmp_path):
-    folder = shutil.copytree(examples, tmp_path / "folder")
-    page = (
-        "<!-- file: a.csv -->\n```csv\nx,y\n1,2\n```\n\n```sh\ncp a.csv b.csv\ncat b.csv # shown\n```\n\n"
-        "```python\nimport pathlib\nprint(pathlib.Path('b.csv').read_text())\n```\n"
-    )
-    said = run_page(page, "page.md", folder)
-    assert [each.output.strip() for each in said] == ["", "x,y\n1,2", "x,y\n1,2"]
-    assert [each.end for each in said] == [10, 10, 15]
 
 
 ALL_PAGES = {
@@ -123,29 +107,14 @@ def links_of(page: str) -> set[str]:
     return {str((ROOT / f"{page}.md").parent.joinpath(link).resolve().relative_to(ROOT)) for link in targets}
 
 
-def within_two_clicks(links: dict[str, set[str]]) -> set[str]:
-    first = links[START]
-    return {START} | first | set().union(*(links.get(page, set()) for page in first))
-
-
 def test_pages__every_one__is_within_two_clicks_of_the_readme_and_once_in_the_navigation():
     links = {page: links_of(page) for page in ALL_PAGES}
-    assert sorted(ALL_PAGES - within_two_clicks(links)) == []
-    chain = {START: {"a"}, "a": {"b"}, "b": {"c"}, "c": set()}
-    assert set(chain) - within_two_clicks(chain) == {"c"}
+    near = links[START].union({START}, *(links.get(page, set()) for page in links[START]))
+    assert sorted(ALL_PAGES - near) == []
     texts = {name: (ROOT / f"{name}.md").read_text(encoding="utf-8") for name in LISTS}
     listed = [page for pages in contents(texts).values() for page in pages]
     assert len(listed) == len(set(listed))
     assert {START, *listed} == ALL_PAGES
-
-
-def test_entries_and_pattern__bullets_rows_and_the_longest_form__are_taken():
-    text = "- [a](a.md): words\n| [b](../b.md#part) | x |\n| [c](../c.md) | x |\nsee [d](d.md)\n- [e](https://x/e.md)\n"
-    assert entries("docs/list", text) == ["docs/a", "c"]
-    find = pattern(["threshold", "detection threshold", "C"])
-    assert [match[0] for match in find.finditer("Detection\nthreshold, thresholds, sub-threshold, C-like")] == [
-        "Detection\nthreshold"
-    ]
 
 
 def test_glossary__every_form__leads_to_a_heading_with_a_sentence():
@@ -157,82 +126,19 @@ def test_glossary__every_form__leads_to_a_heading_with_a_sentence():
     assert anchor("dB re 1 µm") == "db-re-1-µm"
 
 
-def test_with_outputs__what_a_block_said__stands_after_it(tmp_path):
-    text = "a\n\n```sh\nls\n```\nb\n"
-    shown = with_outputs(text, [Said("ls", "x.csv\n", 5)], tmp_path)
-    assert shown.index("```sh") < shown.index("x.csv") < shown.index("\nb")
-    assert ":class: output" in shown
-    assert Block("sh", "ls", 3, 5, {}).runs
-
-
-class Page(HTMLParser):
-    """The ids and the links of a page of the site, and what it loads."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.ids: set[str] = set()
-        self.links: list[str] = []
-        self.loads: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        found = dict(attrs)
-        self.ids |= {found[key] for key in ("id", "name") if found.get(key)}
-        if tag == "a" and found.get("href"):
-            self.links.append(found["href"])
-        self.loads += [found[key] for key in ("src", "srcset", "data") if found.get(key)]
-        if tag == "link" and found.get("rel") not in ("next", "prev", "index", "search", "canonical"):
-            self.loads.append(found.get("href") or "")
-
-
-def faults(site: Path) -> list[str]:
-    """Dead links and anchors of a site, and whatever a page of it would load from elsewhere."""
-    pages = {
-        path: Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if "_static" not in path.parts
-    }
-    found = []
-    for path, page in pages.items():
-        for link in [*page.links, *page.loads]:
-            parts = urlsplit(link)
-            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            if parts.scheme in ("http", "https") or parts.netloc:
-                found += [f"{path.name} loads {link}"] if link in page.loads else []
-            elif parts.scheme not in ("mailto", "data", "javascript"):
-                if not target.exists():
-                    found.append(f"{path.relative_to(site)}: no {link}")
-                elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].ids:
-                    found.append(f"{path.relative_to(site)}: no anchor {link}")
-    for sheet in site.rglob("*.css"):
-        found += [
-            f"{sheet.name} loads {url}"
-            for url in re.findall(r"(?:url\(|@import )[\"']?(https?://[^\"')]*)", sheet.read_text("utf-8"))
-        ]
-    return found
-
-
-def test_faults__page_with_one__is_found(tmp_path):
-    sound = '<p id="here"><a href="#here">x</a> <a href="https://example.org">y</a>'
-    for html, words in (
-        ('<a href="b.html">', "no b.html"),
-        ('<a href="#nowhere">', "no anchor #nowhere"),
-        ('<script src="https://cdn.example/x.js"></script>', "loads https://cdn.example/x.js"),
-        ('<link rel="stylesheet" href="https://fonts.example/x.css">', "loads https://fonts.example/x.css"),
-        ('<img src="gone.svg">', "no gone.svg"),
-    ):
-        (tmp_path / "a.html").write_text(sound + html)
-        assert [words in fault for fault in faults(tmp_path)] == [True], html
-
-
 @pytest.mark.slow
-def test_site__as_make_builds_it__has_no_dead_link_and_loads_nothing_from_a_network(tmp_path):
+def test_site__as_make_builds_it__warns_of_nothing_and_loads_nothing_from_a_network(tmp_path):
     site = tmp_path / "site"
     options = ["-q", "-W", "--keep-going", "-D", "run_tutorials=0", "-c", ROOT / "docs/site", "-d", tmp_path / "trees"]
     command = [sys.executable, "-m", "sphinx", "-b", "html", *options, ROOT, site]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert faults(site) == []
-    assert (site / "searchindex.js").exists()
+    loads = (
+        r"""(?:src|srcset|data)="https?:|<link [^>]*stylesheet[^>]*"https?:|url\(["']?https?:|@import ["']?https?:"""
+    )
+    files = [path for path in site.rglob("*") if path.suffix in (".html", ".css")]
+    assert len(files) > 30
+    assert [path.name for path in files if re.search(loads, path.read_text(encoding="utf-8"))] == []
     start = (site / "README.html").read_text(encoding="utf-8")
     for word in ("sensation-level", "provenance", "thenar-eminence", "detection-threshold"):
         assert len(re.findall(rf'<a class="term[^"]*" href="docs/glossary.html#{word}"', start)) == 1
-    assert "http-equiv" in (site / "index.html").read_text(encoding="ascii")

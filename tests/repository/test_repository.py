@@ -1,19 +1,13 @@
-"""What holds for the repository as a whole: locks, words, links, decisions, what pages tell a reader to type."""
+"""What holds for the repository as a whole: locks, links, decisions, commands of the pages, examples."""
 
-import importlib.metadata
-import json
 import re
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 import typer
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
-from benchmarks import run as bench
 from tactuator.cli.main import build_app
 from tactuator.io.columns import read_columns
 from tactuator.io.shipped import EXAMPLES, example_names
@@ -59,31 +53,6 @@ def test_locks__each__names_no_host_has_hashes_and_holds_the_smaller_and_what_is
         assert [package for package in wanted(name) if f"- {package} (" not in reasons] == []
 
 
-@cache
-def requirements_of(*names: str) -> dict[str, list[Requirement]]:
-    return {name: [Requirement(line) for line in importlib.metadata.requires(name) or []] for name in names}
-
-
-@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
-@pytest.mark.parametrize(
-    "system", [("linux", "Linux", "x86_64"), ("linux", "Linux", "aarch64"), ("darwin", "Darwin", "arm64")]
-)
-def test_locks__every_python_and_system__lack_nothing_that_a_package_asks_for(python, system):
-    sys_platform, platform_system, machine = system
-    where = {
-        "python_version": python, "python_full_version": f"{python}.1", "sys_platform": sys_platform, "extra": "",
-        "platform_system": platform_system, "platform_machine": machine, "os_name": "posix",
-    }  # fmt: skip
-    locked, lacking = pins("test"), []
-    for name, requirements in requirements_of(*locked).items():
-        for asked in requirements:
-            if asked.name.lower() != "pip" and (asked.marker is None or asked.marker.evaluate(where)):
-                version = locked.get(canonicalize_name(asked.name), "")
-                if not version or not asked.specifier.contains(version, prereleases=True):
-                    lacking.append(f"{name}: {asked}")
-    assert lacking == []
-
-
 def test_texts_and_links__name_no_machine_and_lead_somewhere():
     words = ("/" + "work/", "/" + "root/", "pypi" + ".org", "pythonhosted" + ".org", "<" * 7 + " ")
     texts = {path: path.read_text(encoding="utf-8") for path in SOURCES if path.suffix not in BINARY}
@@ -125,32 +94,6 @@ def test_pages__every_target_of_make_and_every_command__exists_with_its_options(
             options = [word.split("=")[0] for word in words if re.match(r"--[a-z]", word)]
             wrong += [(page, *words)] if command is None else [(page, name) for name in options if name not in known]
     assert wrong == []
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(bench, "FOLDER", tmp_path)
-    monkeypatch.setattr(bench, "REPORT", tmp_path / "out" / "bench.json")
-    (tmp_path / "bench_echo.py").write_text(
-        "def run():\n    return {'ratio': 2.5, 'rates': {'own': 1e7, 'met': True}}\n"
-    )
-    return tmp_path
-
-
-def test_bench__every_module__is_run_shown_and_written_and_an_unknown_name_refused(folder, capsys):
-    assert bench.main(["ecco"]) == 2
-    assert capsys.readouterr().err == "no benchmark 'ecco'; there are echo\n"
-    assert not (folder / "out").exists()
-    assert bench.main([]) == 0
-    report = json.loads((folder / "out" / "bench.json").read_text())
-    assert report["echo"] == {"ratio": 2.5, "rates": {"own": 1e7, "met": True}}
-    assert set(report["machine"]) == {"machine", "cores", "python"}
-    assert "rates.own" in capsys.readouterr().out
-
-
-def test_bench__in_the_repository__each_has_run():
-    for path in bench.available().values():
-        assert "def run() -> dict" in path.read_text(encoding="utf-8"), path.name
 
 
 HAND_WRITTEN = {"README.md", "bench.toml", "display.toml", "protocol.toml"}
