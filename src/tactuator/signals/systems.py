@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -79,47 +80,6 @@ def section_roots(c0: float, c1: float, c2: float) -> ComplexArray:
     far = -(float(half) + np.copysign(size, float(half)))
     near = float(last) / far if far != 0.0 else 0.0
     return np.array([1.0 + far, 1.0 + near], dtype=np.complex128)
-
-
-def paired_sections(zeros: ComplexArray, poles: ComplexArray, gain: float) -> FloatArray:
-    """Return the cascade of second-order sections of a proper system, shape (n, 6), rows b0, b1, b2, a0, a1, a2.
-
-    Poles nearest to the unit circle come last, each pair with the zeros nearest to the first of it, and the first
-    section has the gain; missing zeros lie at z = 0 (Oppenheim & Schafer 2010, section 6.9.2). The same, to the last
-    bit, as scipy.signal.zpk2sos, which is slow to import.
-    """
-    if poles.size == 0:
-        return np.array([[gain, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    count = (poles.size + 1) // 2
-    free_zeros, free_poles = (_one_of_each(np.append(each, np.zeros(2 * count - each.size))) for each in (zeros, poles))
-    sections = np.zeros((count, 6))
-    for row in sections[::-1]:
-        near, free_poles = _taken(free_poles, np.abs(1.0 - np.abs(free_poles)))
-        pair = np.array([near, near.conjugate()])
-        if near.imag == 0.0:
-            pair[1], free_poles = _taken(free_poles, np.abs(1.0 - np.abs(free_poles)), real=True)
-        first, free_zeros = _taken(free_zeros, np.abs(free_zeros - near))
-        both = np.array([first, first.conjugate()])
-        if first.imag == 0.0:
-            both[1], free_zeros = _taken(free_zeros, np.abs(free_zeros - near), real=True)
-        row[:3], row[3:] = np.real(np.poly(both)), np.real(np.poly(pair))
-    sections[0, :3] *= gain
-    return sections
-
-
-def _one_of_each(roots: ComplexArray) -> ComplexArray:
-    """Return one root of each conjugate pair, the mean of both, then the real ones; both in rising order."""
-    ordered = roots[np.lexsort((np.abs(roots.imag), roots.real))]
-    is_real = np.abs(ordered.imag) <= 100.0 * np.finfo(np.float64).eps * np.abs(ordered)
-    upper, lower = ordered[~is_real & (ordered.imag > 0.0)], ordered[~is_real & (ordered.imag < 0.0)].conj()
-    partner = lower[np.argmin(np.abs(upper[:, None] - lower), axis=1)] if lower.size else lower
-    return np.concatenate([(upper + partner) / 2.0, ordered[is_real].real])
-
-
-def _taken(roots: ComplexArray, distance: FloatArray, real: bool = False) -> tuple[complex, ComplexArray]:
-    """Return the root of the least distance (real: among the real ones) and the others."""
-    place = int(np.argmin(np.where(roots.imag == 0.0, distance, np.inf) if real else distance))
-    return complex(roots[place]), np.delete(roots, place)
 
 
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
@@ -306,7 +266,7 @@ class SampledSystem(_System):
         """Return the second-order sections, shape (n, 6), of a proper system without its delay."""
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
-        sos = paired_sections(self.zeros, self.poles, self.gain)
+        sos = np.asarray(scipy.signal.zpk2sos(self.zeros, self.poles, self.gain))
         return _delayed(sos, self.poles.size - self.zeros.size)
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
