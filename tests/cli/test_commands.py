@@ -3,7 +3,6 @@
 import inspect
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -97,15 +96,6 @@ def test_parsing__help_and_a_missing_file__import_nothing_heavy(tmp_path: Path) 
     assert refusal == "tactuator: records no.csv: No such file or directory; allowed: one that can be read"
     # typer has pydantic look at the words of a verb; its help needs none
     assert json.loads(said) == [[0, []]] * (len(asked) - 1) + [[2, ["pydantic"]]]
-
-
-def test_scipy__imported_after_our_arrays__leaves_numpys_translator_of_fortran_for_later() -> None:
-    program = (
-        "import sys, tactuator.arrays, scipy.linalg, numpy; late = 'numpy.f2py.crackfortran' not in sys.modules; "
-        "print(late, callable(numpy.f2py.get_include))"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True", "True"]
 
 
 def completed(shell: str, line: str) -> str:
@@ -223,14 +213,6 @@ def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     assert all(letters[letter] >= count for letter, count in given_ones.items())
     assert "…" not in letters
     assert width < 80 or Counter(" ".join(columns + row).split()) <= Counter(" ".join(lines).split())  # words are whole
-
-
-def test_shown__no_room_for_all_words__numbers_stay_whole():
-    columns = ("channel", "Hz", "felt", "error dB", "± dB", "prefilter", "load", "rest", "phase °", "delay ms", "dist.")
-    row = ("thumbside", "246", "24.96", "-0.04", "0.00028", "-0.06", "+0.00", "+0.02", "-147.4", "1.66", "-52")
-    console = Console(width=68, record=True, file=StringIO())
-    console.print(drawn(ResultTable("", columns, (row,)), console))
-    assert set(row[1:]) <= set(console.export_text().split())
 
 
 PROGRAM = Path(sys.executable).parent / "tactuator"
@@ -365,39 +347,10 @@ def test_program__installed_reader_gone__ends_without_a_word():
     assert err == b""
 
 
-ENDED = """
-import os, signal, sys
-from tactuator.cli import main
-sys.argv = ["tactuator", "--version"]
-status = main()
-os.kill(os.getpid(), signal.SIGINT)
-sys.exit(status)
-"""
-SWALLOWED = """
-    class Held:
-        pass
-    held = Held()
-    kept = weakref.ref(held, lambda gone: (os.kill(os.getpid(), signal.SIGINT), time.sleep(0.001)))
-    del held
-    time.sleep(30)
-"""
-
-
-@pytest.mark.parametrize(
-    ("script", "status", "said"),
-    [(VERB.replace("{body}", SWALLOWED.strip()), 130, "tactuator: interrupted\n"), (ENDED, 0, "")],
-    ids=["in a callback", "ended"],
-)
-def test_program__ctrl_c_where_no_verb_can_take_it__leaves_no_traceback(script, status, said):
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (status, said)
-
-
 DISPLAY = EXAMPLES / "displays" / "tactuator.toml"
 OURS = "tactuator/cli"
 """What the path of each module holds that is imported once the handler stands."""
 INTERRUPTED = (130, "tactuator: interrupted\n")
-AT_WORK = (130, "tactuator: interrupted; written: nothing\n")
 
 LOADING = """
 import os, signal, sys, weakref
@@ -439,17 +392,6 @@ def test_program__ctrl_c_as_a_module_loads__one_line_and_130(module, how):
     script = LOADING.format(module=module, how=how, program=str(PROGRAM))
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == INTERRUPTED
-
-
-def test_program__ctrl_c_at_any_moment_of_its_start__one_line_and_130(tmp_path):
-    draws = random.Random(21)
-    moments = [(number + draws.random()) / 7 * 0.3 for number in range(7)]
-    seen = [interrupted(tmp_path, after_s) for after_s in [*moments, 0.8]]
-    for ended in seen:
-        if ended not in (INTERRUPTED, AT_WORK):  # Python's own end, before a line of ours
-            assert OURS not in ended[1]
-            assert "tactuator:" not in ended[1]
-    assert {INTERRUPTED, AT_WORK} & set(seen)
 
 
 def interrupted(folder: Path, after_s: float) -> tuple[int, str]:

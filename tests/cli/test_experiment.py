@@ -283,12 +283,3 @@ def test_waveforms_recognise_information__from_nothing_to_bits(desk, run) -> Non
     assert result["estimates"]["plug_in"]["bits"] > 1.5
     assert result["bits_per_second"]["plug_in"] == pytest.approx(result["estimates"]["plug_in"]["bits"] / 0.125)
     assert "5 a cell" in result["warning"]
-
-
-def test_information__any_matrix__by_hand(desk, run) -> None:
-    (desk / "m.csv").write_text("10,0\n0,10\n")
-    figures = run.json("experiment", "information", "--matrix", "m.csv", "--seconds", "0.5")
-    assert figures["estimates"]["plug_in"]["bits"] == pytest.approx(1.0)
-    assert figures["bits_per_second"]["plug_in"] == pytest.approx(2.0)
-    assert figures["warning"] is None
-    assert run("experiment", "information", "--matrix", "m.csv").status == 0

@@ -106,20 +106,6 @@ def test_value__typed_at_a_handle__is_its_own_and_one_out_of_range_is_told_and_n
     page.wait_for_selector("b:has-text('notch')")
 
 
-def test_page__left_before_its_view_is_open__shows_the_later(browser):
-    with console_page(browser) as page:
-        waiting = []
-        page.route("**/static/display.js", lambda asked: waiting.append(asked))
-        page.evaluate("() => { location.hash = 'view=display'; }")
-        page.wait_for_function("() => !document.body.dataset.ready")
-        go(page, "scope")
-        with page.expect_response("**/static/display.js"):
-            waiting.pop().continue_()
-        page.wait_for_timeout(500)  # more than the display's page takes to open
-        assert page.locator("h1").all_inner_texts() == ["No rig"]
-        assert page.evaluate("document.body.dataset.ready") == "scope"
-
-
 def test_page__with_another_token__says_which_address_to_open(browser, tmp_path):
     with served(build_console(ConsoleState(), TOKEN)) as client:
         tabs = browser.new_context()

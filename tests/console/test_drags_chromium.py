@@ -99,35 +99,6 @@ def test_loop__each_handle_pulled_by_40_px__moves_what_is_dragged_and_nothing_el
         undone(page, settled, before)
 
 
-@pytest.mark.slow
-@SIZED
-def test_handles_on_the_open_loop__pulled_by_40_px__move_their_own_value_alone(page, wide, high):
-    settled = view(page, "loop", wide, high, SETTLED)
-    for nth, (along, down) in zip(range(3), itertools.cycle(ASLANT), strict=False):  # gain, zero, pole
-        before = shape(page)
-        (x, y), moved = pulled(page, f".handle >> nth={nth}", along, down, settled)
-        after = shape(page)
-        value, by = ("factors", along) if nth else ("gain_db", down)
-        changed = [key for key in ("gain_db", "factors") if after[key] != before[key]]
-        assert (changed, moved) == ([value] if by else [], []), (nth, along, down)
-        assert (x if nth else (x, y)) == pytest.approx(along if nth else (0.0, down), abs=NEAR_PX), (nth, along, down)
-        others = [[one for k, one in enumerate(of["factors"]) if k != nth] for of in (before, after)]
-        assert others[0] == others[1], (nth, along, down)
-        if by:
-            undone(page, settled, before)
-
-
-@pytest.mark.slow
-@SIZED
-def test_prefilter__each_point_pulled_by_40_px__moves_up_and_down_alone(page, wide, high):
-    settled = view(page, "prefilter", wide, high, "#error[aria-busy=false]:has-text('Greatest error')")
-    count = page.locator(POINTS).count()
-    assert count >= 20
-    for nth, (along, down) in zip(range(0, count, 6), itertools.cycle(ASLANT), strict=False):
-        by, moved = pulled(page, f"{POINTS} >> nth={nth}", along, down, settled)
-        assert (by, moved) == (pytest.approx((0.0, down), abs=NEAR_PX), []), (nth, along, down)
-
-
 LEAST_PX = 24
 """The least size of what is touched, WCAG 2.2, criterion 2.5.8."""
 

@@ -12,10 +12,9 @@ from tactuator.console.loop_chart import channel_plants, frame, ground
 from tactuator.console.loop_shape import FACTORS_MAX, Factor, LoopShape, shape_of, taken_apart, with_point_at
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.synthesis.paper import FEEDBACK
 from tests.three_fingers import three_finger_display
 
 RATE_HZ = 4000.0
@@ -56,16 +55,6 @@ def test_factor__far_below_half_the_rate__is_its_continuous_form(factor, continu
     found = LoopShape(0.0, (factor, more)).system(RATE_HZ).response(frequency)
     found /= LoopShape(0.0, (more,)).system(RATE_HZ).response(frequency)
     assert np.allclose(found, continuous(2j * np.pi * frequency), rtol=0.02)
-
-
-def test_taken_apart_or_dragged__keeps_the_roots_at_minus_one_and_one_lead_at_its_bound():
-    system = bilinear(FEEDBACK, RATE_HZ)
-    again = taken_apart(system).system(RATE_HZ)
-    assert np.allclose(again.response(FREQUENCIES_HZ), system.response(FREQUENCIES_HZ), rtol=1e-9)
-    once = with_point_at(LoopShape(0.0), PLANT, 30.0, 10.0, 0.0)
-    twice = with_point_at(once, PLANT, 30.0, 10.0, 0.0)
-    assert [each.kind for each in twice.factors] == ["lead"]
-    assert with_point_at(LoopShape(0.0), PLANT, 30.0, 170.0, 0.0).factors[0]["ratio"] == 50.0
 
 
 @settings(max_examples=30)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tactuator.io.controller import read_controller, write_controller
+from tactuator.io.controller import write_controller
 from tactuator.io.record import read_record
 from tactuator.rig.board.link import Mode
 from tactuator.rig.transport import InProcess
@@ -102,43 +102,6 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     frames_past(page)
     page.keyboard.press("Escape")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
-
-
-@pytest.mark.slow
-def test_rig__of_two_pages__is_one_pages_waits_for_its_controller_and_is_opened_again_after_a_kill(
-    page, browser, console, monkeypatch
-):
-    begun(page, console)
-    with opened(browser, console) as other:
-        other.wait_for_selector("#rig-held:has-text('another page has the controls')")
-        assert other.locator("#play").is_disabled()
-        frames_past(other)
-        pressed(other, "#take")
-        page.wait_for_selector("#rig-held:has-text('another page has the controls')")
-        pressed(other, "#give")
-    page.wait_for_selector("#rig-held:has-text('nobody has the controls')")
-    pressed(page, "#take")
-    pressed(page, "#stop", "#live:not([disabled])")
-    may_come = threading.Event()
-
-    def late(path):
-        may_come.wait(30.0)
-        return read_controller(path)
-
-    with monkeypatch.context() as patched:  # what was begun before the file had come was ended by it, and stood still
-        patched.setattr("tactuator.console.rig_session.read_controller", late)
-        page.set_input_files("#controller-file", console.file)
-        page.wait_for_selector("#live[disabled]")
-        may_come.set()
-        pressed(page, "#live", "#rig-mode:has-text('live')")
-        frames_past(page)
-    os.kill(console.host._process.pid, signal.SIGKILL)
-    page.wait_for_selector("#rig-mode:has-text('the rig has gone')")
-    page.wait_for_selector("#rig-more:has-text('open the rig again')")
-    page.set_default_timeout(60_000)
-    pressed(page, "#reopen", "#rig-mode:has-text('at rest')")
-    begun(page, console)
-    frames_past(page)
 
 
 PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"

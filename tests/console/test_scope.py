@@ -1,8 +1,5 @@
 """The scope's samples, pictures and levels; and the generator's levels, without a click."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -146,11 +143,6 @@ def test_levels__of_nothing__are_the_floor_and_of_less_than_a_second_or_with_a_g
         samples.add(first, rows[:count])
         assert levels.of(samples) is None
     assert samples.lost == 1
-
-
-def test_process_that_holds_a_rig__imports_no_web_server():
-    program = "import sys, tactuator.console.rig_worker; sys.exit('fastapi' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program]).returncode == 0
 
 
 @pytest.fixture

@@ -1,10 +1,8 @@
 """The views: what they show and write is what the shown command does; refusals at their line; the state."""
 
 import json
-import pickle
 import shlex
 import shutil
-import sys
 import tomllib
 
 import numpy as np
@@ -15,22 +13,21 @@ from scipy import signal
 
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
-from tactuator.console.display_view import DisplayJudge, DisplayRead, DisplaySet, line_of, with_literal
+from tactuator.console.display_view import DisplayJudge, DisplaySet, with_literal
 from tactuator.console.identify_view import IdentifyLook, IdentifyModel
-from tactuator.console.loop_chart import channel_figures, settled_figures
+from tactuator.console.loop_chart import channel_figures
 from tactuator.console.loop_shape import LoopShape
 from tactuator.console.prefilter_view import PrefilterFitted, PrefilterSaved
 from tactuator.console.speech_view import SpeechRendered
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
-from tactuator.io.columns import read_columns
 from tactuator.io.controller import controller_text, read_controller
-from tactuator.io.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import EXAMPLES
 from tactuator.report.tables import design_rows, finding_row
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.verdict import whole_verdict
-from tests.console.pages import ONE, TOKEN, console_page, dropped, go, pressed, saved_by, tab_to
+from tests.console.pages import ONE, TOKEN, dropped
 from tests.web.server import served
 
 FIT = {"display": FILE, "channel": "index"}
@@ -133,19 +130,6 @@ def test_render__figures__are_lists_of_numbers_and_what_cannot_be_rendered_or_gi
             assert client.get(f"/made/{key}/reference.wav").status == 403
 
 
-@pytest.mark.slow
-def test_prefilter__by_keyboard_alone__moves_a_point_back_and_adds_a_pole(browser, state):
-    with console_page(browser, state.path(FILE)) as page:
-        go(page, "prefilter", display=FILE)
-        page.wait_for_selector("#error:has-text('Greatest error')")
-        pressed(page, "#more", "#poles:has-text('5')")
-        tab_to(page, "[aria-label='Threshold at 20 Hz']")
-        before = float(page.evaluate("document.activeElement.getAttribute('aria-valuenow')"))
-        for key, by in (("Shift+ArrowDown", -2.5), ("ArrowUp", -2.0), ("Control+z", -2.5)):
-            page.keyboard.press(key)
-            page.wait_for_selector(f"[aria-label='Threshold at 20 Hz'][aria-valuenow='{before + by:.1f}']")
-
-
 NUM, DEN = [2875.0], [1.0, 94.0, 290.0]
 
 
@@ -212,20 +196,6 @@ def response_file(path):
     return hz, truth
 
 
-@pytest.mark.parametrize("kind", ["record", "response"])
-def test_file__looked_at_and_identified__is_read_once_each_time(kind, record, tmp_path, monkeypatch):
-    path, read = tmp_path / "dropped.csv", []
-    shutil.copy(record, path) if kind == "record" else response_file(path)
-    key = dropped(state := ConsoleState(), path)
-    for name, module in list(sys.modules.items()):
-        if name.startswith("tactuator.") and getattr(module, "read_columns", None) is read_columns:
-            monkeypatch.setattr(module, "read_columns", lambda place: read.append(place) or read_columns(place))
-    IdentifyLook(record=key).answer(state)
-    assert len(read) == 1
-    IdentifyModel(record=key, order=2, zeros=0).answer(state)
-    assert len(read) == 2
-
-
 def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, run):
     path = tmp_path / "response.csv"
     hz, truth = response_file(path)
@@ -251,7 +221,6 @@ def test_response__dropped__gives_the_model_that_the_command_writes_and_its_depa
 
 
 EXAMPLE = (EXAMPLES / "display.toml").read_text("utf-8")
-DISPLAYS = [name for name in example_names() if name.startswith("displays/") or name == "display.toml"]
 
 
 def judged(text, state=None):
@@ -279,18 +248,6 @@ def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_says_so_of_each_
     assert any("travel_mm in metres" in one for one in found["doubts"])
 
 
-def test_judge__of_every_example__has_its_display_and_form():
-    state = ConsoleState()
-    for name in DISPLAYS:
-        text = DisplayRead(display=f"example:{name}").answer(state)["text"]
-        found = DisplayJudge(text=text, display=f"example:{name}").answer(state)
-        assert (found["fault"], found["doubts"]) == (None, []), name
-        assert state.display(found["key"]) == state.display(f"example:{name}")
-        channels = tomllib.loads(text)["channel"]
-        assert [one["name"] for one in found["sketch"]["channels"]] == [one["name"] for one in channels]
-        assert [one["place"] for one in found["form"] if one["table"] == "channel"] == list(range(len(channels)))
-
-
 def test_set__of_a_value_or_none__changes_that_line_alone_adds_its_table_or_is_refused():
     asked = DisplaySet(text=EXAMPLE, table="channel", place=1, key="travel_mm", value="9.5")
     text = asked.answer(ConsoleState())["text"]
@@ -315,34 +272,6 @@ def test_set__of_any_number__is_read_back_and_nothing_else_changes(number, which
     assert tables == tomllib.loads(EXAMPLE)
 
 
-@given(st.text(max_size=300), st.text(max_size=80), st.text(max_size=20))
-@settings(max_examples=60)
-def test_line__of_any_text_and_error__is_a_line_or_none(text, where, key):
-    found = line_of(text, BadInput("wrong", where=(where,), key=key))
-    assert found is None or found >= 1
-
-
-@pytest.mark.slow
-def test_display__by_keyboard_alone__is_changed_in_the_form_refused_at_its_line_and_saved(browser, tmp_path):
-    with console_page(browser) as page:
-        go(page, "display", display="example:display.toml")
-        page.wait_for_selector("#use")
-        tab_to(page, "[data-field='[display] rate_hz']")
-        page.keyboard.press("Control+a")
-        page.keyboard.type("-5")
-        page.keyboard.press("Enter")
-        page.keyboard.press("Tab")
-        page.wait_for_selector("#fault:has-text('Line 4')")
-        assert "rate_hz = -5" in page.locator("#text").input_value()
-        page.locator("button:has-text('Undo')").focus()
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#fault:empty", state="attached")
-        (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
-        page.locator("input[type=file]").set_input_files(tmp_path / "bad.toml")
-        page.wait_for_selector(".drop .told:has-text('not text')")  # what was there before stays
-        assert saved_by(page, "a.save", tmp_path / "display.toml").read_text("utf-8") == EXAMPLE
-
-
 @pytest.fixture(scope="module")
 def designed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("console")
@@ -362,17 +291,6 @@ def test_design__saved_and_shown__is_the_file_of_design_with_the_figures_that_de
     objectives = whole_verdict(controller).objectives
     rows = [[*finding_row(one), one.remark] for objective in objectives for one in objective.worst()]
     assert figures["verdict"]["rows"] == rows
-
-
-def test_figures__of_a_shape_through_an_address_or_in_another_process__are_the_same(designed):
-    _, state, shape = designed
-    plants, channel = state.plants(FILE, "index"), state.channel_of(FILE, "index", shape)
-    figures = channel_figures(plants, channel)
-    gone = LoopShape(shape.gain_db + 1e-13, shape.factors)  # not the one that is remembered
-    assert channel_figures(plants, state.channel_of(FILE, "index", gone)) == figures
-    given = plants, state.system(FILE, "index", shape), state.known(FILE, "index", shape)
-    there, computed = pickle.loads(pickle.dumps(settled_figures(*pickle.loads(pickle.dumps(given)))))
-    assert (computed, there.document()) == (figures, channel.document())
 
 
 def test_saved__after_a_drag__is_judged_by_check_as_on_the_page(designed, tmp_path, run):

@@ -121,15 +121,6 @@ def test_controller_table__what_no_board_runs__is_refused(changes, words: str) -
         controller_table(replace(PAPER, **changes))
 
 
-@given(first=st.floats(width=32), second=st.floats(width=32), at=st.integers(0, 3))
-def test_pair__any_two_floats__are_read_as_they_lie(first, second, at):
-    floats = ffi.new("float[8]", [7.0] * 8)
-    floats[2 * at], floats[2 * at + 1] = first, second
-    pair = lib.tact_float_pair_get(floats + 2 * at)
-    assert np.array_equal([pair.first, pair.second], [first, second], equal_nan=True)
-    assert [np.signbit(pair.first), np.signbit(pair.second)] == [np.signbit(first), np.signbit(second)]
-
-
 def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
     """What the reference within comfort cannot account for: the position is held 8 V away for two seconds."""
     held = np.concatenate([np.full(8000, -8.0), np.zeros(4000)]).astype(np.float32)

@@ -15,22 +15,16 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.presenter import THIS_MACHINE, UNITS, Halted, Outlet, Presenter
-from tactuator.experiment.protocol.file import Protocol, parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.presenter import THIS_MACHINE, Halted, Outlet, Presenter
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Marks
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Trace
-from tactuator.rig.simulated import PacedRig, SimulatedRig
+from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tests.experiment.session.apparatuses import PROTOCOL, apparatus, controller, rows_of, token
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus, controller, rows_of
 from tests.rig.guard.guarded import designed
 
 RATE_HZ = 4000.0
@@ -234,37 +228,6 @@ def test_observe__with_a_recorder__has_every_onset_within_one_sample_of_the_stor
     rig_s, stamps = compare(tmp_path / "all.json", tmp_path / "lab.db")
     assert rig_s.size > 40
     assert np.abs((stamps - stamps[0]) - (rig_s - rig_s[0])).max() < 1.0 / controller().rate_hz
-
-
-def test_outlet__of_a_rig_that_keeps_time__has_onsets_between_the_trials_beginning_and_their_lamps(tmp_path) -> None:
-    name, speed, seen = f"paced {uuid.uuid4().hex}", 4.0, []
-    rig = SimulatedRig(controller().display)
-    rig.load(controller())
-    paced, clock = PacedRig(rig, speed), SystemClock()
-    with closing(Outlet(paced, name, "a display")) as streams, closing(Store(tmp_path / "lab.db")) as store:
-        place = Apparatus(paced, controller(), name, streams)
-        study = open_study(store, DetectionTask(parse_protocol(ONE, Protocol), place), ONE, clock, token)
-        with recorded(tmp_path / "all.json", f"tactuator {name}", on_this_machine(tmp_path)):
-            streams.wait_for_recorder()
-            at = PresentedSession(open_session(study, "S1"))
-            at.session.give_consent()
-            for _ in range(6):
-                began_s, told_s = clock.monotonic_s(), []
-                trial = at.present(lambda interval, begins: told_s.append(clock.monotonic_s())).trial  # noqa: B023
-                seen.append((began_s, told_s[::2]))
-                at.answer(Answer(trial.responses[0], clock.utc(), received_s=clock.monotonic_s()))
-    rig_s, stamps = compare(tmp_path / "all.json", tmp_path / "lab.db")
-    assert stamps.size == 6 * 3
-    for (began_s, told_s), onsets_s, stored_s in zip(seen, stamps.reshape(6, 3), rig_s.reshape(6, 3), strict=True):
-        assert began_s < onsets_s[0]
-        assert (onsets_s <= told_s).all()
-        drift_s = speed * (onsets_s - onsets_s[0]) - (stored_s - stored_s[0])
-        assert np.abs(drift_s).max() < 1.0 / controller().rate_hz
-    *_, described = read(tmp_path / "all.json")
-    for about, (form, units) in zip(described, (("string", {"event": ""}), ("double64", UNITS)), strict=True):
-        assert {each.findtext("label"): each.findtext("unit") or "" for each in about.iter("channel")} == units
-        assert (about.findtext("channel_format"), float(about.findtext("nominal_srate"))) == (form, 0.0)
-        assert about.findtext("desc/acquisition/model") == "a display"
 
 
 def test_outlet__without_pylsl__says_what_installs_it(monkeypatch) -> None:

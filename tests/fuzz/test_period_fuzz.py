@@ -1,7 +1,6 @@
 """The interrupt's path under libFuzzer and sanitisers, with invariants of what is put out."""
 
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -9,10 +8,9 @@ import pytest
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tests.fuzz.conftest import CORE, ROOT, compiled, fuzz, sources
+from tests.fuzz.conftest import fuzz
 from tests.rig.guard.guarded import adaptive, designed, uncommon
 
-COVERED = ("board/period.c", "board/board.c", "board/stream.c", "board/guard.h")
 CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW = range(
     16
 )
@@ -75,36 +73,6 @@ def fuzzed(folder: Path, objects: list[Path], until: str, drawn_seeds: int = 12)
     return int(re.findall(r"steps of the period: (\d+)", said)[-1])
 
 
-def uncovered(folder: Path) -> dict[str, list[int]]:
-    """Lines of the production path that no input of the corpus comes by."""
-    flags = ("-O0", "-fsanitize=fuzzer", "-fprofile-instr-generate", "-fcoverage-mapping")
-    program, profile = folder / "cover-period", folder / "period.profraw"
-    compiled(folder, ROOT / "tests/fuzz/period.c", *sources(), "-lm", "-o", program, flags=flags)
-    where = {"LLVM_PROFILE_FILE": str(profile)}
-    subprocess.run([program, "-runs=0", "corpus"], cwd=folder, env=where, capture_output=True, check=True)
-    subprocess.run(["llvm-profdata", "merge", "-o", folder / "period.profdata", profile], check=True)
-    show = ["llvm-cov", "show", program, f"-instr-profile={folder / 'period.profdata'}"]
-    paths = [str(CORE / name) for name in COVERED]
-    shown = subprocess.run([*show, *paths], capture_output=True, text=True, check=True).stdout
-    missed: dict[str, list[int]] = {}
-    name = ""
-    for line in shown.splitlines():
-        if line.endswith(":") and "/core/" in line:
-            name = line.split("/core/")[1].rstrip(":")
-            missed[name] = []
-        elif (line_missed := re.match(r"\s*(\d+)\|\s*0\|", line)) is not None:
-            missed[name].append(int(line_missed[1]))
-    return missed
-
-
 @pytest.mark.slow
 def test_period__fuzzed_conversations__break_nothing(tmp_path: Path, objects: list[Path]) -> None:
     assert fuzzed(tmp_path, objects, "-runs=120", drawn_seeds=3) > 10_000
-
-
-@pytest.mark.soak
-def test_period__hundred_million_steps__break_nothing_and_come_by_every_line(tmp_path, objects) -> None:
-    taken = 0
-    while taken < 100_000_000:
-        taken += fuzzed(tmp_path, objects, "-max_total_time=600")
-    assert uncovered(tmp_path) == {name: [] for name in COVERED}

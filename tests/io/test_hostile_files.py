@@ -277,21 +277,6 @@ def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> No
     one_line(lambda: read_boards(tmp_path), "board.toml")
 
 
-def test_mp3__with_junk_in_it_or_that_looks_like_it__one_line_and_nothing_of_its_decoder(tmp_path, capfd) -> None:
-    """Found by hostile files: a byte-order mark looks like a frame of MP3, whose decoder wrote nine lines."""
-    soundfile.write(tmp_path / "r.mp3", U, 16000)
-    content = (tmp_path / "r.mp3").read_bytes()
-    (tmp_path / "r.mp3").write_bytes(content[: len(content) // 3] + bytes(100_000))
-    one_line(lambda: scan_speech(tmp_path / "r.mp3"), "truncated|not readable")
-    path = tmp_path / "reference.wav"
-    with write_reference(path, ReferenceHead(4000.0, ("index", "thumb"))) as writer:
-        writer.write(np.zeros((4000, 2)))
-    path.write_bytes(path.read_bytes().decode("latin-1").encode("utf-16"))
-    for read in (read_record, open_reference):
-        one_line(lambda read=read: read(path), "allowed")
-    assert capfd.readouterr().err == ""
-
-
 def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_server_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p.csv")
     one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column 'displacement_mm'")

@@ -136,9 +136,3 @@ def test_curve__of_unknown_name_or_provenance__is_refused_with_what_is_allowed()
         ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
     with pytest.raises(BadInput, match="a level beyond 200 dB"):
         RelativeCurve(np.array([10.0]), np.array([1e300]))
-
-
-def test_content_hash__same_points__is_the_same() -> None:
-    first, second = made([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]), made([1.0, 2.0, 3.0], [3.0, 2.0, 1.0])
-    assert first == second
-    assert first.content_hash != made([1.0, 2.0, 3.0], [3.0, 2.0, 1.5]).content_hash

@@ -4,18 +4,18 @@ import control
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.signals import loop as module
-from tactuator.signals.decibels import db, half_width_db
+from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
-from tactuator.signals.systems import ContinuousSystem, SampledSystem, paired_sections, sections_response
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tactuator.synthesis import paper
-from tests.signals.precisely import expanded, level_db
+from tests.signals.precisely import level_db
 
 PAPER_PLANT = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
 
@@ -57,18 +57,6 @@ def test_series__two_of_a_kind__multiplies_responses() -> None:
 
 
 ROOT = st.builds(complex, st.floats(-1.0, 1.0), st.floats(0.01, 1.0))
-REAL = st.one_of(st.floats(0.0101, 0.99), st.sampled_from([-1.0, 1.0]))
-
-
-@given(st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3), st.lists(ROOT, max_size=3), st.lists(REAL, max_size=3))
-def test_sections__any_proper_system__are_scipys_to_the_last_bit(zero_pairs, real_zeros, pole_pairs, real_poles):
-    zeros = np.array([*zero_pairs, *np.conj(zero_pairs), *real_zeros], dtype=complex)
-    poles = np.array([*pole_pairs, *np.conj(pole_pairs), *real_poles], dtype=complex)
-    assume(zeros.size <= poles.size and len({abs(root) for root in poles}) >= len(pole_pairs) + len(real_poles))
-    distances = np.abs(np.append(zeros[zeros.imag >= 0.0], 0.0)[:, None] - poles[poles.imag >= 0.0])
-    assume(all(np.unique(column).size == column.size for column in distances.T))  # of two as near either may be taken
-    expected = signal.zpk2sos(zeros, poles, -0.7)
-    np.testing.assert_array_equal(paired_sections(zeros, poles, -0.7), expected)
 
 
 SAMPLED = SampledSystem(np.empty(0), np.empty(0), 1.0, 4000.0)
@@ -196,11 +184,6 @@ def test_discretise__what_cannot_be_sampled__is_refused(transform, system: Conti
         transform(system, 4000.0)
 
 
-def test_half_width__of_a_tenth_of_the_magnitude_or_all_of_it__as_a_ratio_or_infinite() -> None:
-    assert half_width_db(-2.0j, 0.2) == pytest.approx(0.828, abs=1e-3)
-    assert np.isinf(half_width_db([1.0, 0.0, 1e-320, 1.0], [1.0, 0.0, 1.0, np.inf])).all()
-
-
 UNITY = ContinuousSystem(np.empty(0), np.empty(0), 1.0)
 
 
@@ -303,16 +286,6 @@ def test_least_gain__plant_that_falls_over__is_the_gain_that_holds_it() -> None:
     assert least_gain(zero_order_hold(loop, 4000.0)) == pytest.approx(0.4, rel=1e-6)
 
 
-def test_margins__dead_time__delay_margin_of_an_integrator() -> None:
-    """L = w/s e^(-sT): crossover at w, phase margin 90 degrees less w T, stable for w T < pi/2."""
-    omega, dead = 10.0, 0.05
-    found = margins(FeedbackLoop(ContinuousSystem([], [0.0], omega, dead), UNITY))
-    assert found.phase_margin_deg == pytest.approx(90.0 - np.degrees(omega * dead), abs=1e-6)
-    assert found.delay_margin_s == pytest.approx(np.pi / 2.0 / omega - dead, rel=1e-6)
-    assert not FeedbackLoop(ContinuousSystem([], [0.0], omega, 0.16), UNITY).is_stable
-    assert FeedbackLoop(ContinuousSystem([], [0.0], omega, 0.156), UNITY).is_stable
-
-
 @given(damping=st.floats(0.02, 1.5), corner=st.floats(2.0, 400.0), gain=st.floats(0.1, 5.0))
 def test_margins__random_second_order_loop__python_control_agrees(damping: float, corner: float, gain: float) -> None:
     num, den = [gain * corner**2], [1.0, 2.0 * damping * corner, corner**2]
@@ -336,14 +309,6 @@ def _identities(loop: FeedbackLoop, found: Margins) -> None:
     assert found.phase_margin_deg >= promised - 1e-6
     assert found.phase_margin_deg >= found.disk.phase_deg - 1e-6
     assert found.gain_margin_db >= found.disk.gain_db - 1e-6
-
-
-@pytest.mark.parametrize("rate_hz", [1250.0, 40_000.0])
-def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> None:
-    """A point of the grid where a function is zero but for rounding, told one way there and another here."""
-    found, near = margins(sampled_paper_loop(rate_hz)), margins(sampled_paper_loop(rate_hz * 1.001))
-    assert found.phase_margin_deg == pytest.approx(near.phase_margin_deg, abs=0.5)
-    assert found.crossover_hz == pytest.approx(near.crossover_hz, rel=0.01)
 
 
 def paper_loop(rate_hz: float) -> TwoDegreeLoop:
@@ -382,24 +347,6 @@ def test_loop__at_zero_frequency_under_an_integrator__follows_and_rejects_exactl
     # the command that holds a volt of position: 290/2875
     assert loop.command_sensitivity(0.0) == pytest.approx(290.0 / 2875.0, rel=1e-9)
     assert abs(loop.load_sensitivity(0.0)) == pytest.approx(0.0, abs=1e-12)
-
-
-def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.ndarray:
-    """Roots of prod(x - poles) + gain prod(x - zeros) with 60 digits."""
-    with mpmath.workdps(60):
-        above = [*[0] * (len(poles) - len(zeros)), *expanded(zeros)]
-        total = [a + gain * b for a, b in zip(expanded(poles), above, strict=True)]
-        return np.array([complex(x) for x in mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, asc=True)])
-
-
-@pytest.mark.parametrize("rate_hz", [4e3, 64e3])
-def test_closed_poles__paper_loop__60_digits_agree(rate_hz: float) -> None:
-    delayed = bilinear(paper.FEEDBACK, rate_hz) * zero_order_hold(paper.PLANT, rate_hz, 1)
-    found = np.sort_complex(module.closed_poles(delayed))
-    shifted = [complex(z) - 1.0 for z in delayed.zeros], [*(complex(p) - 1.0 for p in delayed.poles), -1.0 + 0j]
-    wanted = np.sort_complex(exact_roots(*shifted, delayed.gain))
-    for root in wanted:
-        assert np.min(np.abs(found - root)) < 1e-9 * abs(root) + 1e-15
 
 
 def test_is_stable__hidden_unstable_cancellation__not_stable() -> None:

@@ -1,7 +1,5 @@
 """What is read of a speech file, and every refusal; of a file that was cut: tests/io/test_hostile_files."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import soundfile
@@ -83,11 +81,3 @@ def test_sample__shipped_file__is_what_the_script_makes():
     assert rate == RATE_HZ
     assert 2.0 <= len(synthesised) / rate <= 3.0
     np.testing.assert_allclose(shipped, synthesised, atol=2.0 / 32768)
-
-
-def test_speech_blocks__short_file_that_was_kept__same_bits_as_read_again(write_sound):
-    speech = scan_speech(write_sound(np.random.default_rng(0).uniform(-0.5, 0.7, (200_000, 2))))
-    assert len(speech.kept) == 4
-    np.testing.assert_array_equal(
-        np.concatenate(list(speech_blocks(speech))), np.concatenate(list(speech_blocks(replace(speech, kept=()))))
-    )

@@ -18,7 +18,7 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design as module
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller, headroom
-from tactuator.synthesis.exchange import continuous_form, from_control, to_control
+from tactuator.synthesis.exchange import from_control, to_control
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tests.synthesis import displays
@@ -238,11 +238,3 @@ def test_to_control__package_missing__says_how(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(BadInput, match="pip install control"):
         to_control(paper.PLANT)
-
-
-def test_continuous_form__of_a_controller__its_bilinear_transform_is_the_controller() -> None:
-    own = three_finger_controller().channels[0]
-    papers = [bilinear(system, RATE_HZ) for system in (paper.FEEDBACK, paper.PREFILTER)]
-    for system in (own.prefilter(RATE_HZ), own.feedback(RATE_HZ), *papers):
-        again = bilinear(continuous_form(system), RATE_HZ)
-        assert np.allclose(again.response(FREQUENCY), system.response(FREQUENCY), rtol=1e-7)

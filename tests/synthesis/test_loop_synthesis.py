@@ -14,19 +14,18 @@ from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop, UnstableLoop
-from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude, fraction_roots
-from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference, sections_response
+from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
+from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tactuator.synthesis import prefilter as fit
 from tactuator.synthesis.assessment import all_kept, assess, command_noise_gain
-from tactuator.synthesis.candidates import COUNT, LoopStructure
+from tactuator.synthesis.candidates import COUNT
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.limits import Limit, loop_limits
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db
 from tactuator.synthesis.problem import LoopProblem
 from tactuator.synthesis.task import Task
-from tests.signals.precisely import level_db
 from tests.synthesis.displays import channel, of, paper_alone, three_finger_controller, three_fingers
 from witnesses.loops.search import Judge, delivered, drawn, named
 
@@ -144,19 +143,6 @@ def test_synthesise__contradictory_requirements__each_its_own_sentence(limits: d
     one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
     with pytest.raises(BadInput, match=words):
         design_controller(Display("contradiction", RATE_HZ, 1, (one,)), 4)
-
-
-def test_loop_structure__response__is_that_of_the_system() -> None:
-    structure = LoopStructure(RATE_HZ)
-    rng = np.random.default_rng(3)
-    frequency = np.geomspace(0.1, 1900.0, 60)
-    difference = backward_difference(frequency, RATE_HZ) * np.exp(2j * np.pi * frequency / RATE_HZ)
-    for _ in range(20):
-        parameters = rng.uniform(-4.0, 0.0, COUNT)
-        parameters[[2, 5, 7, 9, 11]] = rng.uniform(-0.7, 1.2, 5)
-        expected = structure.system(parameters).response(frequency)
-        response, _ = structure.response_and_slope(parameters, difference)
-        assert np.allclose(response, expected, rtol=1e-8)
 
 
 def test_loop_problem__slopes__are_those_of_finite_differences() -> None:
@@ -311,21 +297,6 @@ def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_the_bound(
     assert is_modest(fit, threshold, 1.01)
 
 
-@pytest.mark.parametrize("lead", [1.0, 1e-9, 1e-13])
-def test_fraction_roots__one_root_all_but_infinite__the_small_ones_stay(lead: float) -> None:
-    """Against the expansion of a product of known roots; with a root sent to infinity the others are to stay."""
-    corners = np.geomspace(1e-3, 1e3, 6)
-    known = -np.geomspace(2e-3, 3e2, 5)
-    far = -5e4 / lead
-    # lead (x - far) prod(x - known) / prod(x + corners) by residues
-    residues = [
-        lead * (-a - far) * np.prod(-a - known) / np.prod(np.delete(corners, index) - a)
-        for index, a in enumerate(corners)
-    ]
-    found = fraction_roots(np.append(lead, np.array(residues) / corners), corners)
-    assert found[np.argsort(np.abs(found))][:5] == pytest.approx(known, rel=1e-6)
-
-
 @settings(max_examples=6)
 @given(st.integers(0, 10_000), st.sampled_from([4, 6]))
 def test_fit_magnitude__what_a_filter_of_that_order_does__recovered(seed: int, order: int) -> None:
@@ -352,18 +323,3 @@ def test_fit_magnitude__kink_of_one_slope__equiripple() -> None:
     great = peaks[np.abs(peaks) > 0.8 * np.abs(error).max()]
     assert great.size >= 2 * 4
     assert np.all(np.diff(np.sign(great)) != 0.0)
-
-
-@pytest.mark.parametrize("rate_hz", [4e3, 64e3])
-def test_sections__of_prefilter_and_loop__agree_with_50_digits_to_a_millionth_of_a_db(rate_hz: float) -> None:
-    fit = fitted(channel(), 8, rate_hz)
-    assert fit.max_error_db <= 0.25
-    own = three_finger_controller().channels[0]  # its sections are as good at any rate
-    feedback = SampledSystem.from_sections(own.feedback_sos, rate_hz)
-    assert np.count_nonzero(feedback.poles == 1.0) == 1
-    for frequency in np.geomspace(0.1, 0.4 * rate_hz, 25):
-        for sections in (fit.sections, own.feedback_sos):
-            wanted = level_db(sections, float(frequency), rate_hz)
-            assert float(db(sections_response(sections, frequency, rate_hz))) == pytest.approx(wanted, abs=1e-6)
-            system = SampledSystem.from_sections(sections, rate_hz)
-            assert float(db(system.response(frequency))) == pytest.approx(wanted, abs=1e-6)

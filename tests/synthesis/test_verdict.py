@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
 from tactuator.model.controller import Limits
@@ -19,7 +17,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.felt import felt_noise_rms_v, step_gain
+from tactuator.synthesis.felt import felt_noise_rms_v
 from tactuator.synthesis.verdict import AT_LOWEST, judge
 from tests.synthesis import displays
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
@@ -112,22 +110,6 @@ def test_judge__steps_of_the_converters__are_felt_as_the_simulated_display_moves
     assert (np.max(np.abs(moved)) <= 1.0) == kept
     assert all((one.outcome is Outcome.MET) == kept for one in found)
     assert len(found) == (bits < 16)
-
-
-@given(
-    st.floats(0.05, 6.0), st.floats(0.15, 1.0), st.lists(st.floats(0.1, 3.0), max_size=2), st.sampled_from([0, 2, 5, 8])
-)
-@settings(max_examples=12)
-def test_step_gain__of_a_rounded_sinusoid__is_its_first_harmonic(amplitude, noise, lines, rest) -> None:
-    rng = np.random.default_rng(3)
-    phase, *others = rng.uniform(0.0, 2.0 * np.pi, (1 + len(lines), 400_000))
-    beside = sum((peak * np.cos(turn) for peak, turn in zip(lines, others, strict=True)), rest / 16.0 + 0.0 * phase)
-    read = np.round(amplitude * np.cos(phase) + beside + noise * rng.standard_normal(phase.size))
-    known = np.column_stack([np.cos(phase), np.ones(phase.size)])
-    gain = np.linalg.lstsq(known, read)[0][0] / amplitude
-    assert step_gain(1.0, np.array([amplitude]), noise, np.array(lines))[rest, 0] == pytest.approx(
-        gain, abs=0.01 + 0.01 / amplitude
-    )
 
 
 @pytest.mark.parametrize(

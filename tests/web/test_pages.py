@@ -9,7 +9,6 @@ from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
 from tests.experiment.session.apparatuses import rows_of
 from tests.web.access.mutating import defects, hear_all
-from tests.web.killing import LONG, ONE, kills_across_amendments
 from tests.web.labs import TOKEN, begun, client, joined, lab, make, make_lab, response_count, until  # noqa: F401
 
 
@@ -96,15 +95,3 @@ def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, l
         until(socket, "snapshot")
         until(socket, "snapshot")
     assert rows_of(lab.store, select(schema.event.c.detail)) == [("the wall clock moved by 3600.0 s",)]
-
-
-def test_session__server_killed_while_the_protocol_is_amended__is_the_undisturbed_one(tmp_path) -> None:
-    answers, killing = kills_across_amendments(tmp_path, ONE, kills=4, every=2, seed=5)
-    assert (answers > 30, killing.versions, killing.client.done) == (True, 3, True)
-
-
-@pytest.mark.soak
-def test_session__three_hundred_kills_across_amendments__loses_and_doubles_nothing(tmp_path) -> None:
-    answers, killing = kills_across_amendments(tmp_path, LONG, kills=300, every=10, seed=6)
-    assert answers > 600
-    assert (killing.kills, killing.versions) == (300, 31)

@@ -151,36 +151,6 @@ def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> No
             assert any(a[at] + a[of] <= b[at] for a, b in ((one, other), (other, one)) for at, of in SIDES)
 
 
-def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve, browser) -> None:
-    text = protocol_text("abx", training=1, test=1)
-    server = serve(text)
-    context = browser.new_context(viewport=PHONE, has_touch=True)
-    page = context.new_page()
-    errors = watch_errors(page)
-    page.add_init_script(LAMPS)
-    subject = opened(page, server, text)
-    visible(page, "Was X like A or like B?")
-    page.locator("#go").tap()
-    asked(page)
-    assert page.evaluate("window.lit") == ["A", "B", "X"]
-    assert page.locator("#lamps").get_attribute("aria-hidden") == "true"
-    page.locator(".choice", has_text="B").tap()
-    page.locator("body[data-trial='1/1']").wait_for()
-    assert [row[3] for row in stored(server.store)] == ["B"]
-    finish(subject)
-    assert stored(server.store)[1:] == planned(text)[1:]
-    assert errors == []
-    context.close()
-
-
-LAMPS = """
-window.lit = [];
-new MutationObserver((changes) => {
-  for (const { target } of changes) if (target.matches(".lamp.lit")) window.lit.push(target.textContent);
-}).observe(document, { subtree: true, attributes: true, attributeFilter: ["class"] });
-"""
-
-
 def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -> None:
     text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)

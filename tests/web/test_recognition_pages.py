@@ -1,8 +1,6 @@
 """Recognition over the server's connections: what is said before an answer, what after, and what is refused."""
 
-import asyncio
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -158,29 +156,3 @@ def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make)
     at = picture["labels"].index
     assert picture["counts"][at(first.correct)][at(first.correct)] == 1
     assert picture["counts"][at(second.correct)][at(wrong)] == 1
-
-
-def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
-    text, none = protocol_text(training=0, test=1), "no results yet; allowed: after a finished run (practice and tr"
-    with at_pages(make(text), "S1", "operator", "operator") as (socket, first, second):
-        until(first, "snapshot")
-        session = until(second, "snapshot")["sessions"][0]["id"]
-        for of, words in ((session, none), (99, "not of this study"), (None, "results without a session")):
-            second.send_json({"type": "results", "session": of})
-            assert words in until(second, "refused")["message"]
-        block_answered(socket, begun(socket), [trial.correct for trial in planned(text, 0)])
-        second.send_json({"type": "results", "session": session})
-        results = until(second, "results")
-    assert results["subject"] == "S1"
-    assert [table["rows"][0][0] for table in results["tables"]] == ["M-index", "plug in"]
-
-
-def test_presented_session__asked_for_by_several_at_once__is_one(make) -> None:
-    lab = make(protocol_text())
-
-    async def ask():
-        return await asyncio.gather(*(lab.presented(lab.sessions[0]) for _ in range(5)))
-
-    with ThreadPoolExecutor(1) as elsewhere:  # a browser's tests leave a loop in this thread
-        made = elsewhere.submit(lambda: asyncio.run(ask())).result()
-    assert len({id(presented) for presented in made}) == 1

@@ -101,21 +101,6 @@ def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, mon
         assert rested[0] < 30 * rig.rate_hz
 
 
-@pytest.mark.parametrize("way", [{"type": "pause"}, {"type": "stop"}, {"type": "withdraw", "keep": True}])
-def test_interruption__after_an_answer__plays_nothing_more(make, monkeypatch, way) -> None:
-    lab, streamed = make(PROTOCOL.replace("feedback_s = 0.0", "feedback_s = 0.5")), []
-    stream = lab.apparatus.rig.stream
-    monkeypatch.setattr(lab.apparatus.rig, "stream", lambda blocks: streamed.append(1) or stream(blocks))
-    with at_page(lab) as socket:
-        stands = begun(socket)
-        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
-        until(socket, "ack")
-        socket.send_json(way)
-        heard = []
-        until(socket, "stage", heard)
-    assert ([message["type"] for message in heard], len(streamed)) == ([], 1)
-
-
 @pytest.mark.parametrize(("keep", "how"), [(True, "withdrawn"), (False, "withdrawn-discard")])
 def test_withdrawal__at_a_trial_or_while_paused__ends_the_session_for_good(make, keep, how) -> None:
     lab = make()

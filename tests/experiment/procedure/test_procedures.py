@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior, mixed
+from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods, Sites, refine
 from tactuator.experiment.procedure.procedure import Answering
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, tables
@@ -253,19 +252,6 @@ def test_whole_curve__guessers__are_flagged() -> None:
     assert guessers.flags["chance"] == guessers.flagged == 1.0
 
 
-def test_choosing__lapse_rate_with_little_weight__takes_part_with_all_of_it() -> None:
-    belief, rng = CurveBelief(CurvePrior(), Answering()), np.random.default_rng(5)
-    for _ in range(40):  # somebody attentive: frequent lapses become improbable
-        point, level = belief.choose(-30.0, 50.0)
-        belief.learn(point, level, np.array([rng.random() < np.where(level[0] > 0.0, 0.97, 0.4)]))
-    weight, rates = np.sqrt(belief.weight[0]), np.array(belief.answering.lapses)
-    chosen, share = belief.choosing()
-    assert np.where(belief.lapse > 0.15, belief.weight, 0.0).sum(axis=1)[0] < 0.1
-    for rate in rates:
-        of_rate = belief.lapse[0, chosen[0]] == rate
-        assert share[0, of_rate].sum() == pytest.approx(weight[belief.lapse[0] == rate].sum() / weight.sum())
-
-
 def test_whole_curve__before_any_trial__is_the_prior() -> None:
     prior = CurvePrior()
     read = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
@@ -480,19 +466,6 @@ def test_unseen_notch__excluded__is_so_by_the_odds_of_its_own_trials() -> None:
         expected = max(odds(place) for place in places)
         assert found.log_odds[0, point] == pytest.approx(expected, abs=0.5)  # thresholds are on a grid of 0.75 dB
         assert (found.trials[0, point] == 0) == (found.log_odds[0, point] <= -np.log(EXCLUDED_ODDS))
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(-20, 40), st.floats(0.3, 9)), min_size=1, max_size=5))
-def test_mixed__any_components__quantiles_leave_a_fortieth_beyond(parts) -> None:
-    share, level, sd = (np.array(column) for column in zip(*parts, strict=True))
-    share = share / share.sum()
-    read = mixed(share[None], level[None, :, None], sd[None, :, None])
-    mean = share @ level
-    for end, tail in ((read.low, 0.025), (read.high, 0.975)):
-        quantile = mean + (end[0, 0] - mean) / 1.3
-        assert share @ norm.cdf((quantile - level) / sd) == pytest.approx(tail, abs=1e-4)
-    assert read.mean[0, 0] == pytest.approx(mean)
 
 
 @pytest.mark.parametrize("channel", ["pacinian", "other"])

@@ -219,29 +219,6 @@ def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencie
     assert procedure.rule.prior.frequency_hz == pytest.approx(hertz)
 
 
-@pytest.mark.slow
-def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(store) -> None:
-    """The sensor's hum exceeds the stimulus there; the loud trials show the gain."""
-    codes = [f"D{number}" for number in range(4)]
-    people = "".join(f'[[subject]]\ncode = "{code}"\n' for code in codes)
-    text = (
-        '[study]\nname = "delivered"\nseed = 4\n[procedure]\nkind = "quest-plus"\ntrials = 48\n'
-        f'[conditions]\nfingers = ["index"]\nfrequencies_hz = [298]\n[catch]\nloud_share = 0.2\n{people}'
-    )
-    low = RelativeCurve(np.array([100.0]), np.array([-4.0]), "4 dB below")
-    observers = with_truths(simulated_observers(LIBRARY, 4, seed=1), codes, LIBRARY, dict.fromkeys(codes, low), {})
-    run_study(store, parse_protocol(text, Protocol), text, apparatus(), observers, SystemClock(), "finger")
-    found = thresholds(detection_runs(store))
-    delivered = np.array([one.delivered_db for one in found])
-    assert len(found) == 4
-    assert max(one.delivered_sd_db for one in found) <= 0.2
-    assert delivered.std(ddof=1) <= 0.3  # four runs of a standard deviation of 0.15 to 0.2
-    assert np.ptp(delivered) > 0.0
-    for one in found:
-        assert one.sd_db == pytest.approx(float(np.hypot(one.refit_sd_db, one.delivered_sd_db)))
-        assert one.level_low_db_re_1um <= float(LIBRARY.level_db_re_1um_at(298.0)) - 4.0 <= one.level_high_db_re_1um
-
-
 def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     head = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\ntrials = 60\n'
     rest = PROTOCOL[PROTOCOL.index("[timing]") : PROTOCOL.rindex("[[subject]]")]

@@ -215,9 +215,3 @@ def test_landing__adaptive__within_a_decibel_where_fixed_loses_it() -> None:
     assert plate.table["adaptive_db"] == shown.adaptive_db.tolist()
     assert f"{shown.fixed_db.min():+.2f}" in plate.caption
     assert plate.svg().startswith("<?xml")
-
-
-def test_landing__feed_forward_taken_away__both_runs_are_one() -> None:
-    made = adaptive()
-    shown = landing(replace(made, channels=(replace(made.channels[0], feed_forward=None),)), "index", seed=3)
-    np.testing.assert_array_equal(shown.adaptive_db, shown.fixed_db)

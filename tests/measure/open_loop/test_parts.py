@@ -13,7 +13,6 @@ from tactuator.io.text import toml_text
 from tactuator.measure.broadband import broadband, find_level, follow, hear, near_band
 from tactuator.measure.open_loop import _groups, usable_band
 from tactuator.model.controller import Controller
-from tactuator.report.open_loop import equaliser_document, impulse_response
 from tactuator.rig.rig import require_sensors
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.signals.decibels import db
@@ -105,18 +104,6 @@ def test_groups__lines_that_ask_for_much__sums_stay_within_the_range():
     # at the peak 1.3 of 1.5 V are asked for
     assert min((group.size, abs(group[0] - 100.0)) for group in groups)[0] == 1
     assert len(groups) < 20
-
-
-def test_impulse_response__of_sections__has_their_response():
-    sections = signal.butter(4, [30.0, 200.0], "bandpass", fs=8000.0, output="sos")
-    display = sound_display()
-    own = flat_controller(display, prefilter_sos=sections).channels[0]
-    samples, volts = impulse_response(own, 8000.0)
-    frequency = np.geomspace(20.0, 400.0, 50)
-    _, heard = signal.freqz(volts * samples, worN=frequency, fs=8000.0)
-    _, truth = signal.sosfreqz(sections, worN=frequency, fs=8000.0)
-    assert np.max(np.abs(heard - truth)) < 2e-3
-    assert np.allclose(equaliser_document(own, 8000.0)["sections"], sections)
 
 
 def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):

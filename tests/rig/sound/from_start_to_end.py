@@ -8,35 +8,7 @@ from tests.rig.sound.exciter import Exciter
 from tests.rig.sound.turned_card import sound_display
 
 RATE_HZ = 48000.0
-TRUE_DB_SL = 6.0
 EXCITER = Exciter(resonance_hz=90.0, q=4.0, drive=3e4, second_share=0.0, delay_s=0.003, noise=0.0, hum=0.0)
-PROTOCOL = """
-[study]
-name = "card"
-seed = 3
-experimenter = "EX"
-consent = ""
-[procedure]
-kind = "up-down"
-start_db_sl = 26
-steps_db = [4, 2]
-reversals = 8
-averaged = 6
-[conditions]
-fingers = ["index"]
-frequencies_hz = [140]
-[timing]
-stimulus_s = 0.3
-ramp_s = 0.05
-gap_s = 0.1
-lead_s = 0.3
-feedback_s = 0.0
-[session]
-practice_trials = 0
-[[subject]]
-code = "S1"
-group = "hearing"
-"""
 
 
 def controller(latency_samples: int) -> Controller:
