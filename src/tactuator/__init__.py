@@ -32,7 +32,8 @@ def __getattr__(name: str) -> object:
     elif name in _NAMES:
         value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
         if not isinstance(value, type):
-            value = import_module("tactuator.errors").checked(value)
+            types = import_module("tactuator.verbs.nouns").TYPES
+            value = import_module("tactuator.parameters").checked(value, types)
     else:
         raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
     globals()[name] = value

@@ -24,18 +24,10 @@ of them, one line, and it is the only place that does; nothing reads a sentence.
 
 from __future__ import annotations
 
-import inspect
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import wraps
-from math import inf
-from numbers import Integral, Real
-from os import PathLike
-from typing import Annotated, Any, Self, TypeVar, cast, get_args, get_origin
-
-F = TypeVar("F", bound=Callable[..., Any])
+from typing import Any, Self
 
 
 class TactuatorError(Exception):
@@ -113,67 +105,3 @@ def likely(word: str, known: Iterable[str], alike: float = 0.6) -> str:
     """Return the known word that was likely meant by another, as a question to add; empty where none is so alike."""
     near = get_close_matches(word, list(known), 1, alike)
     return f" (did you mean {near[0]!r}?)" if near else ""
-
-
-def checked(function: F) -> F:
-    """Return a function of the Python interface that refuses, by BadInput, an argument of another kind than its
-    annotation tells, or beyond the bounds there. Its signature has the kinds alone, as `help` shows them.
-    """
-    signature, kinds, bounds = inspect.signature(function), dict[str, Any](), dict[str, Any]()
-    for name, parameter in signature.parameters.items():
-        known = get_args(parameter.annotation) if get_origin(parameter.annotation) is Annotated else ()
-        kind = known[0] if known else parameter.annotation
-        kinds[name], bounds[name] = getattr(kind, "__forward_arg__", kind), known[1:]
-
-    @wraps(function)
-    def guarded(*values: Any, **named: Any) -> Any:
-        for name, value in signature.bind(*values, **named).arguments.items():
-            with within(function.__qualname__.removesuffix(".__init__")):
-                _require(name, value, kinds[name], bounds[name])
-        return function(*values, **named)
-
-    plain = [parameter.replace(annotation=kinds[name]) for name, parameter in signature.parameters.items()]
-    vars(guarded)["__signature__"] = signature.replace(parameters=plain)
-    return cast(F, guarded)
-
-
-_KINDS: Mapping[str, tuple[Any, str]] = {
-    "str": (str, "a text"), "int": (Integral, "a whole number"), "float": (Real, "a number"), "Any": (object, ""),
-    "bool": (Integral, "True or False"), "Place": (str | PathLike, "the path of a file"), "_empty": (object, ""),
-    "PathLike": (PathLike, "a path"), "ArrayLike": (object, "numbers"), "tuple": (tuple, "a tuple"),
-    "Sequence": (list | tuple, "a list"), "list": (list | tuple, "a list"), "None": (type(None), "None"),
-}  # fmt: skip
-"""Kinds of arguments by the names that annotations have for them, each with its words; classes are known by name."""
-
-
-def _members(kind: str) -> Iterator[tuple[str, str]]:
-    """Yield the members of a union, each by its name, and what is in its brackets where it is a list."""
-    for member in re.split(r" \| (?![^\[]*\])", kind):
-        whole, _, inner = member.partition("[")
-        name = whole.rpartition(".")[2]
-        yield name, inner[:-1] if name in ("list", "Sequence") else ""
-
-
-def _is_of(kind: str, value: Any) -> bool:
-    for name, inner in _members(kind):
-        known = name in _KINDS and isinstance(value, _KINDS[name][0])
-        if known or any(each.__name__ == name for each in type(value).__mro__):
-            return not inner or all(_is_of(inner, each) for each in value)
-    return False
-
-
-def _words(kind: str) -> str:
-    parts = [(_KINDS.get(name, (object, f"a {name}"))[1], inner) for name, inner in _members(kind)]
-    return " or ".join(f"{words}, each {_words(inner)}" if inner else words for words, inner in parts)
-
-
-def _require(name: str, value: Any, annotation: Any, bounds: Sequence[Any]) -> None:
-    kind = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
-    got = repr(value)[:80] if isinstance(value, str | Real | None) else f"a {type(value).__name__}"
-    if not _is_of(kind, value):
-        raise BadInput(got, _words(kind), key=name)
-    least, most = (next((getattr(mark, end) for mark in bounds if hasattr(mark, end)), None) for end in ("ge", "le"))
-    size = float(value) if isinstance(value, Real) else None
-    if size is not None and not (-inf if least is None else least) <= size <= (inf if most is None else most):
-        ends = f"at most {most}" if least is None else f"{least} or more" if most is None else f"{least} to {most}"
-        raise BadInput(got, ends, key=name)

@@ -12,14 +12,30 @@ fields (`parameters`, `allowed`, `default`): nothing of a parameter is written t
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
-from collections.abc import Callable, Mapping
-from functools import cache, wraps
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, cast, dataclass_transform, get_args, get_origin
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, reduce, wraps
+from numbers import Real
+from operator import or_
+from os import PathLike
+from types import NoneType, SimpleNamespace, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError
+from annotated_types import Ge, Le
+from pydantic import AfterValidator, ConfigDict, Field, InstanceOf, PlainValidator, Strict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as validated
 from pydantic.fields import FieldInfo
 
@@ -27,6 +43,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, likely
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
@@ -270,3 +287,78 @@ def _table_within(kind: Any) -> Any:
     if hasattr(kind, "__pydantic_fields__"):
         return kind
     return next((table for each in get_args(kind) if (table := _table_within(each)) is not None), None)
+
+
+def checked(function: F, types: Mapping[str, Any] | None = None) -> F:
+    """Return a function that refuses, by BadInput, an argument of another type than its annotation, or beyond the
+    bounds there (`ge` and `le` of a mark). Its signature has the types without marks, as `help` shows them.
+
+    types: those that its module imports for type checkers alone, by name.
+    """
+    signature, title = inspect.signature(function), function.__qualname__.removesuffix(".__init__")
+    kinds = {name: parameter.annotation for name, parameter in signature.parameters.items()}
+    marks = {name: get_args(kind)[1:] if get_origin(kind) is Annotated else () for name, kind in kinds.items()}
+
+    @cache
+    def arguments() -> dict[str, tuple[TypeAdapter[Any], str, str]]:
+        annotated = {name: kind for name, kind in kinds.items() if kind is not inspect.Parameter.empty}
+        hints = get_type_hints(SimpleNamespace(__annotations__=annotated), function.__globals__, types)
+        limits = {name: _limits(of) for name, of in marks.items()}
+        return {
+            name: (
+                TypeAdapter(_argument(hint, limits[name])),
+                _allowed(_argument(hint), []),
+                _bounds(limits[name]).removeprefix(", "),
+            )
+            for name, hint in hints.items()
+        }
+
+    @wraps(function)
+    def guarded(*values: Any, **named: Any) -> Any:
+        given = signature.bind(*values, **named).arguments
+        for name, (adapter, kind, ends) in arguments().items():
+            value = given.get(name)
+            try:
+                if name in given:
+                    adapter.validate_python(value.item() if isinstance(value, np.generic) else value)
+            except ValidationError as error:
+                got = repr(value)[:80] if isinstance(value, str | Real | None) else f"a {type(value).__name__}"
+                is_beyond = not {"greater_than_equal", "less_than_equal"}.isdisjoint(e["type"] for e in error.errors())
+                raise BadInput(got, (is_beyond and ends) or kind, where=(title,), key=name) from None
+        return function(*values, **named)
+
+    bare = {name: get_args(kind)[0] if marks[name] else kind for name, kind in kinds.items()}
+    shown = {name: getattr(kind, "__forward_arg__", kind) for name, kind in bare.items()}
+    parameters = [parameter.replace(annotation=shown[name]) for name, parameter in signature.parameters.items()]
+    vars(guarded)["__signature__"] = signature.replace(parameters=parameters)
+    return cast(F, guarded)
+
+
+def _limits(marks: Sequence[Any]) -> list[Any]:
+    ends = ((Ge, "ge"), (Le, "le"))
+    return [kind(at) for mark in marks for kind, end in ends if (at := getattr(mark, end, None)) is not None]
+
+
+_LEAVES: dict[Any, Any] = {
+    float: Number, int: Whole, str: Annotated[str, Strict()], bool: Annotated[Flag, Wording("True or False")],
+    NoneType: Annotated[None, Wording("None")], Any: Any,
+}  # fmt: skip
+
+
+def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
+    """Return a type as pydantic holds an argument to it: nothing is converted, and of a class only instances go."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        names_a_path = any(get_origin(member) is PathLike for member in inner)
+        members = [member for member in inner if not (names_a_path and member is str)]
+        return reduce(or_, (_argument(member, limits) for member in members))
+    if origin is PathLike:
+        return Annotated[_argument(str) | InstanceOf[PathLike[str]], Wording("the path of a file")]
+    if origin in (list, Sequence):
+        each = _argument(inner[0])
+        kinds = Annotated[list[each], Strict()] | Annotated[tuple[each, ...], Strict()]  # type: ignore[valid-type]
+        return Annotated[kinds, Wording(f"a list, each {_allowed(each, [])}")]
+    if hint in _LEAVES:
+        return reduce(lambda kind, limit: Annotated[kind, limit], limits if hint in (int, float) else (), _LEAVES[hint])
+    kind = origin or hint
+    return Annotated[kind, InstanceOf(), Wording(f"a {kind.__name__}")]  # type: ignore[type-arg]

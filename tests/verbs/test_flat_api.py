@@ -80,6 +80,7 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
         ("identify(None)", "identify: records is None; allowed: a Record or a FrequencyResponse or"),
         ("identify(['a.csv', 5])", "identify: records is a list; allowed: "),
         ("design(5)", "design: display is 5; allowed: a Display or the path of a file"),
+        ("design('display.toml', error_db=float('nan'))", "design: error_db is nan; allowed: a number or None"),
         ("design('display.toml', poles='4')", "design: poles is '4'; allowed: a whole number or None"),
         ("check(controller.display)", "check: controller is a Display; allowed: a Controller or the path of a file"),
         ("check(controller, monte_carlo=-5)", "check: monte_carlo is -5; allowed: 0 to 1000000"),

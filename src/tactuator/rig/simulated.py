@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import checked
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
+from tactuator.parameters import checked
 from tactuator.rig.rig import Finger, Rig, Trace, WrappedRig, let_feel, take_forces
 from tactuator.runtime.simulation import Block, Simulation
 from tactuator.runtime.tables import load_names
