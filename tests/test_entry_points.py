@@ -12,6 +12,7 @@ from pydantic import Field
 from tactuator import parameters as p
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
+from tactuator.table import plain
 
 GROUP = "tactuator.procedures"
 
@@ -104,8 +105,8 @@ def test_table__keys_and_numbers__missing_or_changed_are_refused_and_arrays_are_
     outer = Outer("x", limit_db=3, lines_hz=[np.float64(50.0), 100], points=[[1, 2], [3, 4]])  # type: ignore[arg-type]
     assert (outer.limit_db, outer.lines_hz) == (3.0, (50.0, 100.0))
     assert outer.points.shape == (2, 2)
-    assert p.plain(outer)["points"] == [[1.0, 2.0], [3.0, 4.0]]
-    assert p.plain(outer)["inner"] == {"gain": 1.0}
+    assert plain(outer)["points"] == [[1.0, 2.0], [3.0, 4.0]]
+    assert plain(outer)["inner"] == {"gain": 1.0}
 
 
 def test_parameters__of_a_table__tell_default_choices_unit_and_what_is_allowed() -> None:

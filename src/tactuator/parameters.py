@@ -167,17 +167,6 @@ def default(about: FieldInfo) -> str | None:
     return "none" if value is None else literal(value)
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON holds it: tables as mappings, tuples and arrays as lists."""
-    if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return [plain(part) for part in value] if isinstance(value, tuple | list) else value
-
-
 def literal(value: Any) -> str:
     """Return a value as TOML writes it."""
     return json.dumps(value, ensure_ascii=False)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 _LONGEST = 180
@@ -14,6 +15,27 @@ NOBODY_FELT_IT = "simulated: nobody felt this"
 def picked(noun: Any, *names: str, **others: str) -> dict[str, Any]:
     """Return attributes of an object by name; others: by another name, each with a path ("level.volts")."""
     return {key: attrgetter(path)(noun) for key, path in ({name: name for name in names} | others).items()}
+
+
+def plain(value: Any) -> Any:
+    """Return a value in JSON's own types: tables as mappings, arrays and tuples as lists, paths as texts, a complex
+    number as [re, im]. Raises TypeError for what has no counterpart there.
+    """
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} has no counterpart in JSON")
 
 
 def brief(noun: Any) -> str:

@@ -37,7 +37,7 @@ from tactuator.rig.streaming_check import INSTRUCTION_NS
 from tactuator.table import ResultTable
 from tactuator.verbs import table
 from tactuator.verbs.parameters import RIG_HELP, Fields, Option, constant, sentence_of
-from tactuator.verbs.result import Result, plain, watched, working
+from tactuator.verbs.result import Result, finite, watched, working
 from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tools.cli_reference import PAGE, reference, sorted_commands
 
@@ -164,11 +164,11 @@ def test_answer__as_json_or_for_a_person__one_object_or_tables_and_nothing_while
 
 
 def test_plain__dataclass_and_complex__become_objects_and_pairs():
-    assert plain(Margin(58.6, np.array([1.0]))) == {"phase_deg": 58.6, "levels_db": [1.0]}
+    assert finite(Margin(58.6, np.array([1.0]))) == {"phase_deg": 58.6, "levels_db": [1.0]}
     numbers = {1: np.complex64(1 + 2j), "n": np.int64(3), "t": (np.bool_(True), None)}
-    assert plain(numbers) == {"1": [1.0, 2.0], "n": 3, "t": [True, None]}
+    assert finite(numbers) == {"1": [1.0, 2.0], "n": 3, "t": [True, None]}
     with pytest.raises(TypeError, match="set"):
-        plain({"members": {1, 2}})
+        finite({"members": {1, 2}})
 
 
 texts = st.text('a"\\/\n\0\x7fµ\u2028\ud800😀')  # all that JSON treats in a way of its own
@@ -180,7 +180,7 @@ values = st.recursive(
 
 @given(values)
 def test_plain__any_value__survives_strict_json(value):
-    assert json.loads(json.dumps(plain(value), allow_nan=False)) == plain(value)
+    assert json.loads(json.dumps(finite(value), allow_nan=False)) == finite(value)
 
 
 @pytest.mark.parametrize(

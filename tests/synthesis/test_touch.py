@@ -15,7 +15,6 @@ from tactuator.model.description import Channel, Converter, Display, Strength, d
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Touch
 from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome
-from tactuator.parameters import plain
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
 from tactuator.rig.board.commissioning import safety_table
@@ -30,6 +29,7 @@ from tactuator.synthesis.monte_carlo import monte_carlo
 from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, push_responses
 from tactuator.synthesis.verdict import AT_LOWEST, judge, judge_channel
+from tactuator.table import plain
 from tactuator.verbs.controller import design
 from tests.griffin import distance_db, griffin
 from tests.rig.guard import guarded

@@ -25,7 +25,7 @@ from tactuator.paper.verb import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.signals.record import Record
 from tactuator.verbs.controller import wordlength
-from tactuator.verbs.result import Result, plain
+from tactuator.verbs.result import Result, finite
 from tactuator.verbs.start import curves
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
@@ -138,7 +138,7 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
         assert one.to_dict()
         assert one.tables()
         assert one.holds in (True, False)
-        json.dumps(plain(one.to_dict()), allow_nan=False)
+        json.dumps(finite(one.to_dict()), allow_nan=False)
         if type(one).columns is not Result.columns:
             assert len({len(column) for column in one.to_dataframe().values()}) == 1
         if type(one).chart is not Result.chart:

@@ -22,7 +22,7 @@ from typer.core import TyperGroup
 from tactuator.errors import BadInput, Interrupted
 from tactuator.table import ResultTable
 from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
-from tactuator.verbs.result import Result, Step, plain, watched
+from tactuator.verbs.result import Result, Step, finite, watched
 from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 
 if TYPE_CHECKING:
@@ -266,7 +266,7 @@ def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> Non
     if as_json:
         import json
 
-        sys.stdout.write(json.dumps(plain(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
         return
     from rich.console import Console, Group
 

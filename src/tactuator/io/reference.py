@@ -32,8 +32,8 @@ from tactuator.io.kinds import kind_of, require_kind
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Channel
-from tactuator.parameters import Number, Positive, plain, table
-from tactuator.table import brief
+from tactuator.parameters import Number, Positive, table
+from tactuator.table import brief, plain
 
 if TYPE_CHECKING:
     import h5py

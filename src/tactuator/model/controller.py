@@ -15,10 +15,10 @@ from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display, display_document, document_hash
-from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, plain, table
+from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.systems import SampledSystem, check_sections
-from tactuator.table import brief
+from tactuator.table import brief, plain
 
 PREVIEW_MAX = 16
 """Samples from the command to the reading that the core's model can look ahead."""

@@ -33,14 +33,13 @@ from tactuator.parameters import (
     Whole,
     Wording,
     parameters,
-    plain,
     table,
 )
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve
 from tactuator.signals.decibels import from_db
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import brief
+from tactuator.table import brief, plain
 
 
 def document_hash(document: dict[str, Any]) -> str:

@@ -22,7 +22,7 @@ from tactuator.verbs.parameters import (
     Seed,
     opened_apparatus,
 )
-from tactuator.verbs.result import Result, columns_of, plain, say, working
+from tactuator.verbs.result import Result, columns_of, finite, say, working
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -580,13 +580,13 @@ def simulate(
         if setting != Setting(runs, lapse=lapse, seed=seed) or truth is not None:
             raise BadInput(f"options of thresholds with {procedure}", "--runs, --lapse, --trials, --law, --seed")
         with working(f"{runs} people", 1.0) as step:
-            figures = plain(simulate_judging(procedure, JudgingSetting(runs, lapse, seed, law, trials), step))
+            figures = finite(simulate_judging(procedure, JudgingSetting(runs, lapse, seed, law, trials), step))
     elif law is not None:
         raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
     else:
         people = None if truth is None else _truth(truth, Playable.band_hz)
         with working(f"{runs} runs", 1.0) as step:
-            figures = plain(simulate_kind(procedure, setting, trials, people, step))
+            figures = finite(simulate_kind(procedure, setting, trials, people, step))
     assert isinstance(figures, dict)
     return QualityResult(procedure, runs, figures)
 

@@ -17,10 +17,9 @@ from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
-from tactuator.parameters import plain
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db
-from tactuator.table import Chart, ChartLine, ResultTable, picked
+from tactuator.table import Chart, ChartLine, ResultTable, picked, plain
 from tactuator.verbs.parameters import Place
 from tactuator.verbs.result import Result, coefficients, figure, response_chart
 

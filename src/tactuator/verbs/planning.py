@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Fields, Figures, Option, Place, Seed
-from tactuator.verbs.result import Result, plain, working
+from tactuator.verbs.result import Result, finite, working
 
 if TYPE_CHECKING:
     from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
@@ -52,9 +52,9 @@ class PlanResult(Result):
         return Chart(each, y_label, [line], limits={"asked": self.study.power}, upright={"needed": self.plan.subjects})
 
     def to_dict(self) -> dict[str, Any]:
-        plan = plain(self.plan)
+        plan = finite(self.plan)
         assert isinstance(plan, dict)
-        return {**plan, "study": plain(self.study), "procedure": self.procedure, "sources": list(self.sources)}
+        return {**plan, "study": finite(self.study), "procedure": self.procedure, "sources": list(self.sources)}
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from tactuator.errors import BadInput
-from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
+from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable, plain
 
 if TYPE_CHECKING:
     from tactuator.model.plant_model import PlantModel
@@ -51,7 +51,7 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
-        return {name: plain(getattr(self, name)) for name in self._told_fields()}
+        return {name: finite(getattr(self, name)) for name in self._told_fields()}
 
     def tables(self) -> Sequence[ResultTable | str]:
         """Return the tables and lines that the command line prints, in their order."""
@@ -118,25 +118,14 @@ def _name(result: Result) -> str:
     return type(result).__name__.removesuffix("Result")
 
 
-def plain(value: object) -> object:
-    """Return the value in JSON's own types; raises TypeError for what has no counterpart there."""
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, complex):
-        return [plain(value.real), plain(value.imag)]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):  # an array or a number of NumPy
-        return plain(value.tolist())
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    raise TypeError(f"{type(value).__name__} has no counterpart in JSON")
+def finite(value: object) -> Any:
+    """Return the value in JSON's own types, None in place of numbers that JSON cannot say."""
+    value = plain(value)
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:

@@ -176,7 +176,7 @@ class CurvesResult(Result):
         return {curve.name: curve.contact.said.get("site", "nobody said where") for curve in self.curves}
 
     def to_dict(self) -> dict[str, Any]:
-        from tactuator.parameters import plain
+        from tactuator.table import plain
 
         return {"curves": [plain(curve) for curve in self.curves]}
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 from tactuator.verbs.parameters import Argument, Figures, Option, Place
-from tactuator.verbs.result import Result, columns_of, plain, working
+from tactuator.verbs.result import Result, columns_of, finite, working
 
 if TYPE_CHECKING:
     from tactuator.arrays import FloatArray
@@ -77,7 +77,7 @@ class StoreContours(Result):
             "balance": list(self.results.balance),
             "simulated": self.results.simulated,
         }
-        answer = plain(document)
+        answer = finite(document)
         assert isinstance(answer, dict)
         return answer
 
@@ -158,7 +158,7 @@ class StoreJudged(Result):
 
     def to_dict(self) -> dict[str, Any]:
         tables = [{"caption": each.caption, "columns": each.columns, "rows": each.rows} for each in self.results]
-        document = plain({"task": self.task, "runs": self.runs, "tables": tables, "simulated": self.simulated})
+        document = finite({"task": self.task, "runs": self.runs, "tables": tables, "simulated": self.simulated})
         assert isinstance(document, dict)
         return document
 

@@ -33,7 +33,7 @@ from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
-from tactuator.verbs.result import plain
+from tactuator.verbs.result import finite
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 LIBRARY = library.curve("bolanowski-1988")
@@ -92,7 +92,7 @@ def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_t
         group_curve(found, LIBRARY, (0.4, 300.0), ["S9"])
     for leave_out, subjects, which in (([], [2, 1], "without"), (["flagged"], [1, 2], "with")):
         told = store_results(store.path, leave_out=leave_out)
-        document = json.loads(json.dumps(plain(told.document()), allow_nan=False))
+        document = json.loads(json.dumps(finite(told.document()), allow_nan=False))
         assert [max(point["subjects"] for point in document[name]) for name in ("curve", "curve_beside")] == subjects
         assert told.beside_is == f"{which} those flagged"
         assert {each["subject"] for each in document["doubtful"]} >= {"S2"}
