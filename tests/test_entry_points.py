@@ -96,7 +96,7 @@ def test_table__made_in_python_or_of_a_file__is_refused_alike(keys: dict[str, An
     assert refused.value.where[:2] == ("file", "[[outer]] 'x'")
 
 
-def test_table__keys_and_numbers__missing_or_changed_are_refused_and_arrays_are_plain() -> None:
+def test_table__keys_missing_or_changed__are_refused_and_arrays_are_plain() -> None:
     with pytest.raises(BadInput, match="name is missing; allowed: a text") as refused:
         p.from_table(Outer, {}, "[outer]")
     assert (refused.value.where, refused.value.key) == (("[outer]",), "name")

@@ -39,7 +39,7 @@ def threads() -> set[int]:
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-def test_single_threaded__first_ends_while_second_works__stays_until_the_second_ends() -> None:
+def test_single_threaded__first_ends_while_second_works__stays() -> None:
     with threadpool_limits(limits=2):
         first, second = single_threaded(), single_threaded()
         first.__enter__()

@@ -46,7 +46,7 @@ COMMANDS = list(sorted_commands(typer.main.get_command(build_app()), ("tactuator
 KINDS = {str, int, float, bool, Path, list, type(None)}
 
 
-def test_verbs_and_commands__each__have_known_types_stand_in_the_reference_and_answer_in_json() -> None:
+def test_commands__each__have_known_types_and_stand_in_the_reference() -> None:
     for name, place in FUNCTIONS.items():
         for parameter in inspect.signature(command_of(verb_of(name))).parameters.values():
             kinds = get_args(parameter.annotation) or (parameter.annotation,)
@@ -149,7 +149,7 @@ class Answer(Result):
         return self.shown
 
 
-def test_answer__as_json_or_for_a_person__one_object_or_tables_and_nothing_while_nobody_watches(capsys):
+def test_answer__as_json_or_for_a_person__one_object_or_tables(capsys):
     answer(Answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, "no"), True)
     assert capsys.readouterr() == ('{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n', "")
     table = ResultTable("", ("frequency", "level"), (("10 Hz", "50 dB SL"),), ("a note",))

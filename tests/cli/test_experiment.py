@@ -34,7 +34,7 @@ def test_simulate__json__is_one_object(run, arguments, keys) -> None:
     assert keys | {"simulated"} <= set(answer)
 
 
-def test_simulate_and_observe__truth_that_ends_within_the_band__tell_that_its_ends_are_held(desk, run) -> None:
+def test_simulate_and_observe__truth_that_ends_within_the_band__is_told(desk, run) -> None:
     (desk / "protocol.toml").write_text(SHORT)
     simulate = "simulate --procedure curve --runs 2 --trials 20 --truth loss.csv"
     observe = "observe protocol.toml --store lab.db --truth S1=loss.csv"
@@ -219,7 +219,7 @@ AMISS = {
 RUNNING = "its sessions are run by process"
 
 
-def test_enrol_and_correct__bad_input_or_sessions_being_run__is_one_line_and_changes_nothing(lab, run) -> None:
+def test_enrol_and_correct__bad_input__is_one_line_and_changes_nothing(lab, run) -> None:
     before = rows(lab)
     for command, words in AMISS.items():
         run.refused("experiment", *command.split(), *STORE, said=words)

@@ -139,7 +139,7 @@ def test_noise__what_it_measured__is_what_check_then_judges_by(tmp_path, run) ->
     "seed",
     [pytest.param(0, marks=pytest.mark.slow), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 20))],
 )
-def test_motor_in_a_position_loop__friction_rules_its_record__is_told_and_what_helps(tmp_path, run, seed: int) -> None:
+def test_motor_in_a_position_loop__friction_rules_its_record__is_told(tmp_path, run, seed: int) -> None:
     _, command, position = motor(np.random.default_rng(seed), duration_s=12.0, steps=20)
     with h5py.File(tmp_path / "motor.h5", "w") as file:
         file.attrs["rate_hz"] = 1000.0

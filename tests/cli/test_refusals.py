@@ -293,7 +293,7 @@ def test_measure__multisine_and_stepped__print_responses(paper, run, tmp_path) -
     assert run("measure", *paper, *brief).status == 1
 
 
-def test_noise_finger_and_disturb__of_the_papers_loop__tell_levels_loads_and_rejection(paper, run) -> None:
+def test_noise_finger_and_disturb__of_the_papers_loop__tell_levels_and_loads(paper, run) -> None:
     ended = run("noise", *paper, "--gains", "4,32", "--json")
     answer = json.loads(ended.out)
     assert ended.status == (1 if answer["outcome"] == "not met" else 0)

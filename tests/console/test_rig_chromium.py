@@ -129,7 +129,7 @@ def board_at_port():
 
 
 @pytest.mark.slow
-def test_server__killed_in_mid_measurement__board_rests_page_says_so_and_its_points_can_be_saved(browser, tmp_path):
+def test_server__killed_in_mid_measurement__board_rests_and_points_can_be_saved(browser, tmp_path):
     from tactuator.io.display import read_display
     from tactuator.synthesis.design import design_controller
 

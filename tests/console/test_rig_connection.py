@@ -141,7 +141,7 @@ def closed_with(client, path, token, **more):
     return closed.value.rcvd.code
 
 
-def test_connection__without_token_of_another_site_or_without_a_rig__is_closed_and_told_why(console, run):
+def test_connection__without_token_or_rig__is_closed_and_told_why(console, run):
     for path in ("/ws", "/ws/rig", "/ws/study"):
         assert closed_with(console, path, "another") == CLOSE_FORBIDDEN
         assert closed_with(console, path, TOKEN, origin="http://elsewhere.example") == CLOSE_FORBIDDEN
@@ -168,9 +168,7 @@ def studies(console):
         made.ask("end")
 
 
-def test_study__at_the_consoles_rig__stores_what_one_at_its_own_rig_does_and_goes_on_after_its_end(
-    console, studies, protocol, tmp_path
-):
+def test_study__at_the_consoles_rig__stores_what_one_at_its_own_rig_does(console, studies, protocol, tmp_path):
     with loaded(console) as page:
         assert "error" not in studies.ask("begin", protocol=protocol, store=STORE, auto_start=True)
         assert studies.study["open"]["study"] == "short"
@@ -234,9 +232,7 @@ def test_export__of_a_store__is_what_the_command_writes(console, studies, protoc
     assert ours == theirs
 
 
-def test_study__that_cannot_begin__is_refused_in_words_and_leaves_rig_and_folder_as_they_were(
-    console, studies, protocol, tmp_path
-):
+def test_study__that_cannot_begin__is_refused_and_leaves_rig_and_folder(console, studies, protocol, tmp_path):
     def written(text):
         (tmp_path / "bad.toml").write_text(text)
         return {"protocol": dropped(console.state, tmp_path / "bad.toml")}

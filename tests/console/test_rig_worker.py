@@ -41,7 +41,7 @@ def live(worker, controller, *more, rows=80):
     worker.until(lambda: len(worker.rows) >= rows)
 
 
-def test_live__with_a_tone_a_touch_and_a_press__tells_every_sample_as_the_rig_alone_would(ordered, controller):
+def test_live__with_a_tone_touch_and_press__tells_what_the_rig_alone_would(ordered, controller):
     touched = rig_orders.TouchOrder("index", "finger"), rig_orders.PressOrder("index", 0.2)
     live(ordered, controller, *touched, rig_orders.GenerateOrder(TONE), rows=1600)
     ordered.quit()
@@ -73,7 +73,7 @@ def test_stop_and_rest__go_silent_and_idle_and_live_goes_on_with_the_next_number
     ordered.until(lambda: len(ordered.rows) > before)
 
 
-def test_measure__is_told_point_by_point_as_felt_less_asked_and_what_of_it_the_model_expects(ordered, controller):
+def test_measure__point_by_point__is_felt_less_asked_and_what_the_model_expects(ordered, controller):
     ordered.order(order_of(controller, 30.0, (40.0, 100.0, 250.0), load="finger"))
     ordered.until(lambda: any(each.over for each in ordered.of(rig_orders.Points)))
     points = ordered.of(rig_orders.Points)
@@ -164,7 +164,7 @@ def on_card(monkeypatch):
     card.worker.quit()
 
 
-def test_sound_card__gaps__are_counted_while_live_spoil_a_trial_alone_and_silence_ends_the_process(on_card):
+def test_sound_card__gaps__are_counted_and_spoil_a_trial_alone(on_card):
     worker = on_card.worker
     on_card.flags = OVERFLOW
     for number, fault in ((1, "the sound card told of a gap"), (2, "")):
@@ -217,7 +217,7 @@ def order_of(controller, level_db_sl, frequency_hz=(100.0,), load="none", confid
     return rig_orders.MeasureOrder(controller, settings)
 
 
-def test_measured__sensor_that_stands_still_or_level_of_nothing__has_no_level_or_is_refused(controller, tmp_path):
+def test_measured__sensor_that_stands_still__has_no_level(controller, tmp_path):
     rig, order = SimulatedRig(controller.display, 3), order_of(controller, 30.0, longest_s=0.5)
     rig.load(controller)
     (response,) = stepped_sine(rig, order.settings.frequency_hz, order.settings)
@@ -228,7 +228,7 @@ def test_measured__sensor_that_stands_still_or_level_of_nothing__has_no_level_or
         stepped_sine(rig, [100.0], order_of(controller, -(2.0**63)).settings)
 
 
-def test_orders__beyond_the_limit__are_refused_but_ends_and_those_that_somebody_waits_for_are_taken(controller):
+def test_orders__beyond_the_limit__are_refused_but_those_that_end_are_taken(controller):
     press, rest, quits = rig_orders.PressOrder("index", 0.1), rig_orders.RestOrder(), rig_orders.QuitOrder()
     waited = rig_orders.PresentOrder(3, (np.zeros((1, 3)),)), rig_orders.AwaitedRestOrder(2), quits
     plain, silence = (press, rig_orders.LiveOrder()), rig_orders.GenerateOrder(None)
@@ -264,7 +264,7 @@ def wave(count, seed=1):
     return np.random.default_rng(seed).uniform(-3.0, 3.0, (count, 3))
 
 
-def test_console_rig__two_streams__are_those_of_the_rig_alone_and_the_scope_sees_them(host, controller):
+def test_console_rig__two_streams__are_those_of_the_rig_alone(host, controller):
     rig, alone = ConsoleRig(host), SimulatedRig(controller.display, 5)
     rig.load(controller)
     alone.load(controller)
@@ -300,9 +300,7 @@ def test_console_rig__halted_in_a_trial_or_before_it__is_at_rest_and_plays_the_n
     assert len(rig.play(wave(50))) == 50
 
 
-def test_console_rig__whose_rig_or_process_fails_or_has_gone__says_why_and_plays_on_once_it_can(
-    host, controller, monkeypatch
-):
+def test_console_rig__whose_rig_fails__says_why_and_plays_on_once_it_can(host, controller, monkeypatch):
     rig = ConsoleRig(host)
     with pytest.raises(BadInput, match="no controller is loaded"):
         rig.play(wave(10))
@@ -330,7 +328,7 @@ def test_console_rig__whose_rig_or_process_fails_or_has_gone__says_why_and_plays
             refused()
 
 
-def test_console_rig__whose_process_ends__is_a_fault_and_an_experiments_controls_are_no_pages(controller):
+def test_console_rig__whose_process_ends__is_a_fault(controller):
     host = SimpleNamespace(display=controller.display, status=rig_orders.RigStatus(loaded=controller.content_hash))
     rig = ConsoleRig(host)
     host.order = lambda order: host.presented(None)

@@ -28,9 +28,7 @@ def filled(lengths, capacity=200, seed=0):
 @given(
     st.lists(st.integers(0, 90), min_size=1, max_size=12), st.integers(0, 400), st.integers(1, 400), st.integers(1, 50)
 )
-def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows_and_what_is_held_has_no_gap(
-    lengths, start, length, columns
-):
+def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows(lengths, start, length, columns):
     samples, every = filled(lengths)
     held = samples.rows(0, samples.end)
     assert samples.lost == 0
@@ -46,7 +44,7 @@ def test_window__of_any_stretch__holds_least_and_greatest_of_its_rows_and_what_i
         np.testing.assert_array_equal(high, rows.max(axis=0))
 
 
-def test_rows__that_are_missing_were_there_or_have_another_shape__are_no_number_or_refused():
+def test_rows__missing_or_of_another_shape__are_no_number_or_refused():
     samples, every = filled([40])
     for first, shape in ((39, (5, 3)), (40, (5, 2)), (40, (5,))):
         with pytest.raises(BadInput, match="from 40 on"):
@@ -67,7 +65,7 @@ def sampled(values):
     return samples
 
 
-def test_trigger__on_a_sine_or_noise__stands_at_its_last_crossing_once_a_period_or_nowhere():
+def test_trigger__on_a_sine_or_noise__stands_at_its_last_crossing_or_nowhere():
     samples = sampled(np.sin(2.0 * np.pi * (np.arange(1000) - 0.5) / 100.0))
     for edge, quarter in (("rising", 0), ("falling", 2)):
         assert newest_crossing(samples, Trigger(2, 0.0, edge), 0, 1000) == 901 + 25 * quarter
@@ -129,7 +127,7 @@ def test_peak__of_a_tone_between_the_lines__is_its_frequency_and_level(controlle
         assert (found.peak_hz, found.peak_db_sl) == (pytest.approx(hertz, abs=0.05), pytest.approx(20.0, abs=0.05))
 
 
-def test_levels__of_nothing__are_the_floor_and_of_less_than_a_second_or_with_a_gap_none(controller):
+def test_levels__of_nothing_or_too_little__are_the_floor_or_none(controller):
     rows, levels = np.zeros((RATE, 9), np.float32), Levels(controller.display)
     rows[:, 3:6] = [0.1, -0.2, 0.3]
     rows[:, 6:] = 1.5  # a sensor's offset is no level
@@ -212,7 +210,7 @@ def reference(path, controller, rows, rate_hz=RATE):
     return str(path)
 
 
-def test_file__at_a_level__is_played_sample_by_sample_with_its_greatest_there_and_ends(generator, controller, tmp_path):
+def test_file__at_a_level__is_played_with_its_greatest_there_and_ends(generator, controller, tmp_path):
     rows = (30.0 * np.random.default_rng(3).standard_normal((1000, 3))).clip(-100.0, 100.0)
     rows[0] = 100.0
     path = reference(tmp_path / "r.h5", controller, rows)

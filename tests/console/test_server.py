@@ -51,7 +51,7 @@ def client():
         yield made
 
 
-def test_page__and_its_parts__have_the_hardened_headers_and_any_other_path_is_a_line_of_text(client):
+def test_page__and_its_parts__have_the_hardened_headers(client):
     for path in ["/", *(f"/static/{part.name}" for part in STATIC.iterdir() if part.suffix != ".html")]:
         answer = client.get(path)
         assert answer.status == 200, path
@@ -64,7 +64,7 @@ def test_page__and_its_parts__have_the_hardened_headers_and_any_other_path_is_a_
     assert static_file("../app.py") is None
 
 
-def test_page__loads_nothing_from_elsewhere__and_its_libraries_and_terms_are_those_of_the_documents():
+def test_page__loads_nothing_from_elsewhere__and_has_the_documents_libraries():
     texts = [part.read_text("utf-8") for part in STATIC.iterdir() if not part.name.startswith("uPlot")]
     assert [found for text in texts for found in re.findall(r"https?://\S+", text) if "w3.org" not in found] == []
     assert sum(part.stat().st_size for part in STATIC.iterdir()) < 500_000
@@ -153,7 +153,7 @@ def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(state, 
             assert judge.answer(state)["fault"], name
 
 
-def test_dropped_file__of_any_name_or_on_a_full_disk__stays_in_the_drawers_folder_or_is_refused(monkeypatch):
+def test_dropped_file__of_any_name_or_on_a_full_disk__stays_in_its_folder(monkeypatch):
     async def blocks():
         yield b"1,2\n"
 
@@ -228,7 +228,7 @@ def serving(said):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_server__told_to_end_while_it_computes__closes_the_rig_and_ends_without_a_word(number, status):
+def test_server__told_to_end_while_it_computes__closes_the_rig_and_ends(number, status):
     hears, said = FORKS.Pipe(duplex=False)
     process = FORKS.Process(target=serving, args=(said,), daemon=True)
     process.start()

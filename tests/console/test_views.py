@@ -111,7 +111,7 @@ def test_render__of_a_speech_file__makes_the_files_of_the_shown_command(rendered
     assert found["rows"][0][3:] == [f"{felt[name]:.2f}" for name in ("rms_db", "median_db_all", "p95_db_all")]
 
 
-def test_render__figures__are_lists_of_numbers_and_what_cannot_be_rendered_or_given_is_refused(rendered, state):
+def test_render__figures__are_lists_of_numbers_or_refused(rendered, state):
     _, answer = rendered
     finger = answer["fingers"][0]
     assert len(finger["hz"]) == sum(len(part["hz"]) for part in finger["parts"])
@@ -154,9 +154,7 @@ def found(record):
     return look, request.answer(state)
 
 
-def test_record_of_a_simulated_motor__is_looked_at_holds_its_truth_and_its_command_writes_the_same_bytes(
-    found, record, tmp_path, monkeypatch, run
-):
+def test_record__of_a_simulated_motor__gives_its_truth_as_its_command_does(found, record, tmp_path, monkeypatch, run):
     look, model = found
     assert (look["input"], look["output"]) == ("drive", "encoder")
     assert look["columns"] == ["time_s", "drive", "encoder"]
@@ -196,7 +194,7 @@ def response_file(path):
     return hz, truth
 
 
-def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, run):
+def test_response__dropped__gives_the_model_that_the_command_writes(tmp_path, monkeypatch, run):
     path = tmp_path / "response.csv"
     hz, truth = response_file(path)
     state = ConsoleState()
@@ -227,7 +225,7 @@ def judged(text, state=None):
     return DisplayJudge(text=text, display="example:display.toml").answer(state or ConsoleState())
 
 
-def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_says_so_of_each_channel():
+def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_channel():
     for old, new in (
         ("bits = 16", "bits = 99"),
         ("bits = 16", 'bits = "many"'),
@@ -248,7 +246,7 @@ def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_says_so_of_each_
     assert any("travel_mm in metres" in one for one in found["doubts"])
 
 
-def test_set__of_a_value_or_none__changes_that_line_alone_adds_its_table_or_is_refused():
+def test_set__of_a_value_or_none__changes_that_line_alone_or_is_refused():
     asked = DisplaySet(text=EXAMPLE, table="channel", place=1, key="travel_mm", value="9.5")
     text = asked.answer(ConsoleState())["text"]
     changed = [(a, b) for a, b in zip(EXAMPLE.splitlines(), text.splitlines(), strict=True) if a != b]
@@ -282,7 +280,7 @@ def designed(tmp_path_factory):
     return folder / "controller.json", state, state.designed(FILE, "index")
 
 
-def test_design__saved_and_shown__is_the_file_of_design_with_the_figures_that_design_and_check_print(designed):
+def test_design__saved_and_shown__is_that_of_design_and_check(designed):
     path, state, shape = designed
     assert controller_text(state.controller(FILE, {"index": shape})) == path.read_text()
     controller = read_controller(path)
@@ -305,7 +303,7 @@ def test_saved__after_a_drag__is_judged_by_check_as_on_the_page(designed, tmp_pa
     assert printed["outcome"] in shown["verdict"]["sentence"]
 
 
-def test_display__of_every_example__has_a_stable_loop_and_by_a_key_that_is_none_is_refused(designed):
+def test_display__of_every_example__has_a_stable_loop(designed):
     state = ConsoleState()
     assert state.named is None
     keys = [one["key"] for one in state.examples()]

@@ -72,7 +72,7 @@ def any_tone(draw: st.DrawFn) -> Tone:
 
 @settings(max_examples=60, deadline=None)
 @given(any_tone())
-def test_tone__any__is_numpys_with_its_ramps_within_its_amplitude_and_silent_outside(tone: Tone) -> None:
+def test_tone__any__is_numpys_within_its_amplitude_and_silent_outside(tone: Tone) -> None:
     reference = play([tone], 5200)
     most = abs(tone.amplitude)
     assert np.max(np.abs(reference - tone.wave(5200))) <= 2e-4 * most + 1e-37  # subnormal numbers are coarse

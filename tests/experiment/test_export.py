@@ -101,7 +101,7 @@ def test_export__format_unknown_or_store_empty__is_refused(store, tmp_path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_tidy__tables__call_people_simulated_leave_out_who_withdrew_have_the_protocols_times_and_execute_nothing(tidy):
+def test_tidy__tables__say_simulated_leave_out_who_withdrew_and_execute_nothing(tidy):
     assert {row["subject_group"] for row in rows(tidy / "trials.csv")} == {"simulated"}
     assert {row["respondent"] for row in rows(tidy / "trials.csv")} == {"simulated"}
     assert {(row["group"], row["respondent"], row["rig_simulated"]) for row in rows(tidy / "thresholds.csv")} == {

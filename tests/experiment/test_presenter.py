@@ -57,7 +57,7 @@ def tones(count=3, samples=2000):
     return [np.column_stack([wave, np.zeros(samples)])] * count
 
 
-def test_present__intervals__are_one_stretch_with_the_protocols_gaps_or_halted_within_a_piece_or_refused() -> None:
+def test_present__intervals__are_one_stretch_with_gaps_halted_or_refused() -> None:
     rig, told = Recorder(behind=71), []
     shown = Presenter(rig, lambda interval, begins: told.append((interval, begins))).present(tones(), 0.3, 0.25, 0.1)
     assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
@@ -104,7 +104,7 @@ def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -
     assert {one.lamp_late_s for one in shown.intervals} == {0.0}
 
 
-def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_long_one() -> None:
+def test_marks__each_interval__is_announced_by_as_many_taps() -> None:
     rig = Recorder()
     marks = Marks("thumb", frequency_hz=60.0, level_db_sl=20.0, tap_s=0.08, pause_s=0.12, after_s=0.5)
     silent = [np.zeros((400, 2))] * 3
@@ -127,7 +127,7 @@ def lag(first, second) -> int:
     return int(np.argmax([middle @ second[220 + k : len(second) - 220 + k] for k in range(-200, 201)])) - 200
 
 
-def test_present__board_whose_time_goes_on__keeps_the_onsets_and_lights_lamps_within_twenty_milliseconds() -> None:
+def test_present__board_in_free_run__lights_lamps_within_twenty_milliseconds() -> None:
     """Onsets are where the board's own sensor finds the same displacement again, within a sample.
 
     The lamps' witness is the board's own counter, read where it stands in memory: no request of the test moves it.

@@ -66,7 +66,7 @@ def refuse(*arguments):
     raise BadInput("no emulator")
 
 
-def test_count_cycles__board_without_a_counter_or_with_a_simulated_display__is_refused():
+def test_count_cycles__board_without_a_counter__is_refused():
     made = rig_of(transport := InProcess())
     for allows_hold, words in ((0, "no counter of cycles; allowed: one that has"), (1, "simulated display; allowed")):
         transport.board.allows_hold = allows_hold
@@ -125,7 +125,7 @@ def test_ad5754__codes__are_volts_at_the_outputs_all_at_one_instant(library, cod
 
 
 @given(CODES)
-def test_outputs_safe__whatever_was_put_out__is_zero_volts_and_no_amplifier_by_one_store(library, codes):
+def test_outputs_safe__whatever_was_put_out__is_zero_volts_by_one_store(library, codes):
     on = drivers(library)
     on.call("tact_ad5754_begin")
     on.call("tact_bus_outputs_on")
@@ -154,7 +154,7 @@ def test_ad7606__volts__are_codes_of_the_instant_it_was_asked(library, volts):
     assert list(codes) == [max(-32768, min(32767, round(v / model.STEP_V))) for v in volts[:3]]
 
 
-def test_converters__that_do_not_convert_or_a_bus_that_stands__are_told_and_no_code_comes(library):
+def test_converters__that_do_not_convert__are_told_and_no_code_comes(library):
     chip, codes = Chip(), three([7, 8, 9])
     on = drivers(library, chip)
     for chip.input.busy_looks in (None, 10**9):  # it never begins, it never ends
@@ -201,7 +201,7 @@ def test_converters__with_a_d_a_or_none__begin_where_it_is(library, is_there):
     assert (begun, on.call("tact_chip_is_sound")) == (is_there, is_there)
 
 
-def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks_and_a_silent_a_d_reads_open(library):
+def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks(library):
     on, _ = converters(library, Chip())
     vars(on.chip.output).update(ranges=[0] * 4, power=0)
     for _ in range(64):
@@ -213,7 +213,7 @@ def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks_and_a_
     assert list(codes) == [32767] * 3
 
 
-def test_clock__crystal__is_168_mhz_with_the_flash_slowed_before_and_without_one_it_is_told(library):
+def test_clock__crystal__is_168_mhz_and_without_one_it_is_told(library):
     on = drivers(library)
     order: list[int] = []
     kept = on.chip.set

@@ -60,16 +60,14 @@ def share_inside(found: Identification) -> float:
 
 
 @pytest.mark.parametrize(("coulomb", "seed", "late"), [(0.1, 2, 0), pytest.param(0.05, 7, 20, marks=pytest.mark.slow)])
-def test_identify__friction_that_builds_up_between_samples__level_inside_and_distance_cannot_be_told(
-    coulomb: float, seed: int, late: int
-) -> None:
+def test_identify__friction_within_a_sample__distance_cannot_be_told(coulomb: float, seed: int, late: int) -> None:
     found = found_in(coulomb, 5e-3, seed, late=late)
     assert abs(found.friction.coulomb - coulomb) <= found.friction.confidence
     assert found.friction.presliding is None
     assert "presliding" not in found.model.friction
 
 
-def test_identify__friction_that_builds_up_slowly_and_hum__level_inside_its_interval_and_distance_is_told() -> None:
+def test_identify__friction_that_builds_up_slowly__level_and_distance_are_found() -> None:
     command, position = rubbing_motor(0.1, 0.1, 3)
     hum = 1e-3 * np.sin(2.0 * np.pi * 60.0 * np.arange(command.size) / RATE_HZ)
     found = identify(Record(RATE_HZ, command, position + hum))
@@ -83,7 +81,7 @@ def test_identify__friction_that_builds_up_slowly_and_hum__level_inside_its_inte
 
 
 @pytest.mark.parametrize("seed", [pytest.param(28, marks=pytest.mark.slow), 34])  # the other way round
-def test_identify__resonance_that_rubs__truth_inside_its_band_whichever_way_the_sensor_counts(seed: int) -> None:
+def test_identify__resonance_that_rubs__truth_inside_its_band(seed: int) -> None:
     assert judged(seed)[0] == "ok"
 
 

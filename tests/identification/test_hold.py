@@ -44,7 +44,7 @@ def test_identify__recorded_through_filters__is_named_and_right_within_its_band(
     assert pair.q == pytest.approx(abs(RESONATOR.poles[0]) / (2.0 * 42.65), rel=0.02)
 
 
-def test_identify__filtered_record_and_what_is_asked_of_it__is_taken_and_trusted_no_more_than_it_may(filtered) -> None:
+def test_identify__filtered_record__is_trusted_no_more_than_it_may(filtered) -> None:
     said = replace(filtered, about={"hold": "band-limited"})
     assert identify(said, order=2, zeros=0).between.source == "file"
     kept = identify(filtered, hold="band-limited", order=3, zeros=1, fixed=(Fixed("delay_s", 1e-4),))
@@ -71,7 +71,7 @@ def test_identify__held_record_with_dead_time__is_named_and_right() -> None:
     assert found.model.delay_s == pytest.approx(1.3e-3, abs=1e-4)
 
 
-def test_identify__half_order_part_under_a_held_command__hold_is_not_told_by_a_form_that_does_not_fit() -> None:
+def test_identify__half_order_part__hold_is_not_told_by_a_form_that_does_not_fit() -> None:
     """Eddy currents beside 60 Hz, Q 3, by FFT on a finer grid. The hold was *band-limited*, certain, 13° off."""
     rng, rate_hz, fine, count = np.random.default_rng(0), 2000.0, 16, 6000
     command = 0.7 * np.repeat(rng.choice([-1.0, 0.0, 1.0], count // 50), 50)
@@ -89,7 +89,7 @@ def test_identify__half_order_part_under_a_held_command__hold_is_not_told_by_a_f
     assert np.all(np.abs(off.imag) <= found.model.band_rad(at_hz) + 0.012)
 
 
-def test_identify__slow_plant_at_a_high_rate__cannot_tell_takes_what_filters_leave_and_the_band_holds_both() -> None:
+def test_identify__slow_plant_at_a_high_rate__hold_unknown_and_the_band_holds_both() -> None:
     late = replace(RESONATOR, delay_s=0.4e-3)
     record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 1.5, 30.0))
     found = identify(record, order=2, zeros=0)

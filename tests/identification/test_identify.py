@@ -21,7 +21,7 @@ def error_db(found, plant, frequency=BAND_HZ):
     return 20.0 * np.log10(np.abs(found.model.response(frequency) / plant.response(frequency)))
 
 
-def test_identify__coloured_noise_in_closed_loop__least_squares_is_biased_and_refined_is_not() -> None:
+def test_identify__coloured_noise_in_closed_loop__only_least_squares_is_biased() -> None:
     rng = np.random.default_rng(11)
     record = closed_loop(PAPER, rng, 12.0, noise=0.3, colour=0.7)
     refined, plain = identify(record, order=2), identify(record, order=2, method="rls")
@@ -49,7 +49,7 @@ def test_identify__output_error_with_scipy__agrees() -> None:
     assert np.all(np.abs(ours - peer) < 0.2 * limits)
 
 
-def test_identify__strong_noise__is_seen_as_feedback_where_it_is_fed_back_and_cannot_be_told_else() -> None:
+def test_identify__strong_noise__feedback_is_seen_or_cannot_be_told() -> None:
     for loop, feedback in ((closed_loop, True), (open_loop, None)):
         record = loop(PAPER, np.random.default_rng(26), 5.0, noise=3.0)
         assert identify(record, order=2).tests.feedback is feedback
@@ -80,7 +80,7 @@ def test_identify__other_excitations__recover_the_plant(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["few sines through a filter", "sweep behind coupling by capacitors"])
-def test_identify__a_command_that_tells_little_of_most_bands__filters_and_hold_are_found(kind: str) -> None:
+def test_identify__command_of_few_bands__filters_and_hold_are_found(kind: str) -> None:
     """Of sines between a record's lines every band has one, and shows the response at that sine, not in its middle. The
     slow end of a quick sweep is as smooth as a transient: bands show nothing there, and the record by itself does.
     """

@@ -190,7 +190,7 @@ def test_simplest__what_stands_out_of_the_band__is_kept() -> None:
     assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(place) / plant.response(place))))) < 0.2
 
 
-def test_simplest__simpler_form_that_leaves_less__is_taken_though_it_can_be_told_apart() -> None:
+def test_simplest__simpler_form_that_leaves_less__is_taken() -> None:
     """A record of a levitated magnet had six poles and a seventh at 1e17 Hz: without that one, they fitted better."""
     place = np.geomspace(1.0, 300.0, 60)
     s = 2j * np.pi * place / 100.0
@@ -216,7 +216,7 @@ def noises(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return signal.lfilter([1.0], [1.0, -0.9], first), second
 
 
-def test_explained_by_loop__command_apart_from_the_residual_or_ahead_of_it__is_nothing() -> None:
+def test_explained_by_loop__command_apart_or_ahead_of_the_residual__is_nothing() -> None:
     for seed in range(5):
         own, noise = noises(seed)
         ahead = signal.lfilter([1.0, -0.9], [1.0], own) + np.roll(noise, -20)
@@ -224,7 +224,7 @@ def test_explained_by_loop__command_apart_from_the_residual_or_ahead_of_it__is_n
             assert explained_by_loop(residual_of(command, noise), 470.0, filtered=True) == 0.0
 
 
-def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regression() -> None:
+def test_explained_by_loop__command_that_follows__is_its_regressions_likelihood() -> None:
     own, noise = noises(6)
     # white innovations, so that the regression's sum of squares is the likelihood
     white = signal.lfilter([1.0, -0.9], [1.0], own)
@@ -234,7 +234,7 @@ def test_explained_by_loop__command_that_follows__is_the_likelihood_of_its_regre
     assert found == pytest.approx(expected, rel=0.05)
 
 
-def test_identify__held_loop_whose_noise_a_prompt_model_would_take__is_told_or_left_open() -> None:
+def test_identify__held_loop_with_noise__is_told_or_left_open() -> None:
     """The command answers the noise within its sample: read as band-limited the position alone is likelier."""
     plant = Plant(np.zeros(0), np.array([-315.0 + 774.0j, -315.0 - 774.0j, -650.0]), 0.6, 0.0)
     record = Record(600.0, *held(plant, np.random.default_rng(13), 600.0, 10.0, 22.0, closed=True))

@@ -51,7 +51,7 @@ def read(folder: Path, text: str) -> Display:
     return read_display(path)
 
 
-def test_read_display__defaults_keys_and_every_kind_of_plant__are_taken_and_come_back(tmp_path: Path) -> None:
+def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Path) -> None:
     display = read(tmp_path, DISPLAY)
     channel = display.channels[0]
     assert (channel.finger, channel.converter.bits, channel.prefilter.poles) == ("index", 16, 4)

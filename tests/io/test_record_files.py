@@ -193,7 +193,7 @@ def test_reference__written_and_read__same_samples_head_and_checksum_in_each_for
         assert file.attrs["rate_hz"] == 4000.0
 
 
-def test_wav__its_samples__are_float32_shares_of_60_db_sl_and_say_so_without_their_json(tmp_path):
+def test_wav__its_samples__are_float32_shares_of_60_db_sl(tmp_path):
     path = written(tmp_path / "r.wav", signal())
     samples, rate = soundfile.read(path)
     info = soundfile.info(path)
@@ -234,7 +234,7 @@ def test_write_reference__impossible__refused(tmp_path, name, block, words):
         writer.write(block)
 
 
-def test_write_reference__of_too_much_a_fractional_rate_or_over_another_file__refused_and_left(tmp_path):
+def test_write_reference__of_too_much_or_over_another_file__refused_and_left(tmp_path):
     with pytest.raises(BadInput, match="4 GB"), write_reference(tmp_path / "r.wav", HEAD) as writer:
         writer.frames = LARGEST_WAV_BYTES // 8
         writer.write(np.zeros((5, 2)))
@@ -280,7 +280,7 @@ def test_open_reference__not_one__refused_in_one_line(tmp_path, name, write, wor
     assert "\n" not in str(refusal.value)
 
 
-def test_write_reference__length_known__written_as_ever_where_there_is_room_and_else_refused_first(tmp_path):
+def test_write_reference__length_known__written_or_refused_first(tmp_path):
     for name in ("r.wav", "r.h5"):
         with write_reference(tmp_path / name, HEAD, 5000) as writer:
             writer.write(signal())

@@ -103,7 +103,7 @@ def test_examples__each__is_what_the_others_take_it_for():
     assert read_coding(EXAMPLES / "coding.toml") == coding_of("envelope")
 
 
-def test_copy__into_a_folder__has_every_byte_changes_nothing_and_writes_nothing_over(tmp_path):
+def test_copy__into_a_folder__has_every_byte_and_writes_nothing_over(tmp_path):
     folder = tmp_path / "new" / "deep"
     written = copy_examples(folder)
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
@@ -140,7 +140,7 @@ MODEL = PlantModel(
 
 
 @pytest.mark.parametrize("kind", DISPLAY_KINDS)
-def test_display_template__each_kind__is_a_display_of_one_channel_and_tells_every_key_set_or_as_a_comment(kind):
+def test_display_template__each_kind__is_one_channel_and_tells_every_key(kind):
     text = display_template(kind)
     assert len(parse_display(tomllib.loads(text)).channels) == 1
     assert max(map(len, text.splitlines())) <= 120
@@ -273,7 +273,7 @@ def test_kind__of_what_is_none__is_not_guessed(tmp_path: Path) -> None:
 PALM = Contact("thenar", 290.0, "rigid, gap 1 mm", 0.5, (20.0, 31.5))
 
 
-def test_write_curve__with_errors_and_where_it_was_felt__is_read_back_whole_by_name_or_path(tmp_path: Path) -> None:
+def test_write_curve__with_errors_and_contact__is_read_back_whole(tmp_path: Path) -> None:
     hertz, level, origin = [1.0, 10.0, 300.0], [26.0, 19.1, -18.0], ("measured", "three observers")
     curve = ThresholdCurve("mine", hertz, level, *origin, np.ones(3), contact=PALM)
     write_curve(tmp_path / "mine.csv", curve)
@@ -410,7 +410,7 @@ def test_last_number__file_cut_anywhere_within_it__is_found(tmp_path: Path, form
         assert last_number_cut_off(path) is None
 
 
-def test_read_columns__file_cut_off__last_row_is_left_out_and_told_where_rows_are_many(tmp_path: Path) -> None:
+def test_read_columns__file_cut_off__last_row_is_left_out_and_told(tmp_path: Path) -> None:
     path = written(tmp_path, "%.4f", rows=30)
     path.write_bytes(path.read_bytes().rstrip()[:-2])
     assert last_number_cut_off(path) is None  # nothing tells
@@ -458,7 +458,7 @@ def test_atomic__store_of_an_experiment_no_folder_or_a_file_in_the_way__is_refus
             pass
 
 
-def test_atomic_folder__whole__takes_the_place_of_the_old_or_of_what_a_link_points_to(tmp_path: Path) -> None:
+def test_atomic_folder__whole__takes_the_place_of_the_old(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("report")
     (tmp_path / "report").mkdir()
     for name in ("report", "link"):
@@ -469,7 +469,7 @@ def test_atomic_folder__whole__takes_the_place_of_the_old_or_of_what_a_link_poin
     assert sorted(tmp_path.iterdir()) == [tmp_path / "link", tmp_path / "report"]
 
 
-def test_atomic_folder__files_of_others_before_or_in_between__are_kept_and_it_is_refused(tmp_path: Path) -> None:
+def test_atomic_folder__files_of_others__are_kept_and_it_is_refused(tmp_path: Path) -> None:
     target = tmp_path / "report"
     target.mkdir()
     with pytest.raises(BadInput, match=r"holds other files \(thesis\.tex"), atomic_folder(target, OURS) as beside:

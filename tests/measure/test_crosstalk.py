@@ -122,7 +122,7 @@ def test_crosstalk__what_cannot_be_measured__is_refused() -> None:
             measured(rig, **asked)
 
 
-def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_channel_driven_and_frequency(
+def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_frequency(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_controller(tmp_path / "c.json", MADE)

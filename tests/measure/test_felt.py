@@ -52,7 +52,7 @@ def test_frame_differences__only_bands_of_10_db_sl__rms_over_them():
     np.testing.assert_allclose(frame_differences_db(asked, felt), [np.sqrt((9 + 16) / 2)])
 
 
-def test_comparison__displacement_of_the_designed_response__no_difference_but_the_prefilters(controller):
+def test_comparison__displacement_as_designed__no_difference_but_the_prefilters(controller):
     rng = np.random.default_rng(1)
     count = 20 * 4000
     reference = 300.0 * rng.standard_normal((count, 3))
@@ -90,7 +90,7 @@ def test_comparison__sink__gets_the_felt_signal_in_step_with_the_reference(contr
     assert np.corrcoef(index, reference[:, 0])[0, 1] > 0.99
 
 
-def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median_and_2_db_in_95_percent(controller):
+def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median(controller):
     reference, _, _ = render_array(sample_path(), controller)
     report = compare_felt(SimulatedRig(controller.display, 1), controller, [reference])
     assert report.worst_rms_db <= 1.0

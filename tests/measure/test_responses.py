@@ -41,7 +41,7 @@ def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> N
     assert not np.any(found.saturated)
 
 
-def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_confidence() -> None:
+def test_stepped_sine__below_a_converter_step__within_its_confidence() -> None:
     inside = 0
     for seed in range(4):
         options = MeasurementOptions(0.0, confidence_db=1.5, longest_s=40.0)
@@ -75,7 +75,7 @@ def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
     assert stepped_sine(loaded(controller(short), 3), [5.0, 250.0], MeasurementOptions(50.0))[0].saturated[0]
 
 
-def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_the_stepped_sine() -> None:
+def test_multisine__30_frequencies__as_the_stepped_sine_within_a_quarter_decibel() -> None:
     rig = loaded(FULL, 4)
     asked = np.geomspace(0.4, 300.0, 30)
     found = multisine_response(

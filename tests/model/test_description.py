@@ -99,7 +99,7 @@ def test_mains__nothing_asked__is_the_lowest_line_of_hum_that_is_stated() -> Non
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_check__on_either_side_of_each_bound__doubts_beyond_it_alone_and_names_a_slip(name: str) -> None:
+def test_check__on_either_side_of_each_bound__doubts_beyond_it_alone(name: str) -> None:
     check = EXPECTED[name]
     for bound, outwards, slip in ((check.low, -1.0, check.below), (check.high, 1.0, check.above)):
         if not np.isfinite(bound):

@@ -101,7 +101,7 @@ def closed_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def test_install__two_at_once_then_a_new_core_and_a_new_lock__does_what_is_due_and_no_more(tree):
+def test_install__two_at_once_then_a_new_core_and_lock__does_what_is_due(tree):
     how = {"env": tree.environment(), "stderr": subprocess.PIPE, "text": True}
     both = [subprocess.Popen(tree.command(), **how) for _ in range(2)]
     said = [process.communicate()[1] for process in both]
@@ -143,7 +143,7 @@ def kill_once_there(tree: Tree, which: str, pattern: str) -> None:
     (tree.venv / pattern.rpartition("/")[2]).touch()
 
 
-def test_install__killed_early_and_late_then_without_an_index__starts_clean_and_keeps_the_runtime_set(tree):
+def test_install__killed_then_without_an_index__starts_clean_and_keeps_what_is(tree):
     kill_once_there(tree, "run", "bin/python")
     kill_once_there(tree, "run", "lib/python3*/site-packages/alpha.py")
     assert not (tree.venv / "python").exists()
@@ -156,7 +156,7 @@ def test_install__killed_early_and_late_then_without_an_index__starts_clean_and_
     assert tree.runs("import alpha, tactuator.room._core")
 
 
-def test_install__other_file_no_file_or_a_package_without_its_library__is_one_line_and_nothing_stays(tree):
+def test_install__other_file_or_none__is_one_line_and_nothing_stays(tree):
     broken = "raise OSError(\"cannot load library 'libstray.so': cannot open shared object file\")\n"
     lines = {
         "a file for alpha==1 is not the one whose hash the lock holds": f"alpha==1 --hash=sha256:{64 * '0'}\n",

@@ -33,7 +33,7 @@ def points(study: PaperStudy, load: str, level: float) -> list[ResponsePoint]:
     return [one for one in study.responses if (one.load, one.level_db_sl) == (load, level)]
 
 
-def test_calibration_identification_and_prefilter__of_the_study__are_near_the_truth_and_the_curve(study) -> None:
+def test_calibration_model_and_prefilter__of_the_study__are_near_the_truth(study) -> None:
     for channel in study.plan.display.channels:
         found = study.calibration[channel.name].gain_v_per_mm
         assert found == pytest.approx(channel.sensor_gain_v_per_mm, rel=5e-3)
@@ -55,7 +55,7 @@ def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: Pap
 
 
 @pytest.mark.parametrize("of", ["responses", "default"])
-def test_response__not_saturated__is_as_expected_by_the_papers_loop_and_as_asked_by_the_default(study, of) -> None:
+def test_response__not_saturated__is_as_expected_and_as_asked(study, of) -> None:
     most_db = {
         "responses": {UNLOADED: {10.0: 1.2, 30.0: 1.0, 50.0: 1.0}, LOADED: dict.fromkeys((10.0, 30.0, 50.0), 3.0)},
         "default": {load: {10.0: 1.0, 30.0: 0.5, 50.0: 0.5} for load in (UNLOADED, LOADED)},
@@ -65,7 +65,7 @@ def test_response__not_saturated__is_as_expected_by_the_papers_loop_and_as_asked
             assert worst_error_db(getattr(study, of), load, level) <= most, (load, level)
 
 
-def test_response__every_run__keeps_off_mains_marks_saturation_and_errs_within_its_confidence(study) -> None:
+def test_response__every_run__keeps_off_mains_and_errs_within_its_confidence(study) -> None:
     above = [one for one in points(study, UNLOADED, 0.0) if one.frequency_hz > 50.0]
     assert all(abs(one.unpredicted_db) <= one.ci_db for one in above)
     below = [one.unpredicted_db for one in points(study, UNLOADED, 0.0) if 2.0 <= one.frequency_hz <= 10.0]
@@ -95,7 +95,7 @@ def test_thresholds_and_curve__of_the_study__agree_with_the_truth_and_the_observ
     assert study.reshaped.max_error_db <= 1.0
 
 
-def test_speech_and_objectives__of_the_study__are_felt_as_asked_and_met_in_the_findings_of_check_and_noise(study):
+def test_speech_and_objectives__of_the_study__are_felt_as_asked_and_met(study):
     assert study.spoken.report.worst_rms_db <= 1.0
     assert study.spoken.report.peak_db_sl <= 55.0
     assert [(one.number, one.outcome.value) for one in study.verdict.objectives] == [
@@ -111,7 +111,7 @@ def test_speech_and_objectives__of_the_study__are_felt_as_asked_and_met_in_the_f
         assert set(objective.findings) <= set(own[objective.number])
 
 
-def test_objectives_and_summary__of_tighter_tolerances_or_whole__are_not_met_or_have_their_keys(study) -> None:
+def test_objectives_and_summary__of_tighter_tolerances__are_not_met(study) -> None:
     strict = replace(
         study.plan.display, objectives=Objectives(flatness_db=0.01, load_max_db=0.01, noise_max_db_sl=-90.0)
     )

@@ -24,7 +24,7 @@ def test_contours__at_their_points__are_given_back() -> None:
     assert list(plain(MADE)) == [field.name for field in fields(Contours)]  # what is worked out of them is not written
 
 
-def test_contours__between_levels_and_between_frequencies__are_the_monotone_cubic_of_scipy() -> None:
+def test_contours__between_their_points__are_the_monotone_cubic_of_scipy() -> None:
     strength = np.linspace(0.0, 45.0, 91)
     along = scipy.interpolate.PchipInterpolator(np.concatenate(([0.0], LEVELS)), np.concatenate(([0.0], WAVE[:, 2])))
     np.testing.assert_allclose(MADE.level_db_sl_at(strength, 30.0), along(strength), atol=1e-9)
@@ -96,7 +96,7 @@ def made(frequency: list[float], level: list[float]) -> ThresholdCurve:
     return ThresholdCurve("made", np.array(frequency), np.array(level), "synthetic", "a test")
 
 
-def test_bolanowski__between_points_of_its_file__is_linear_in_log_frequency_and_held_beyond_them() -> None:
+def test_bolanowski__between_its_points__is_linear_and_held_beyond_them() -> None:
     levels = BOLANOWSKI.level_db_re_1um_at([0.0, 0.1, 0.4, 10.0, 100.0, np.sqrt(100.0 * 150.0), 300.0, 400.0, 2000.0])
     assert levels == pytest.approx([26.0, 26.0, 26.0, 19.0, -4.0, (-4.0 - 10.5) / 2.0, -18.0, -16.0, -16.0])
     # facts: 20-25 uV; -18 dB re 1 um = 0.1259 um, times 0.19898 V/mm

@@ -85,7 +85,7 @@ def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end()
     assert f"{MOST_BITS} bits are not enough" in made.caption
 
 
-def test_nichols__marks_axis_and_caption__cover_the_data_and_name_the_contours_touched() -> None:
+def test_nichols__marks_and_caption__cover_the_data_and_name_the_contours() -> None:
     plate = paper_chart()
     texts = {name.rpartition(" ")[0] for name in boxes(plate)}
     assert {"1", "10", "20", "50", "100", "margins: 55.8°, 25.4 dB", "0 dB", "−3 dB", "−20 dB"} <= texts
@@ -165,7 +165,7 @@ def held_record() -> Record:
     return Record(RATE_HZ, command, position + noise, about={"hold": "zero-order"})
 
 
-def test_identification__of_a_held_command__shows_the_continuous_plant_as_its_line_does():
+def test_identification__of_a_held_command__shows_the_continuous_plant():
     identified = tt.identify(held_record(), order=2, zeros=0, hold="zero-order", friction=False)
     hertz, value, error = identified.shown()
     truth = signal.freqs(NUM, DEN, 2.0 * np.pi * hertz)[1]
@@ -191,7 +191,7 @@ def test_draw__levels_and_confidence__all_stand_on_the_axes():
     assert [line.get_xdata().tolist() for line in crosses] == [[100.0]]
 
 
-def test_draw__legend_band_and_units__cover_nothing_are_as_wide_as_the_confidence_and_have_an_axis_each():
+def test_draw__legend_band_and_units__cover_nothing_and_have_an_axis_each():
     figure = Figure(layout="constrained")
     axes = draw(tt.read_curve("bolanowski-1988").chart(), figure.add_subplot())
     figure.draw_without_rendering()
@@ -242,7 +242,7 @@ def test_design_rows__of_a_report__print_two_digits_after_the_point():
     ]
 
 
-def test_findings_loads_and_remarks__are_printed_in_few_digits_plain_words_and_one_line_each():
+def test_findings_loads_and_remarks__are_printed_in_one_line_each():
     found = Finding("iv", "index", "finger", Outcome.NOT_MET, "felt hum", 3.14159, 0.5, "dB SL", 59.99951)
     shown = ("iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger")
     assert finding_row(found) == shown

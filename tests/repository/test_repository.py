@@ -41,7 +41,7 @@ def wanted(name: str) -> list[str]:
     return [line.strip().lower() for line in lines if line.strip() and not line.startswith(("#", "-"))]
 
 
-def test_locks__each__names_no_host_has_hashes_and_holds_the_smaller_and_what_is_wanted_for_a_reason():
+def test_locks__each__names_no_host_has_hashes_and_holds_what_is_wanted():
     reasons = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
     assert pins("run").items() <= pins("test").items() <= pins("site").items()
     for name in ("run", "test", "site"):

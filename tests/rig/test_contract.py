@@ -100,7 +100,7 @@ def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converter
     assert not trace.saturated.any()
 
 
-def test_play_and_stream__blocks_of_any_length__are_the_reference_without_a_gap_until_it_rests(rig: Rig) -> None:
+def test_play_and_stream__blocks_of_any_length__are_the_reference_without_a_gap(rig: Rig) -> None:
     """Time stands still between blocks: the second begins where the first ended."""
     traces = [rig.play(part) for part in (tones(800)[:700], tones(800)[700:])]
     cut = join_traces(traces, rig.rate_hz, rig.channels)
@@ -159,7 +159,7 @@ def test_play_and_drive__what_is_none__is_told_and_the_output_rests(rig: Rig) ->
             rig.drive(rows)
 
 
-def test_load__controller_of_other_channels_or_another_rate__is_refused_and_the_loaded_one_plays(rig: Rig) -> None:
+def test_load__controller_of_other_channels_or_rate__is_refused(rig: Rig) -> None:
     of = paper_display.display(paper_display.channel())
     with pytest.raises(BadInput, match="controller is for channels index; allowed: index, thumb, middle"):
         rig.load(paper_display.controller(of))
@@ -308,7 +308,7 @@ def test_paced_rig__stream__is_the_stream_of_the_rig_below():
     assert len(positions[0]) == 1000
 
 
-def test_paced_rig__rest_in_a_tone__is_silent_soon_and_lets_go_of_a_motor_that_stands_still():
+def test_paced_rig__rest_in_a_tone__is_silent_soon():
     rig, felt = loaded_rig(1), []
     rig.finger("index").attach(felt.append)
     paced = PacedRig(rig, speed=10.0)

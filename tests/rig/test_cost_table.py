@@ -77,7 +77,7 @@ def test_count__asked_for_again__is_told_and_no_period_passes() -> None:
 
 
 @pytest.mark.slow
-def test_cost_table__as_designed__is_near_what_a_run_gives_and_reshaping_takes_no_more() -> None:
+def test_cost_table__as_designed__is_near_what_a_run_gives() -> None:
     run, of_reshaped = (list(counted(each).values()) for each in (designed(), reshaped(designed())))
     assert run == pytest.approx(COUNTS[0], rel=NEAR)
     assert is_kept(1200, *run)

@@ -242,7 +242,7 @@ def test_serial_port__board_behind_it__plays_bit_for_bit():
         assert np.array_equal(rig.play(noise(100)).command_v, wanted.command_v)
 
 
-def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself_and_a_port_that_vanishes_is_told():
+def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself():
     with socket_board() as (url, process):
         first = BoardRig(open_rig(f"board:{url}", designed().display, 1).client, designed().display, waits=False)
         with closing(first.client):

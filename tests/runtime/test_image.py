@@ -111,7 +111,7 @@ def test_delta_coefficients__leading_a0__divides_it_out() -> None:
     assert delta_coefficients([[2.0, 0.0, 0.0, 2.0, -2.0, 0.5]])[0].tolist() == [1.0, 2.0, 1.0, 1.0, 0.25]
 
 
-def test_delta_coefficients_single__too_many_sections_or_beyond_single_precision__is_refused() -> None:
+def test_delta_coefficients__too_many_or_beyond_single_precision__is_refused() -> None:
     with pytest.raises(BadInput, match="prefilter has 9 sections; allowed: at most 8"):
         delta_coefficients_single(np.tile(feedback_sections(), (9, 1)), 8, "prefilter")
     with pytest.raises(BadInput, match="allowed: what single precision holds"):

@@ -51,7 +51,7 @@ def test_closed_loop__nothing_disturbs__has_the_response_of_the_transfer_functio
     assert turned == pytest.approx(loop_response(frequencies, delay_samples), rel=1e-4)
 
 
-def test_closed_loop__sensor_noise_or_a_force_alone__reaches_command_and_finger_as_the_loop_says() -> None:
+def test_closed_loop__sensor_noise_or_a_force_alone__is_felt_as_the_loop_says() -> None:
     of = display(replace(channel(), environment=replace(QUIET, noise_v_rms=0.2e-3), converter=FINE))
     simulation = Simulation(of, seed=5)
     simulation.load(controller(of, command_v=90.0))
@@ -270,7 +270,7 @@ def test_load__put_on_in_motion__position_and_velocity_go_on() -> None:
     assert after == pytest.approx(taken.y[0], rel=1e-8)
 
 
-def test_load__that_raises_the_order__agrees_with_the_loaded_plant_and_is_put_on_smoothly() -> None:
+def test_load__that_raises_the_order__agrees_with_the_loaded_plant() -> None:
     plant = ContinuousSystem(np.array([-500.0]), np.array([-10.0, -90.0]), 6.0)
     of = channel(plant=plant, loads=(Load("mass", 0.01, 1.0, 10.0),), sensor_gain_v_per_mm=1.0)
     loaded = of.loaded_plant(of.loads[0])

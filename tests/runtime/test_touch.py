@@ -88,7 +88,7 @@ def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: flo
     assert np.max(np.abs(db(amplitudes(felt) / amplitudes(free)))) < 0.3
 
 
-def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:
+def test_adaptation__lifted_as_a_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:
     simulation = touching(adaptive(), "finger")
     asked = tones(SECOND + SECOND // 10)
     simulation.play(2.0 * asked[:SECOND])

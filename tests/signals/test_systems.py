@@ -143,7 +143,7 @@ def test_zero_order_hold__fractional_dead_time__shifts_the_step_response() -> No
 
 
 @pytest.mark.parametrize("far", [1e12, 1e40, 1e300])
-def test_zero_order_hold__zero_that_is_as_good_as_at_infinity__is_the_motor_without_it(far: float) -> None:
+def test_zero_order_hold__zero_all_but_infinite__is_the_motor_without_it(far: float) -> None:
     """Found in a fitted exciter: the zero came out as infinite, and the system was refused."""
     sampled = zero_order_hold(ContinuousSystem([-far], MOTOR.poles, MOTOR.gain / far), 4000.0)
     far_twice = ContinuousSystem([-far, -far], MOTOR.poles, MOTOR.gain / far**2 if far < 1e100 else 0.0)
@@ -242,7 +242,7 @@ def test_margins__unstable_loop_that_python_control_gives_margins__refused() -> 
         margins(loop)
 
 
-def test_margins__conditionally_stable_loop_or_no_crossover__gain_may_fall_only_so_far_and_no_phase_margin() -> None:
+def test_margins__conditionally_stable_or_no_crossover__least_gain_or_none() -> None:
     """L = K (s + 1)^2/s^3 is stable for K > 1/2 (Routh): at K = 2 the gain may fall by 12.04 dB, and rise for ever."""
     found = margins(FeedbackLoop(ContinuousSystem([-1.0, -1.0], [0.0, 0.0, 0.0], 2.0), UNITY))
     assert found.gain_reduction_db == pytest.approx(-12.0412, abs=1e-3)

@@ -75,7 +75,7 @@ def read(tmp_path, name, content, **how) -> Clip:
     return read_clip(path, **how)
 
 
-def test_haptic__points__are_strength_pitch_and_taps_and_a_late_frequency_is_refused_unless_legacy(tmp_path) -> None:
+def test_haptic__points__are_strength_pitch_and_taps(tmp_path) -> None:
     clip = read(tmp_path, "knock.haptic", HAPTIC)
     (tone,), (tap,) = clip.tones, clip.taps
     assert (clip.format, clip.duration_s) == ("haptic", 0.3)
@@ -328,7 +328,7 @@ def test_loss__more_than_a_resonant_actuator_gives__is_how_far_it_falls_short(lr
     assert rendered(steady(1.0, 0.0), lra, 5.0)[1].shortfall_db_sl == 0.0
 
 
-def test_render__clip__writes_a_reference_and_ends_with_1_where_more_is_lost_than_allowed(tmp_path, lra, run):
+def test_render__clip__ends_with_1_where_more_is_lost_than_allowed(tmp_path, lra, run):
     clip, at = tmp_path / "knock.haptic", tmp_path / "lra.json"
     clip.write_text(json.dumps(HAPTIC))
     write_controller(at, lra)

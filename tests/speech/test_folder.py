@@ -114,7 +114,7 @@ def test_render_folder__reference_or_speech_or_settings_changed__are_rendered_an
     assert kept(render_folder(speech, out, RenderJob(job.controller, job.coding, 30.0), Here())) == []
 
 
-def test_find_items__links_other_kinds_and_names_alike__are_taken_or_left_out_by_name(tmp_path, job):
+def test_find_items__links_and_names_alike__are_taken_or_left_out_by_name(tmp_path, job):
     words = tmp_path / "words"
     for name in ("b/word.wav", "b/word.flac", "a.OGG", ".h.wav", "out/old.wav", "notes.txt", "call.m4a", "x.haptic"):
         (words / name).parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def test_render_folder__worker_killed__is_told_and_gone_on_with(job, speech, tmp
     assert (len(result.files), [failure["source"] for failure in result.failures]) == (12, BAD)
 
 
-def test_render__interrupted_at_the_terminal__ends_its_workers_and_leaves_whole_references(job, tmp_path):
+def test_render__interrupted_at_the_terminal__leaves_whole_references(job, tmp_path):
     write_controller(tmp_path / "c.json", job.controller)
     for number in range(8):
         speak(tmp_path / "long" / f"{number}.wav", 150.0, 60.0)

@@ -68,7 +68,7 @@ def test_render__loud__limited_and_said(controller):
         assert sum(entry.reasons.values()) > 0.0
 
 
-def test_render__sampling_rate_of_the_file__does_not_matter_and_begin_and_end_are_ramped(controller, write_sound):
+def test_render__any_sampling_rate__the_same_and_begin_and_end_are_ramped(controller, write_sound):
     results = []
     for rate in (8000, 11025, 48000, 192000):
         time = np.arange(rate) / rate
@@ -87,7 +87,7 @@ def test_render__nothing_to_feel__refused(controller, write_sound):
             render_array(write_sound(wave, subtype="DOUBLE"), controller)
 
 
-def test_render__level_beyond_what_may_be_asked_or_finger_that_is_not_there__refused(controller):
+def test_render__level_or_finger_that_cannot_be__refused(controller):
     for asked in (55.1, -60.1, np.nan):
         with pytest.raises(BadInput, match="allowed: -60 to 55 dB SL"):
             render_array(sample_path(), controller, None, asked)

@@ -117,9 +117,7 @@ def test_taps_signal__layout_that_does_not_fit__is_refused(controller, layout, t
         taps_signal([Phoneme("B")], controller, 30.0, layout)
 
 
-def test_verbs__alignment_and_set_of_all__are_references_and_an_experiment_that_runs(
-    tmp_path, controller, monkeypatch, run
-):
+def test_verbs__alignment_and_set_of_all__are_references_that_run(tmp_path, controller, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
     write_controller(tmp_path / "c.json", controller)
     (tmp_path / "no.TextGrid").write_text(LONG_GRID)

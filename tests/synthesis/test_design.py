@@ -80,7 +80,7 @@ def test_anti_windup__rule__poles_of_the_saturated_section() -> None:
     assert np.sort(np.roots([1.0, own + g1, g2])) == pytest.approx(wanted, rel=1e-9)
 
 
-def test_anti_windup__force_beyond_the_command__lets_go_without_swinging_to_the_stop() -> None:
+def test_anti_windup__force_beyond_the_command__does_not_swing_to_the_stop() -> None:
     """Without the correction the position swings to the other end of its range."""
     for designed, most_swing_v in ((paper_controller(), 0.1), (three_finger_controller(), 5.0)):
         without = [replace(own, anti_windup=AntiWindup((0.0, 0.0))) for own in designed.channels]
@@ -117,7 +117,7 @@ def test_headroom__paper_loop__ends_at_the_command_less_its_offset_or_at_the_tra
     assert short.binding == ("travel", "comfort")
 
 
-def test_design__three_fingers__dc_gain_of_the_sections_and_report_as_the_command_prints_it() -> None:
+def test_design__three_fingers__report_as_the_command_prints_it() -> None:
     for own, one in zip(three_finger_controller().channels, three_fingers().channels, strict=True):
         wanted = float(one.threshold_voltage(0.0))
         assert 20.0 * np.log10(own.threshold_voltage_dc / wanted) == pytest.approx(0.0, abs=1.3)

@@ -48,7 +48,7 @@ MARKS = dict.fromkeys(SLOW, pytest.mark.slow) | {"drawn 15: with a mode": pytest
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MOST_DB])
-def test_synthesise__plants_of_the_list__limits_kept_and_within_1_db_of_the_best_known(name) -> None:
+def test_synthesise__plants_of_the_list__within_1_db_of_the_best_known(name) -> None:
     zeros, poles, gain, _ = delivered(PLANTS[name])
     judge = Judge(PLANTS[name])
     mean, excess = judge.figures(zeros, poles, gain)
@@ -211,7 +211,7 @@ LIBRARY = Threshold(curve("bolanowski-1988"))
         ("index", MORIOKA, 10, 0.35),
     ],
 )
-def test_fit_prefilter__paper_loop__near_the_least_possible_stable_minimum_phase_and_bounded_above(
+def test_fit_prefilter__paper_loop__near_the_least_possible_and_minimum_phase(
     finger: str, threshold: Threshold, poles: int, most_db: float
 ) -> None:
     fit = fitted(channel(finger, threshold=threshold), poles)

@@ -90,7 +90,7 @@ def test_design__adaptive__prefilter_gives_part_of_what_a_finger_still_takes() -
         assert np.mean((touched_db + free_db)[BAND_HZ > 50.0]) == pytest.approx(0.0, abs=0.2)
 
 
-def test_design__adaptive_and_a_load_beyond_what_can_be_fed__free_display_stays_on_the_curve() -> None:
+def test_design__load_beyond_what_can_be_fed__free_display_stays_on_the_curve() -> None:
     own = read_display(EXAMPLES / "displays" / "tactuator.toml")
     of = own.channels[0]
     heavy = Load("palm", 4.0 * of.loads[0].mass, 4.0 * of.loads[0].damping, 4.0 * of.loads[0].stiffness)
@@ -162,7 +162,7 @@ def objective_iv(load: Load, is_adaptive: bool) -> Finding:
     return next(one for objective in objectives for one in objective.findings if one.objective == "iv")
 
 
-def test_verdict__adaptive__objective_iv_over_the_whole_band_and_not_met_beyond_the_weights() -> None:
+def test_verdict__adaptive__objective_iv_not_met_beyond_the_weights() -> None:
     found, fixed = (objective_iv(Load("finger", 0.14, 22.0, 250.0), is_adaptive=each) for each in (True, False))
     assert found.outcome is Outcome.MET
     assert fixed.frequency_hz <= 10.0
@@ -173,7 +173,7 @@ def test_verdict__adaptive__objective_iv_over_the_whole_band_and_not_met_beyond_
     assert "for 'finger', up to 1.6 times its figures" in beyond.remark
 
 
-def test_headroom__loaded_and_adaptive__is_where_the_simulated_command_reaches_its_limit() -> None:
+def test_headroom__loaded_and_adaptive__where_the_command_reaches_its_limit() -> None:
     made = guarded.adaptive()
     report = made.channels[0].report["headroom_db_sl_loaded"]["finger"]
     assert report["binding"][-1] == "command"
@@ -241,7 +241,7 @@ def test_fit_strength__of_griffins_contours__keeps_every_level(level: float) -> 
     assert np.max(np.abs(shaping.gains)) < 20.0
 
 
-def test_headroom__of_a_display_that_reshapes__is_where_the_reshaped_tone_meets_the_limit() -> None:
+def test_headroom__display_that_reshapes__where_the_tone_meets_the_limit() -> None:
     shaping = fit_strength(blended(display(channel())).channels[0], RATE_HZ, 1.0)
     hertz = np.array([4.0, 30.0, 100.0, 250.0])
     plain = Headroom(hertz, np.array([55.0, 40.0, 12.0, -3.0]), ("comfort",) * 4)

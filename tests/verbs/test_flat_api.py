@@ -150,7 +150,7 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
             assert axes.get_legend() is not None or len(axes.lines) == 1
 
 
-def test_measure_response_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(known: dict[str, object]):
+def test_measure_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(known: dict[str, object]):
     controller, rig = known["controller"], known["rig"]
     rig.finger("index").touch("finger")
     try:
@@ -173,7 +173,7 @@ def test_measure_response_and_noise__fingers_of_an_open_rig__are_the_load_or_ref
             verb(rig, borne)
 
 
-def test_identify__chirp_through_a_loop__picks_poles_that_cannot_be_and_says_what_would_help(known):
+def test_identify__chirp_through_a_loop__says_what_would_help(known):
     rig, time_s = tt.SimulatedRig(known["controller"].display, seed=5), np.arange(20000) / 4000.0
     rig.load(known["controller"])
     chirp = 100.0 * np.sin(2.0 * np.pi * 0.5 * (600.0 ** (time_s / 5.0) - 1.0) * 5.0 / np.log(600.0))

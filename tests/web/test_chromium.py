@@ -24,7 +24,7 @@ def shared(tmp_path_factory):
     with_three.kill()
 
 
-def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(start, page, tmp_path) -> None:
+def test_session__by_keyboard_with_the_server_killed__is_the_undisturbed_one(start, page, tmp_path) -> None:
     text = ONE.replace("[30, 90, 210]", "[30, 90]")
     server = start(text, controller())
     page.goto(server.addresses["subject S1"])

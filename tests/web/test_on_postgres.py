@@ -77,7 +77,7 @@ def test_simulated_people__store_on_a_server__answer_there(tmp_path, monkeypatch
     assert len(answers(place)) > 20
 
 
-def test_visit__open_at_two_stations__is_stored_once_and_goes_on_where_its_page_is_opened_again(postgres) -> None:
+def test_visit__open_at_two_stations__is_stored_once(postgres) -> None:
     place, clock = postgres.database("visit"), ObedientClock()
     with closing(Store(place)) as one, closing(Store(place)) as two:
         lab = Lab(opened_study(two, clock))

@@ -24,9 +24,7 @@ def test_page__asked_for__is_given_or_not_and_every_part_comes_from_this_server(
     assert defects(caplog) == []
 
 
-def test_subject__trial_answered__is_acknowledged_once_it_is_stored_and_not_where_the_store_fails(
-    client, lab, monkeypatch
-) -> None:
+def test_subject__trial_answered__is_acknowledged_once_it_is_stored(client, lab, monkeypatch) -> None:
     def full(*args: object) -> None:
         raise StoreFault("lab.db: database or disk is full")
 

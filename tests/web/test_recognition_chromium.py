@@ -91,7 +91,7 @@ def test_training__feedback_then_a_break_of_its_time__and_what_comes(serve, page
     page.locator("#text", has_text="Block 2 of 2: test, 4 trials.").wait_for()
 
 
-def test_keyboard__tab_and_arrows__reach_every_response_by_its_role_and_the_focus_shows(serve, page) -> None:
+def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serve, page) -> None:
     server = serve(text := protocol_text(training=0, test=2, labels=LABELS))
     page.set_viewport_size(LAPTOP)
     opened(page, server, text)

@@ -63,7 +63,7 @@ def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make,
         assert shown == ([0, 0, 1, 1, 2, 2] if paradigm == "abx" else [])
 
 
-def test_subject__ready_for_what_cannot_be_or_said_twice__is_refused_or_skips_no_break(make) -> None:
+def test_subject__ready_for_what_cannot_be__is_refused_or_skips_no_break(make) -> None:
     with at_page(make(protocol_text(test=1))) as socket:
         for name in ("done", "consent", None):
             socket.send_json({"type": "ready", "stage": name})

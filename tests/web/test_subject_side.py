@@ -43,7 +43,7 @@ def events(lab):
     return [row.kind for row in rows_of(lab.store, select(schema.event).order_by(schema.event.c.id))]
 
 
-def test_consent__given__is_stored_with_version_and_text_and_declined_ends_the_session_with_nothing(make) -> None:
+def test_consent__given_or_declined__is_stored_or_ends_the_session(make) -> None:
     lab = make(PROTOCOL.replace('consent = "', 'consent_version = "2026-03"\nconsent = "'))
     with at_pages(lab, "S1", "S2") as (socket, other):
         begun(socket)
@@ -141,7 +141,7 @@ def test_break__is_kept_by_the_server_whatever_the_page_says(make) -> None:
         stage(socket, "trial")
 
 
-def test_time_left__falls_with_every_run_whatever_the_rests_and_is_told_by_the_trials_own_pace(make) -> None:
+def test_time_left__whatever_the_rests__falls_with_every_run(make) -> None:
     lab = make()
     presented = lab.study.session(lab.sessions[0])
     presented.give_consent()
@@ -165,7 +165,7 @@ def test_time_left__falls_with_every_run_whatever_the_rests_and_is_told_by_the_t
     assert [pace.trial_s(played_s) for played_s in (2.0, 5.5)] == pytest.approx([0.35, 0.7])
 
 
-def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_the_run(make) -> None:
+def test_demonstration__on_a_simulated_display__shows_each_interval(make) -> None:
     lab, heard = make(shown="seen or heard"), []
     with at_page(lab) as socket:
         hello = until(socket, "hello")
@@ -315,7 +315,7 @@ BAD = [
 RAW = ["", "[]", "{}", '{"type":"answer"', '{"type":"answer"}', '{"type":"start"}', "1" * 5000, "[" * 5000]
 
 
-def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_notices(client, lab) -> None:
+def test_answer__that_cannot_be__is_refused_and_nobody_else_notices(client, lab) -> None:
     """The other subject waits for the rig. All that its page is told meanwhile is read, up to a reply of its own."""
     with (
         client.websocket_connect("/ws/subject/token-S1") as socket,

@@ -101,7 +101,7 @@ DC = MADE.channels[0].threshold_voltage_dc
 HZ = np.geomspace(0.4, 300.0, 40)
 
 
-def test_filter_bits__slow_poles__are_what_they_need_and_one_above_the_most_where_there_are_not_so_many() -> None:
+def test_filter_bits__slow_poles__are_what_they_need_or_one_above_the_most() -> None:
     # a pole at 1 - 2^-6: rounded to five bits or fewer it lies on the unit circle
     system = SampledSystem(np.empty(0), np.array([1.0 - 2.0**-6]), 2.0**-6, 4000.0)
     assert filter_bits(system, "sections").stable == 6
@@ -117,7 +117,7 @@ def test_filter_bits__papers_prefilter__are_facts_within_what_pairing_moves(form
         assert found.accurate == pytest.approx(accurate, abs=4)
 
 
-def test_controller_bits__papers__sections_need_more_at_every_doubling_and_delta_hardly() -> None:
+def test_controller_bits__papers__sections_need_more_at_every_doubling() -> None:
     found = controller_bits(MADE, (4000.0, 32000.0))
     assert set(found) == {"prefilter", "feedback"}
     for forms in found.values():

@@ -93,7 +93,7 @@ sys.exit(main())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the C library is asked by the name that it has on Linux")
-def test_calibrate_display__card_that_never_opens_nor_lets_the_program_end__one_line_all_the_same(room):
+def test_calibrate_display__card_that_never_opens__one_line_all_the_same(room):
     given = ["calibrate-display", str(room / "sound.toml"), "--rig", "sound:Card", "--out", str(room / "out")]
     asked = [sys.executable, "-c", NEVER_LEAVES, *given]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
@@ -129,7 +129,7 @@ def _noise(level: float) -> Any:
     ],
     ids=["unplugged", "clips"],
 )
-def test_calibrate_display__amiss_on_the_way__one_line_output_at_rest_and_nothing_written(
+def test_calibrate_display__amiss_on_the_way__output_at_rest_nothing_written(
     card: dict[str, Any], status: int, words: str, room, run, monkeypatch
 ):
     opened = put_in(monkeypatch, **card)
@@ -156,7 +156,7 @@ def test_calibrate_display__curve_of_a_person__is_the_one_that_is_calibrated_to(
     assert np.array_equal(curve.level_db_re_1um, read_curve(room / "s9.csv").level_db_re_1um)
 
 
-def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_designed_on(room, run, monkeypatch):
+def test_calibrate_display__no_equaliser__what_was_measured_is_kept(room, run, monkeypatch):
     put_in(monkeypatch)
     period = np.sin(2.0 * np.pi * np.arange(64) / 8.0)
     wave = Multisine(8000.0, 64, np.array([8]), np.ones(1), np.array([-0.5 * np.pi]))
@@ -191,7 +191,7 @@ def test_design__display_on_a_sound_card__is_not_refused_for_what_a_board_takes(
     assert words in finding["remark"]
 
 
-def test_sound_devices_and_calibrate__are_listed_or_what_to_do_and_tell_the_volts_of_both(run, monkeypatch):
+def test_sound_devices_and_calibrate__are_listed_and_tell_the_volts(run, monkeypatch):
     monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice())
     (card,) = run.json("sound", "devices")["devices"]
     assert (card["device"], card["outputs"], card["rate_hz"]) == ("ALSA/Card", 2, 44100.0)

@@ -82,7 +82,7 @@ def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> Non
     assert all(each.own_db_sl is not None for each in found)
 
 
-def test_simulate__each_kind__is_judged_alike_by_its_own_rule_and_what_is_none_refused(install) -> None:
+def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:
     quality = simulate_kind("weighted", Setting(60, lapse=0.0, seed=3), trials=200)
     assert quality.trials_mean == 200.0
     # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point

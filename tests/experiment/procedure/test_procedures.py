@@ -342,7 +342,7 @@ def test_belief_and_drift__three_points_one_kind__are_the_integral_over_all_curv
     assert read.sd[0] == pytest.approx(1.3 * none[1], rel=0.15)  # bands are widened by that much
 
 
-def test_curve_drift__answers_of_another_generator__are_flagged_where_the_curve_moved() -> None:
+def test_curve_drift__other_generator__is_flagged_where_the_curve_moved() -> None:
     prior, answering = CurvePrior(points=14, notch_share=0.0, edge_share=0.0), Answering()
     for drift_db, least, most in ((0.0, 0.0, 0.15), (12.0, 0.8, 1.0)):
         trials = answered(prior.points, 7, 150, drift_db, seed=7)

@@ -64,7 +64,7 @@ def test_latin_square__any_size__balances_places_and_successions(count: int) -> 
     assert len(set(successions)) == count * (count - 1)
 
 
-def test_plan__of_a_subject__has_practice_first_repeats_and_an_order_and_seeds_of_its_own() -> None:
+def test_plan__of_a_subject__has_practice_first_and_seeds_of_its_own() -> None:
     text = PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]")
     drawn = parse_protocol(text, Protocol)
     orders = [tuple(run.frequency_hz for run in plan_runs(drawn, subject)) for subject in range(6)]

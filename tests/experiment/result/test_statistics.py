@@ -29,7 +29,7 @@ def told(level_db: np.ndarray, limit_db: float = LIMIT_DB) -> GroupLevel:
     return group_level(np.minimum(level_db, limit_db), sd, [">=" if each else "" for each in beyond])
 
 
-def test_group_level__nobody_censored_or_one_measured__is_the_mean_with_its_error_or_a_bound() -> None:
+def test_group_level__nobody_censored_or_one_measured__is_the_mean_or_a_bound() -> None:
     level = np.array([1.0, 4.0, 7.0])
     found = group_level(level, np.full(3, 0.1), ["", "", ""])
     assert (found.level_db, found.spread_db) == pytest.approx((4.0, 3.0))
@@ -151,7 +151,7 @@ def test_plug_in__any_matrix__is_scikit_learns_mutual_information(seed, stimuli,
     assert plug_in_bits(counts) == pytest.approx(expected, abs=1e-9)
 
 
-def test_information__perfect_unlike_or_missing_answers__is_log2_of_the_stimuli_or_leaves_out_what_has_no_meaning():
+def test_information__perfect_or_missing_answers__is_log2_or_left_out():
     result = information(np.eye(8) * 40, np.random.default_rng(1), seconds_per_stimulus=0.5)
     assert result.estimates["plug_in"].bits == pytest.approx(3.0)
     assert result.estimates["plug_in"].categories == pytest.approx(8.0)

@@ -60,7 +60,7 @@ def test_tables__information_in_a_language_of_ones_own__has_no_other_word(counts
     assert words_left(information_table(MARKED("results.information"), found, MARKED)) == []
 
 
-def test_tables__of_thresholds__have_no_other_word_no_digit_or_end_left_open_and_tell_of_a_notch() -> None:
+def test_tables__of_thresholds__have_no_other_word_and_tell_of_a_notch() -> None:
     table = threshold_table([ONE, replace(ONE, bound=">=")], MARKED)
     assert len(table.notes) == 4
     assert words_left(table) == []
@@ -157,7 +157,7 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
     assert moved == pytest.approx(-MORE_DB * np.log2(at_hz / 100.0) - 6.0, abs=3.0)
 
 
-def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance_and_no_figure(tmp_path) -> None:
+def test_contour_results__another_finger_at_the_same_frequency__gives_its_balance(tmp_path) -> None:
     observed(tmp_path / "line.db", HEAD + PAIRS.replace('comparison_fingers = ["thumb"]', "").replace("[100]", "[40]"))
     with pytest.raises(BadInput, match="three frequencies, on both sides of 100 Hz"):
         contour_results(tmp_path / "line.db", curve=MINE)

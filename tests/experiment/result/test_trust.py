@@ -57,7 +57,7 @@ def study(tmp_path_factory):
     store.close()
 
 
-def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_truth_and_censored_in_the_curve(study):
+def test_thresholds__of_one_who_feels_nothing__are_censored_in_the_curve(study):
     store, observers = study
     found = thresholds(detection_runs(store))
     for one in found:
@@ -100,7 +100,7 @@ def test_thresholds__of_a_good_subject_and_one_who_feels_nothing__are_near_the_t
         assert ends == {(">=", None)}
 
 
-def test_thresholds__on_a_simulated_rig__are_called_so_and_doubtful_or_censored_ones_are_crossed_and_have_arrows(study):
+def test_thresholds__simulated_doubtful_or_censored__are_marked_in_every_figure(study):
     store, _ = study
     found = thresholds(detection_runs(store))
     assert all(one.simulated for one in found)
@@ -139,7 +139,7 @@ def test_thresholds__on_a_simulated_rig__are_called_so_and_doubtful_or_censored_
     assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
-def test_group_curve__of_two_studies_or_written__counts_people_and_is_read_back_with_its_circumstances(study, tmp_path):
+def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_path):
     found = sorted(thresholds(detection_runs(study[0])), key=lambda one: one.frequency_hz)
     felt = [replace(one, simulated=False) for one in found if one.subject == "S1"]
     assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
@@ -193,7 +193,7 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
 
 
 @pytest.mark.parametrize("frequency_hz", [298.0, 32.0, 10.0])
-def test_delivered__display_whose_friction_takes_more_of_weak_tones__is_that_near_threshold(frequency_hz) -> None:
+def test_delivered__friction_takes_more_of_weak_tones__is_that_near_threshold(frequency_hz) -> None:
     rng = np.random.default_rng(5)
     level = np.concatenate([rng.uniform(20.0, 35.0, 12), rng.normal(14.0, 2.0, 50)])
     asked = 10 ** (level / 20)
@@ -205,7 +205,7 @@ def test_delivered__display_whose_friction_takes_more_of_weak_tones__is_that_nea
 
 
 @pytest.mark.parametrize("mains_hz", [60.0, 50.0, 0.0])
-def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencies_that_were_played(mains_hz) -> None:
+def test_replayed__whole_curve_at_other_mains__has_the_frequencies_played(mains_hz) -> None:
     head, tail = TEXT.split("[procedure]")[0], TEXT[TEXT.index("[conditions]") :]
     protocol = parse_protocol(
         f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", ""), Protocol

@@ -84,7 +84,7 @@ def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
 BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
 
 
-def test_session__opened_again_years_later__goes_on_in_the_same_block_with_the_tally_that_it_had(opened) -> None:
+def test_session__opened_again_years_later__goes_on_in_the_same_block(opened) -> None:
     text = protocol_text()
     study, _, store = opened(text)
     presented = study.presented()
@@ -124,7 +124,7 @@ class Listener:
         ("abx", "Was X like A or like B?", ("A", "B"), ("A", "B", "X")),
     ],
 )
-def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played_and_asks_the_same(
+def test_trial__items_of_different_lengths__takes_as_long_and_asks_the_same(
     opened, paradigm, prompt, responses, intervals
 ) -> None:
     study, rig, _ = opened(protocol_text(paradigm, training=0, test=3, labels=THREE))
@@ -222,7 +222,7 @@ def test_run_session__respondent__is_told_of_runs_breaks_and_right_answers_in_or
     assert told == ["Block 1 of 2: training", *training, "break", "Block 2 of 2: test", "?", "?", "?"]
 
 
-def test_finger_ports_and_plans__of_each_paradigm__are_required_and_have_every_item_equally_often(controller) -> None:
+def test_plans__of_each_paradigm__have_every_item_equally_often(controller) -> None:
     rig = SimulatedRig(controller.display)
     require_finger_ports(rig, "simulated")
     rig._fingers = ()

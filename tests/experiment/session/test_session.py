@@ -102,7 +102,7 @@ def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(sto
     assert [run.state for run in runs] == ["restarted", "running"][-len(attempts) :]
 
 
-def test_pause__by_the_monotonic_clock__restarts_and_a_clock_set_back_is_noted_and_loses_nothing(store, clock) -> None:
+def test_pause__by_the_monotonic_clock__restarts_and_a_clock_set_back_is_noted(store, clock) -> None:
     presented = begin(store, clock, trials=4)
     clock.jump(-3600.0)
     assert answer_one(presented, clock) == (1, 2)
@@ -148,7 +148,7 @@ def test_answer__database_locked__is_told_and_may_come_again(store, clock) -> No
     assert len(stored(store)) == 1
 
 
-def test_answer__amiss_or_sent_again__is_refused_or_acknowledged_again_and_stored_once(store, clock) -> None:
+def test_answer__amiss_or_sent_again__is_refused_or_stored_once(store, clock) -> None:
     presented, other = begin(store, clock), begin(store, clock, subject=1)
     with pytest.raises(BadInput, match="no trial waits"):
         presented.answer(records.Answer("1", clock.utc()))
@@ -243,7 +243,7 @@ def test_present__timing_missed__is_noted_and_the_trial_played_again(presented, 
         presented.answer(Answer("1", presented.session.clock.utc()))
 
 
-def test_answer__earlier_than_its_trial_by_either_clock__is_refused_and_the_trial_stands(presented) -> None:
+def test_answer__earlier_than_its_trial_by_either_clock__is_refused(presented) -> None:
     clock = presented.session.clock
     following = presented.present(nobody)
     with pytest.raises(BadInput, match=r"0.500 s before its last interval had ended"):
@@ -284,7 +284,7 @@ def result(store, clock, alarms):
     return thresholds(runs)[0], attention(runs[0])
 
 
-def test_yes_no__of_a_person_who_says_yes_to_little_else__finds_the_level_felt_half_of_the_time(store, clock) -> None:
+def test_yes_no__of_a_careful_person__finds_the_level_felt_half_of_the_time(store, clock) -> None:
     one, flags = result(store, clock, 0.0)
     assert one.point == pytest.approx(0.5, abs=1e-3)
     assert one.own_db_sl == pytest.approx(THRESHOLD_DB_SL, abs=1.0)
@@ -302,7 +302,7 @@ PARTS, STREAM_S, BLOCK = 100, 720.0, 200
 
 
 @pytest.mark.soak
-def test_day__of_three_channels_with_experiments_and_streams__memory_and_state_are_flat(tmp_path, controller) -> None:
+def test_day__of_three_channels__memory_and_state_are_flat(tmp_path, controller) -> None:
     rig, clock, rng = SimulatedRig(controller.display, 7), ObedientClock(), np.random.default_rng(3)
     rig.load(controller)
     finger = json.dumps(controller.display.channels[0].finger)
@@ -382,7 +382,7 @@ def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store, 
     assert again.session.next_trial().trial == presented.session.next_trial().trial
 
 
-def test_study__amended_with_a_reason__sessions_that_began_stay_with_their_version_and_others_follow(store, clock):
+def test_study__amended_with_a_reason__sessions_that_began_keep_their_version(store, clock):
     presented = begin(store, clock, trials=4)
     before = all_of(store, "S1")
     with pytest.raises(BadInput, match=r"stands at version 1 of its protocol, .*--amend"):
@@ -407,9 +407,7 @@ def test_study__amended_with_a_reason__sessions_that_began_stay_with_their_versi
 
 
 @pytest.mark.parametrize(("consent", "answered"), [("You may stop at any time.", 0), ("", 2)])
-def test_study__amended_after_consent_or_a_first_trial__later_runs_are_of_the_sessions_version(
-    store, consent, answered, clock
-) -> None:
+def test_study__amended_after_consent__later_runs_are_of_the_sessions_version(store, consent, answered, clock) -> None:
     before, after = (text.replace("You may stop at any time.", consent) for text in (PROTOCOL, OTHER))
     begin(store, clock, before, trials=answered)
     opened_study(store, clock, after, amend="60 Hz is mains")
@@ -419,7 +417,7 @@ def test_study__amended_after_consent_or_a_first_trial__later_runs_are_of_the_se
     assert {hertz for _, hertz in found} <= {30.0, 90.0, 210.0}
 
 
-def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own_and_come_in_turn(store) -> None:
+def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own(store) -> None:
     text = PROTOCOL.replace('experimenter = "EX"', 'experimenter = "EX"\nvisits = 2')
     study = opened_study(store, ObedientClock(), text)
     links = {(row.subject_code, row.visit): row.link_token for row in study.sessions()}

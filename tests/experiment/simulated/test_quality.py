@@ -240,7 +240,7 @@ def test_power__each_design__is_the_integral_over_the_spread(design: str, effect
 
 
 @pytest.mark.parametrize("design", GROUPS)
-def test_plan__of_each_design__is_the_smallest_that_finds_the_effect_in_the_time_there_is(design: str) -> None:
+def test_plan__of_each_design__is_the_smallest_that_finds_the_effect(design: str) -> None:
     study = PlannedStudy(3.0, 3.0, design, minutes=60.0, conditions=4, comparisons=2)
     found = plan_study(study, error_db=1.5, run_trials=60.0)
     assert found.repeats == int(60.0 * 60.0 / (4 * (2 if design == "within" else 1) * 60 * study.trial_s))
@@ -251,7 +251,7 @@ def test_plan__of_each_design__is_the_smallest_that_finds_the_effect_in_the_time
     assert found.subjects_in_all == GROUPS[design] * found.subjects
 
 
-def test_plan__too_little_time_effect_or_pilot__is_refused_and_a_pilots_spread_is_without_its_errors() -> None:
+def test_plan__too_little_time_effect_or_pilot__is_refused() -> None:
     with pytest.raises(BadInput, match="8 runs of 60 trials take 34 min; allowed: 20 min or less"):
         plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 60.0)
     with pytest.raises(BadInput, match=r"effect of 0\.01 dB"):

@@ -81,7 +81,7 @@ def cut(asked: list[Asked], folder: Path, count: int) -> list[str]:
     return found
 
 
-def test_store__power_cut_at_a_hundred_moments__keeps_every_acknowledged_answer_once(recorder: Path, tmp_path) -> None:
+def test_store__power_cut_at_a_hundred_moments__keeps_every_answer_once(recorder: Path, tmp_path) -> None:
     asked = recorded(recorder, tmp_path / "run", "durable")
     assert sum(one.path.name == "acknowledged.txt" and one.kind == "w" for one in asked) > 80
     assert {one.kind for one in asked} >= {"w", "s"}

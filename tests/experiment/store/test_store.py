@@ -22,7 +22,7 @@ from tests.experiment.session.apparatuses import answer_one, begin, opened_study
 
 
 @pytest.mark.parametrize(("durable", "waits"), [(True, 2), (False, 0)])
-def test_store__new__has_the_latest_schema_in_wal_mode_and_waits_for_the_disk_or_not(tmp_path, durable, waits) -> None:
+def test_store__new__has_the_latest_schema_and_waits_for_the_disk_or_not(tmp_path, durable, waits) -> None:
     store = Store(tmp_path / "lab.db", durable=durable)
     assert set(inspect(store.engine).get_table_names()) == set(schema.tables.tables)
     with store.read() as connection:
@@ -91,9 +91,7 @@ def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_pa
     assert not caplog.records
 
 
-def test_lock__second_holder_or_no_room_for_its_name__is_refused_in_one_line_until_the_first_has_ended(
-    tmp_path, monkeypatch
-) -> None:
+def test_lock__second_holder__is_refused_until_the_first_has_ended(tmp_path, monkeypatch) -> None:
     store = tmp_path / "lab.db"
     held = subprocess.Popen(
         [sys.executable, "-c", f"from tactuator.experiment.store.store import sessions_of\n"
@@ -134,7 +132,7 @@ def test_lock__second_holder_or_no_room_for_its_name__is_refused_in_one_line_unt
         (BadInput, "an answer"),
     ],
 )
-def test_opened_store__that_ends_with_an_error__is_taken_away_where_nothing_was_begun(tmp_path, clock, error, before):
+def test_opened_store__that_ends_with_an_error__is_taken_away_if_unused(tmp_path, clock, error, before):
     path = tmp_path / "lab.db"
     if before == "a store":
         path.touch()
@@ -191,7 +189,7 @@ def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, co
 
 
 @pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])
-def test_server__that_is_not_there_or_another_program_or_an_echo__is_refused_in_one_line(answer: bytes) -> None:
+def test_server__that_is_none__is_refused_in_one_line(answer: bytes) -> None:
     with pytest.raises(BadInput, match="allowed: a PostgreSQL database that is there and lets one in"):
         Store("postgresql://lab@127.0.0.1:9/nothing")
     with socket.create_server(("127.0.0.1", 0)) as other:

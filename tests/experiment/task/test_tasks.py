@@ -48,7 +48,7 @@ def played(document: dict, seed: int = 1, most: int = 2000):
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_task__any_answers__ends_and_replays_and_every_language_has_its_question_titles_and_keys(name: str) -> None:
+def test_task__any_answers__ends_and_replays_in_every_language(name: str) -> None:
     trials, run = played(TASKS[name])
     assert run.progress == pytest.approx(1.0)
     again, _ = played(TASKS[name])
@@ -193,7 +193,7 @@ def matched(level, trials: int, seed: int, order_db: float = 0.0, standard_db: f
 
 
 @pytest.mark.parametrize("level", [shifted(0.0, 0.0), shifted(3.0, 0.0), shifted(0.0, -0.12)])
-def test_estimate__six_hundred_random_matches__finds_contours_within_a_db_inside_their_band(level) -> None:
+def test_estimate__six_hundred_random_matches__finds_contours_within_a_db(level) -> None:
     found = estimate(matched(level, 600, 3), SETTING)
     hertz, levels = np.geomspace(10.0, 300.0, 15), np.array([10.0, 30.0, 50.0])
     mean, low, high = found.contours(hertz, levels)
@@ -228,7 +228,7 @@ def test_fit__gradient_of_every_law__is_that_of_differences(law) -> None:
         assert (surface.at(found.place + step) - here) / 1e-4 == pytest.approx(gradient[:, index], abs=1e-2)
 
 
-def test_most_telling__after_a_match_at_one_place__goes_to_another_and_corrects_for_biases() -> None:
+def test_most_telling__after_a_match_at_one_place__goes_to_another() -> None:
     nothing = fit(FREE, SETTING, Matches.of([]))
     first = most_telling(nothing, AMONG, 30.0, 0.0, False, False)
     at = first.frequency_hz, first.comparison_db_sl, first.reference_db_sl
@@ -240,7 +240,7 @@ def test_most_telling__after_a_match_at_one_place__goes_to_another_and_corrects_
     assert at[0].comparison_db_sl - at[1].comparison_db_sl > 3.0
 
 
-def test_estimate__tones_of_equal_velocity__are_named_where_the_threshold_curve_is_known() -> None:
+def test_estimate__tones_of_equal_velocity__named_where_the_curve_is_known() -> None:
     def level(hertz, level_db_sl):
         return np.asarray(level_db_sl) + distance_db(hertz, level_db_sl)
 
@@ -254,7 +254,7 @@ def test_estimate__tones_of_equal_velocity__are_named_where_the_threshold_curve_
     assert estimate(matched(shifted(0.0, 0.0), 200, 11), KNOWN).law in ("sensation-level", CANNOT_TELL)
 
 
-def test_estimate__velocity_that_takes_over_by_the_tones_own_level__lies_in_the_band_where_it_does() -> None:
+def test_estimate__velocity_that_takes_over__lies_in_the_band_where_it_does() -> None:
     """Up to 15 dB SL of the tone itself, in proportion: a way that the sources say as little of as of any other."""
 
     def level(hertz, level_db_sl):

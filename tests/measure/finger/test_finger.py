@@ -88,7 +88,7 @@ def test_estimate__nothing_touches__cannot_tell() -> None:
 
 
 @pytest.mark.slow
-def test_measure__fingers_on_the_witness_s_device__recovered_within_their_confidence_and_a_chain_is_said() -> None:
+def test_measure__fingers_on_the_witness_s_device__recovered_within_confidence() -> None:
     """generator.c is a device with friction that shares nothing with the simulated display."""
     rig = GeneratorRig(3)
     made = Controller(felt.example(), tuple(felt.fixed(place) for place in range(3)))
@@ -121,7 +121,7 @@ class Warming(SimulatedRig):
         return replace(trace, command_v=trace.command_v / (1.0 - 0.04 * (1.0 - np.exp(-time_s / 60.0))))
 
 
-def test_finger__motor_warms_between_free_and_touched__figures_lie_within_their_widths() -> None:
+def test_finger__motor_warms_meanwhile__figures_lie_within_their_widths() -> None:
     """Free first and then touched, 4 % of lost gain was 9 % more mass, told to 0.5 %."""
     described = display()
     touching = described.channels[0].load("finger")
@@ -170,7 +170,7 @@ def test_settle__fixed_controller__nothing_is_played() -> None:
         assert rig.rows_played == 0
 
 
-def test_settle__rig_that_does_not_tell_or_whose_time_goes_on__says_no_weights_or_no_time() -> None:
+def test_settle__rig_that_does_not_tell__says_no_weights_or_no_time() -> None:
     made = adaptive()
     inner = SimulatedRig(made.display, 3)
     with WrappedRig(inner) as rig:  # it does not tell its weights
@@ -186,7 +186,7 @@ def test_settle__rig_that_does_not_tell_or_whose_time_goes_on__says_no_weights_o
     np.testing.assert_allclose(hasty.weight, [0.0, 0.0], atol=0.15)
 
 
-def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(tmp_path, capsys) -> None:
+def test_measure__other_display__weights_of_its_finger_are_told(tmp_path, capsys) -> None:
     write_controller(tmp_path / "c.json", adaptive())
     text = (EXAMPLES / "displays" / "tactuator.toml").read_text(encoding="utf-8")
     designed, other = "mass = 0.12, damping = 31.0, stiffness = 360.0", "mass = 0.07, damping = 43.0, stiffness = 500.0"

@@ -49,7 +49,7 @@ def flat(error_db: float) -> Flatness:
     return Flatness(frequency, error_db * (1.0 - ramp), np.full(24, 0.01), False)
 
 
-def test_corrected__measured_error__the_plant_with_that_error_in_the_band_and_its_zeros_at_rest():
+def test_corrected__measured_error__the_plant_with_that_error_in_the_band():
     controller = designed(0)
     (channel,) = controller.display.channels
     channel = replace(channel, plant=replace(channel.plant, zeros=np.zeros(1)))

@@ -116,7 +116,7 @@ def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
     assert display_document(read_display(path)) == display_document(display)
 
 
-def test_near_band__pole_beyond_the_sampling_rate__its_held_plant_answers_as_the_plant_did():
+def test_near_band__pole_beyond_the_sampling_rate__answers_as_the_plant_did():
     # as identified for drawn exciter 10: zeros to the right and a pole at 136 kHz stand for a mode above the band
     hz = 2.0 * np.pi
     zeros = hz * np.array([421.3 + 363.8j, 421.3 - 363.8j, 0.0, 0.0, 0.0])

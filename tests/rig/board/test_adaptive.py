@@ -102,7 +102,7 @@ RIGS = {
 
 
 @pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
-def test_rig__that_reshapes__plays_what_the_reshaped_reference_would_play_however_cut(rig: Callable[[], Rig]) -> None:
+def test_rig__that_reshapes__plays_the_reshaped_reference_however_cut(rig: Callable[[], Rig]) -> None:
     there = heard_of(rig(), shaped(), *np.split(wave(), [7, 1000, 1001]))
     assert there == heard_of(rig(), PLAIN, by_hand(wave()))
     assert there != heard_of(rig(), PLAIN, wave())

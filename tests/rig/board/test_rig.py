@@ -63,7 +63,7 @@ def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
     assert len(rig.play(np.zeros((300, 3)))) == 300
 
 
-def test_rig__another_image_flipped_or_whole__the_safety_table_stays_and_what_is_refused_changes_nothing(rig):
+def test_rig__image_refused__changes_nothing_and_the_safety_table_stays(rig):
     begin(rig)
     before = rig.status()
     with pytest.raises(BadInput, match="image"):
@@ -155,7 +155,7 @@ def test_play_tones__a_trial__moves_as_the_same_tones_streamed(toned):
     assert np.max(np.abs(made.position_v[:, 0])) > 10.0 * noise
 
 
-def test_play_tones__then_others_then_again__each_run_is_whole_and_silence_is_silent(toned):
+def test_play_tones__then_others_then_again__each_run_is_whole(toned):
     first = toned.play_tones(TRIAL, 0.3)
     assert not toned.play_tones({}, 0.05).reference.any()
     again = toned.play_tones(TRIAL, 0.3)

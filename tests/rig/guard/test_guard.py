@@ -140,7 +140,7 @@ def falls_over():
     return changed(controller(Display("magnets", 4000.0, 1, channels)), feedback_sos=sections)
 
 
-def test_guard__plant_that_falls_over__runs_and_is_ended_below_the_least_gain_of_its_loop():
+def test_guard__plant_that_falls_over__is_ended_below_the_least_gain():
     """A command at its limit is a loop of lower gain, which grows there: the travel is not reached before the end."""
     made, least = falls_over(), 1.0 / 5.0
     rows = three(10.0 * np.sin(2.0 * np.pi * 5.0 * np.arange(6000) / 4000.0))

@@ -62,7 +62,7 @@ def test_sounddevice__missing__says_what_to_install(monkeypatch, error: type[Exc
         open_rig("sound:any", sound_display())
 
 
-def test_open_rig__another_rate_or_a_display_with_a_loop_or_without_wiring__is_refused():
+def test_open_rig__another_rate_a_loop_or_no_wiring__is_refused():
     looped = {"sound": {"output_full_scale_v": 1.0}}
     for name, display, words in (
         ("sound:any@44100", sound_display(), "at 44100 Hz; allowed: the display's rate_hz, 8000 Hz"),

@@ -160,7 +160,7 @@ def test_rows__not_read_in_time__are_told():
 
 
 @pytest.mark.parametrize("times", [1, TRIES - 1])
-def test_drive__gaps_told_by_the_card_but_for_the_last_try__is_repeated_and_every_gap_counted(times: int):
+def test_drive__gaps_told_by_the_card__is_repeated_and_every_gap_counted(times: int):
     told = []
 
     def flags(call: int) -> int:

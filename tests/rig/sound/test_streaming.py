@@ -150,7 +150,7 @@ def test_echo__rows_lost_and_nothing_told__gone_unnoticed():
 
 @pytest.mark.soak
 @pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/install.py slow")
-def test_streaming__an_hour_of_three_channels__no_gap_unnoticed_flat_memory_a_tenth_of_a_core():
+def test_streaming__an_hour_of_three_channels__no_gap_unnoticed():
     asked = [sys.executable, "-m", "tests.rig.sound.test_streaming", "3600", "12"]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=4500, check=False)
     assert done.returncode == 0, done.stderr[-2000:]

@@ -76,7 +76,7 @@ UPGRADE = {
 }
 
 
-def test_trusted_hosts__name_or_address__of_this_machine_is_answered_and_anothers_refused(port: int) -> None:
+def test_trusted_hosts__name_or_address__own_is_answered_and_anothers_refused(port: int) -> None:
     for host in ("localhost", "LOCALHOST:1", "127.0.0.1:8765", "192.168.1.7", "[::1]:9"):
         assert status_of(port, host) == 200, host
     for host in ("evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "[::1", ""):
@@ -135,7 +135,7 @@ def test_address__port_name_or_files_that_cannot_be__are_refused(run, tmp_path) 
     run.refused("experiment", "serve", path, "--store", tmp_path / "lab.db", *options, said="no pair")
 
 
-def test_connections__beyond_the_limit__new_pages_are_refused_and_the_open_session_goes_on(lab, monkeypatch) -> None:
+def test_connections__beyond_the_limit__pages_refused_and_the_session_goes_on(lab, monkeypatch) -> None:
     monkeypatch.setattr(serving, "CONNECTIONS_MAX", 8)
     with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as subject:
         assert begun(subject)["type"] == "answer-now"
