@@ -167,10 +167,13 @@ def render_folder(
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                outcomes.append(_outcome(future, running.pop(future)))
+                outcomes.append(_outcome(future, running[future]))
+                del running[future]
                 progress(len(outcomes), len(items))
     except (BrokenExecutor, CancelledError, OSError):
-        raise DeviceFault("a worker was killed, or the scheduler", "the command again: it keeps what is done") from None
+        at_work = ", ".join(item.source for item in [*running.values()][:3])
+        again = "the command again: it keeps what is done"
+        raise DeviceFault(f"a worker, or the scheduler, ended at work on {at_work}", again) from None
     outcomes.sort(key=lambda outcome: str(outcome["source"]))
     files, failures = ([each for each in outcomes if ("error" in each) is failed] for failed in (False, True))
     return RenderedFolder(tuple(files), tuple(failures), left_out)
