@@ -138,7 +138,11 @@ def main() -> int:
     asked = parser.parse_args()
     rows = []
     for section in asked.only:
-        found, path = outputs(section, sections()[section]), asked.folder / f"{section}.json"
+        path = asked.folder / f"{section}.json"
+        if asked.what == "compare" and not path.exists():
+            print(f"{section}: nothing is frozen", file=sys.stderr)
+            continue
+        found = outputs(section, sections()[section])
         if asked.what == "write":
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps(found, ensure_ascii=False, indent=0) + "\n", encoding="utf-8")
