@@ -32,13 +32,13 @@ typedef struct {
 } tact_converter;
 
 /* Processor: volts of an A/D code. */
-inline float tact_converter_position_v(const tact_converter *converter, int32_t code)
+static inline float tact_converter_position_v(const tact_converter *converter, int32_t code)
 {
     return (float)code * converter->step_v_single;
 }
 
 /* The whole number nearest to x, of two the even one. |x| is at most 2^23. */
-inline int32_t tact_nearest(float x)
+static inline int32_t tact_nearest(float x)
 {
 #if defined(__arm__) && defined(__ARM_FP)
     int32_t whole;
@@ -51,7 +51,7 @@ inline int32_t tact_nearest(float x)
 }
 
 /* Processor: the D/A code that brings command_v (finite) to the motor; saturates. */
-inline int32_t tact_converter_code(const tact_converter *converter, float command_v)
+static inline int32_t tact_converter_code(const tact_converter *converter, float command_v)
 {
     const float steps = (command_v - converter->offset_v_single) * converter->motor_steps_per_v_single;
     const float low = (float)converter->code_min, high = (float)converter->code_max;
@@ -60,13 +60,13 @@ inline int32_t tact_converter_code(const tact_converter *converter, float comman
 }
 
 /* Device: what the motor sees of a D/A code, volts. */
-inline double tact_converter_motor_v(const tact_converter *converter, int32_t code)
+static inline double tact_converter_motor_v(const tact_converter *converter, int32_t code)
 {
     return (double)code * converter->motor_step_v + converter->offset_v;
 }
 
 /* Device: the A/D's code for position_v; a NaN gives code_min. */
-inline int32_t tact_converter_sense(const tact_converter *converter, double position_v)
+static inline int32_t tact_converter_sense(const tact_converter *converter, double position_v)
 {
     const double steps = position_v * converter->steps_per_v;
     const double low = (double)converter->code_min, high = (double)converter->code_max;
@@ -77,9 +77,5 @@ inline int32_t tact_converter_sense(const tact_converter *converter, double posi
 
 /* bits (8 to 24) over +/- range_v; polarity +1 or -1. */
 void tact_converter_make(tact_converter *converter, int bits, double range_v, double polarity, double offset_v);
-
-/* Arrays through both sides, for tests. */
-void tact_converter_codes(const tact_converter *converter, const float *command_v, int32_t *codes, size_t samples);
-void tact_converter_senses(const tact_converter *converter, const double *position_v, int32_t *codes, size_t samples);
 
 #endif

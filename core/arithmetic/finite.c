@@ -1,8 +1,5 @@
 #include "arithmetic/finite.h"
 
-extern inline float tact_finite(float x, float limit);
-extern inline double tact_finite_double(double x, double limit);
-
 int tact_finite_is_ieee(void)
 {
     volatile float smallest_normal = 1.17549435e-38f;

@@ -21,7 +21,7 @@
 int tact_finite_is_ieee(void);
 
 /* x within +/- limit; NaN and anything closer to zero than TACT_TINY become +0. */
-inline float tact_finite(float x, float limit)
+static inline float tact_finite(float x, float limit)
 {
     const float whole = ((x >= TACT_TINY) | (x <= -TACT_TINY)) ? x : 0.0f; /* NaN fails both */
     const float below = whole > limit ? limit : whole;
@@ -29,7 +29,7 @@ inline float tact_finite(float x, float limit)
 }
 
 /* The same for the double arithmetic of the device model. */
-inline double tact_finite_double(double x, double limit)
+static inline double tact_finite_double(double x, double limit)
 {
     const double whole = x == x ? x : 0.0;
     const double below = whole > limit ? limit : whole;

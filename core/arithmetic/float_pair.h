@@ -18,7 +18,7 @@ typedef struct {
 } tact_float_pair;
 
 /* The two floats at an address that is a multiple of 8. */
-inline tact_float_pair tact_float_pair_get(const void *at)
+static inline tact_float_pair tact_float_pair_get(const void *at)
 {
     typedef double __attribute__((__may_alias__)) whole;
     const union {
@@ -29,7 +29,7 @@ inline tact_float_pair tact_float_pair_get(const void *at)
 }
 
 /* Copies the two floats at one multiple of 8 to another. */
-inline void tact_float_pair_copy(void *to, const void *from)
+static inline void tact_float_pair_copy(void *to, const void *from)
 {
     typedef double __attribute__((__may_alias__)) whole;
     *(whole *)to = *(const whole *)from;

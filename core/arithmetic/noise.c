@@ -1,9 +1,5 @@
 #include "arithmetic/noise.h"
 
-extern inline uint32_t tact_noise_rotate(uint32_t value, int bits);
-extern inline uint32_t tact_noise_bits(tact_noise *noise);
-extern inline double tact_noise_next(tact_noise *noise);
-
 /* A bijection of 32 bits that leaves no trace of a counter: two multiplications and three shifts. */
 static uint32_t mixed(uint32_t value)
 {
@@ -19,10 +15,4 @@ void tact_noise_seed(tact_noise *noise, uint32_t seed, uint32_t channel)
     noise->word[0] |= 1u; /* never all zero */
     for (int i = 0; i < 16; i++)
         (void)tact_noise_bits(noise);
-}
-
-void tact_noise_run(tact_noise *noise, double *values, size_t samples)
-{
-    for (size_t k = 0; k < samples; k++)
-        values[k] = tact_noise_next(noise) / TACT_NOISE_RMS;
 }

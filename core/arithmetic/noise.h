@@ -8,7 +8,7 @@
  * Example use:
  *   tact_noise noise;
  *   tact_noise_seed(&noise, 1, 0);
- *   double sensor_noise_v = tact_noise_next(&noise) * (0.2e-3 / TACT_NOISE_RMS);
+ *   double sensor_noise_v = tact_noise_next(&noise) * (0.2e-3 / 37837.0);
  */
 #ifndef TACT_NOISE_H
 #define TACT_NOISE_H
@@ -16,19 +16,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define TACT_NOISE_RMS 37837.227455163847 /* sqrt((2^32 - 1) / 3): rms of tact_noise_next() */
-
 typedef struct {
     uint32_t word[4];
 } tact_noise;
 
-inline uint32_t tact_noise_rotate(uint32_t value, int bits)
+static inline uint32_t tact_noise_rotate(uint32_t value, int bits)
 {
     return (value << bits) | (value >> (32 - bits));
 }
 
 /* 32 random bits. */
-inline uint32_t tact_noise_bits(tact_noise *noise)
+static inline uint32_t tact_noise_bits(tact_noise *noise)
 {
     uint32_t *s = noise->word;
     const uint32_t bits = tact_noise_rotate(s[0] + s[3], 7) + s[0];
@@ -42,8 +40,8 @@ inline uint32_t tact_noise_bits(tact_noise *noise)
     return bits;
 }
 
-/* A sum of four uniforms less its mean: rms TACT_NOISE_RMS, at most 131070 either way. */
-inline double tact_noise_next(tact_noise *noise)
+/* A sum of four uniforms less its mean: rms sqrt((2^32 - 1) / 3), at most 131070 either way. */
+static inline double tact_noise_next(tact_noise *noise)
 {
     const uint32_t first = tact_noise_bits(noise);
     const uint32_t second = tact_noise_bits(noise);
@@ -53,8 +51,5 @@ inline double tact_noise_next(tact_noise *noise)
 
 /* One stream per (seed, channel). */
 void tact_noise_seed(tact_noise *noise, uint32_t seed, uint32_t channel);
-
-/* samples of noise in units of its rms, for tests. */
-void tact_noise_run(tact_noise *noise, double *values, size_t samples);
 
 #endif

@@ -42,7 +42,7 @@ typedef struct {
 } tact_section_state;
 
 /* One sample through one section. */
-inline float tact_section_step(const tact_section *section, tact_section_state *state, float x)
+static inline float tact_section_step(const tact_section *section, tact_section_state *state, float x)
 {
     const float y = section->b0 * x + state->s1;
     const float s1 = state->s1 + ((section->b1 * x - section->a1 * y) + state->s2);
@@ -54,7 +54,7 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
 }
 
 /* One sample through `count` sections in a row. */
-inline float tact_sections_step(const tact_section *section, tact_section_state *state, int32_t count, float x)
+static inline float tact_sections_step(const tact_section *section, tact_section_state *state, int32_t count, float x)
 {
     for (int32_t i = 0; i < count; i++)
         x = tact_section_step(&section[i], &state[i], x);
@@ -62,7 +62,7 @@ inline float tact_sections_step(const tact_section *section, tact_section_state 
 }
 
 /* Changes the states as one sample with an input greater by x would have; returns the change of y. */
-inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x)
+static inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x)
 {
     const float y = section->b0 * x;
     state->s1 += section->b1 * x - section->a1 * y;

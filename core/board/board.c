@@ -1,7 +1,5 @@
 #include "board/board.h"
 
-extern inline float tact_board_within(float value, float most);
-
 void tact_board_empty_queue(tact_board_channel *channel)
 {
     for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {

@@ -89,7 +89,7 @@ typedef struct {
 } tact_board;
 
 /* value within +/- most; NaN gives 0. */
-inline float tact_board_within(float value, float most)
+static inline float tact_board_within(float value, float most)
 {
     if (__builtin_fabsf(value) <= most)
         return value;

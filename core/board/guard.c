@@ -4,13 +4,6 @@
 
 enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
 
-extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
-                                     float motor_v, uint32_t tick, int *violated);
-extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
-extern inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code,
-                                   float unexplained);
-extern inline int tact_guard_look(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
-
 static tact_float_pair pair(float first, float second)
 {
     const tact_float_pair made = {first, second};

@@ -114,7 +114,7 @@ uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *sta
 
 /* One reading, with the volts that the motor has from now on: gives y; *violated becomes 1 where a limit is
  * passed (NaN passes it). */
-inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
+static inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
                               uint32_t tick, int *violated)
 {
     const tact_float_pair reading = tact_float_pair_get(&table->reading), model = tact_float_pair_get(&state->model);
@@ -143,7 +143,7 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
 }
 
 /* y to felt reference. */
-inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
+static inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
 {
     return tact_sections_step(table->weighting, state, TACT_WEIGHTING_COUNT, y);
 }
@@ -151,7 +151,7 @@ inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state 
 /* How far the motor would have come if the reading, which stands still, were a lie: the observer's place, less all that
  * the reading has corrected it by since then, but for what it was corrected by when that began. Gives 1 where that is
  * too far. */
-inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code, float unexplained)
+static inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code, float unexplained)
 {
     const int32_t lowest = code < state->lowest ? code : state->lowest;
     const int32_t highest = code > state->highest ? code : state->highest;
@@ -174,7 +174,7 @@ inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *sta
 }
 
 /* The slow part, for a channel whose turn it is, every so many ticks. */
-inline int tact_guard_look(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+static inline int tact_guard_look(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
 {
     const int32_t code = state->last_code;
     const uint32_t same_ticks = tick - state->changed_tick;

@@ -53,10 +53,3 @@ float tact_stimulus_next(tact_stimulus *stimulus, uint32_t tick)
     }
     return sum;
 }
-
-void tact_stimulus_run(tact_stimulus *stimulus, float *reference, size_t samples)
-{
-    tact_stimulus_rewind(stimulus);
-    for (size_t k = 0; k < samples; k++)
-        reference[k] = tact_stimulus_next(stimulus, (uint32_t)k);
-}

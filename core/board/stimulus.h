@@ -44,7 +44,4 @@ void tact_stimulus_rewind(tact_stimulus *stimulus);
 /* The sum of the tones at this tick of the run; to be called once for every tick, in order. */
 float tact_stimulus_next(tact_stimulus *stimulus, uint32_t tick);
 
-/* samples of a stimulus from its beginning, for tests. */
-void tact_stimulus_run(tact_stimulus *stimulus, float *reference, size_t samples);
-
 #endif

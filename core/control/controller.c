@@ -1,15 +1,5 @@
 #include "control/controller.h"
 
-extern inline float tact_controller_clamp(float wanted, float lowest, float highest);
-extern inline int tact_controller_is_sound(float wanted);
-extern inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess);
-extern inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
-                                          float wanted);
-extern inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
-                                             float position_v);
-extern inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
-                                         float position_v);
-
 void tact_controller_reset(tact_controller_state *state)
 {
     for (int i = 0; i < TACT_PREFILTER_MAX; i++)
@@ -37,11 +27,4 @@ void tact_controller_unwind(const tact_controller *table, tact_controller_state 
     const float missing = excess - change;
     last->s1 += table->anti_windup[0] * missing;
     last->s2 += table->anti_windup[1] * missing;
-}
-
-void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,
-                         const float *position_v, float *command_v, size_t samples)
-{
-    for (size_t k = 0; k < samples; k++)
-        command_v[k] = tact_controller_step(table, state, reference[k], tact_finite(position_v[k], TACT_POSITION_MAX));
 }

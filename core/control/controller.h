@@ -32,7 +32,6 @@
 enum { TACT_PREFILTER_MAX = 8, TACT_FEEDBACK_MAX = 4 };
 
 #define TACT_REFERENCE_MAX 1e6f /* threshold units: 120 dB SL */
-#define TACT_POSITION_MAX 1e3f  /* volts */
 #define TACT_COMMAND_MAX 1e20f  /* volts before the clamp */
 
 typedef struct {
@@ -61,20 +60,20 @@ void tact_controller_reset(tact_controller_state *state);
 int tact_controller_is_valid(const tact_controller *table);
 
 /* The limits alone; a NaN stays one. */
-inline float tact_controller_clamp(float wanted, float lowest, float highest)
+static inline float tact_controller_clamp(float wanted, float lowest, float highest)
 {
     const float cut = wanted > highest ? highest : wanted;
     return cut < lowest ? lowest : cut;
 }
 
 /* Returns 1 if `wanted` is finite and below the size at which the controller latches broken, 0 if not. */
-inline int tact_controller_is_sound(float wanted)
+static inline int tact_controller_is_sound(float wanted)
 {
     return (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
 }
 
 /* The change of reference that would have asked for `excess` volts more, as far as it may go. */
-inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess)
+static inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess)
 {
     const float size = reference < 0.0f ? -reference : reference;
     const float most = size > reference_max ? size : reference_max;
@@ -85,7 +84,7 @@ inline float tact_controller_change(float conditioning, float reference_max, flo
 void tact_controller_unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess);
 
 /* Applies the limits and the anti-windup to the sections' answer to `reference`. */
-inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
+static inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
                                    float wanted)
 {
     const float command = tact_controller_clamp(wanted, table->command_min_v, table->command_max_v);
@@ -97,7 +96,7 @@ inline float tact_controller_limit(const tact_controller *table, tact_controller
 }
 
 /* F's and C's answer to a sound reference, before its limits. */
-inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
+static inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
                                       float position_v)
 {
     const float value = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);
@@ -108,15 +107,11 @@ inline float tact_controller_sections(const tact_controller *table, tact_control
 
 /* One sample: reference (threshold units, any bits) and position (volts, finite: a converter gave it) in, command
  * (volts, within the limits) out. */
-inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
+static inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
                                   float position_v)
 {
     const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
     return tact_controller_limit(table, state, asked, tact_controller_sections(table, state, asked, position_v));
 }
-
-/* samples of one channel, for tests and benchmarks: no converters, no delay, no device. position_v: any bits. */
-void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,
-                         const float *position_v, float *command_v, size_t samples);
 
 #endif

@@ -1,12 +1,5 @@
 #include "display/display.h"
 
-extern inline const tact_plant *tact_display_plant(const tact_display *table, const tact_display_state *state);
-extern inline double tact_display_latch(const tact_display *table, tact_display_state *state, int32_t code,
-                                        double force_v);
-extern inline double tact_display_sense(int32_t order, const tact_display *table, tact_display_state *state);
-extern inline int32_t tact_display_read_order(int32_t order, const tact_display *table, tact_display_state *state);
-extern inline void tact_display_advance_order(int32_t order, const tact_display *table, tact_display_state *state);
-
 void tact_display_reset(const tact_display *table, tact_display_state *state, uint32_t seed, uint32_t channel)
 {
     state->touched = 0;

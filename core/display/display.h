@@ -59,13 +59,13 @@ typedef struct {
 void tact_display_reset(const tact_display *table, tact_display_state *state, uint32_t seed, uint32_t channel);
 
 /* The plant that the load in force selects. */
-inline const tact_plant *tact_display_plant(const tact_display *table, const tact_display_state *state)
+static inline const tact_plant *tact_display_plant(const tact_display *table, const tact_display_state *state)
 {
     return &table->plants[state->touched];
 }
 
 /* The D/A puts `code` out; force_v (volts of command) acts from outside until the next call. Gives the motor's volts. */
-inline double tact_display_latch(const tact_display *table, tact_display_state *state, int32_t code, double force_v)
+static inline double tact_display_latch(const tact_display *table, tact_display_state *state, int32_t code, double force_v)
 {
     const double put_out_v = tact_converter_motor_v(&table->converter, code);
     state->force_v = tact_finite_double(force_v, TACT_FORCE_MAX);
@@ -81,7 +81,7 @@ inline double tact_display_latch(const tact_display *table, tact_display_state *
 }
 
 /* The sensor at this instant, before noise and hum, in volts; sets the displacement and the friction. */
-inline double tact_display_sense(int32_t order, const tact_display *table, tact_display_state *state)
+static inline double tact_display_sense(int32_t order, const tact_display *table, tact_display_state *state)
 {
     const tact_plant *plant = tact_display_plant(table, state);
     const double held_v = (table->has_late ? state->before_v : state->motor_v) + state->force_v;
@@ -92,7 +92,7 @@ inline double tact_display_sense(int32_t order, const tact_display *table, tact_
 }
 
 /* The A/D's code at this instant. */
-inline int32_t tact_display_read_order(int32_t order, const tact_display *table, tact_display_state *state)
+static inline int32_t tact_display_read_order(int32_t order, const tact_display *table, tact_display_state *state)
 {
     const double clean_v = tact_display_sense(order, table, state);
     const double sensed_v =
@@ -101,7 +101,7 @@ inline int32_t tact_display_read_order(int32_t order, const tact_display *table,
 }
 
 /* To the next instant. */
-inline void tact_display_advance_order(int32_t order, const tact_display *table, tact_display_state *state)
+static inline void tact_display_advance_order(int32_t order, const tact_display *table, tact_display_state *state)
 {
     tact_plant_step(order, tact_display_plant(table, state), state->x, state->motor_v, state->before_v,
                     state->force_v - state->friction.force_v);

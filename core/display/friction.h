@@ -28,7 +28,7 @@ typedef struct {
 } tact_friction_state;
 
 /* Force against the motion, after a sample in which the position came to be `position`. */
-inline double tact_friction_step(const tact_friction *friction, tact_friction_state *state, double position)
+static inline double tact_friction_step(const tact_friction *friction, tact_friction_state *state, double position)
 {
     const double moved = position - state->position;
     const double distance = moved < 0.0 ? -moved : moved;
@@ -37,7 +37,7 @@ inline double tact_friction_step(const tact_friction *friction, tact_friction_st
     return state->force_v;
 }
 
-/* samples of position into forces, for tests. */
+/* samples of position into forces. */
 void tact_friction_run(const tact_friction *friction, tact_friction_state *state, const double *position,
                        double *force_v, size_t samples);
 

@@ -1,7 +1,5 @@
 #include "display/hum.h"
 
-extern inline double tact_hum_next(const tact_hum *hum, tact_hum_state *state);
-
 void tact_hum_settle(const tact_hum *hum, tact_hum_state *state)
 {
     for (int32_t i = 0; i < hum->count; i++) {

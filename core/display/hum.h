@@ -30,7 +30,7 @@ typedef struct {
 void tact_hum_settle(const tact_hum *hum, tact_hum_state *state);
 
 /* Volts at this instant; then one sample on. */
-inline double tact_hum_next(const tact_hum *hum, tact_hum_state *state)
+static inline double tact_hum_next(const tact_hum *hum, tact_hum_state *state)
 {
     double volts = 0.0;
     for (int32_t i = 0; i < hum->count; i++) {

@@ -29,7 +29,7 @@ typedef struct {
 } tact_plant;
 
 /* row times x: both outputs are one of these. */
-inline double tact_plant_output(int32_t order, const double *row, const double *x)
+static inline double tact_plant_output(int32_t order, const double *row, const double *x)
 {
     double sum = row[0] * x[0];
     for (int32_t i = 1; i < order; i++)
@@ -39,7 +39,7 @@ inline double tact_plant_output(int32_t order, const double *row, const double *
 
 /* One sample on. input_v acts for this sample but for the part `late`, in which before_v does; disturbance_v acts
  * throughout. */
-inline void tact_plant_step(int32_t order, const tact_plant *plant, double *x, double input_v, double before_v,
+static inline void tact_plant_step(int32_t order, const tact_plant *plant, double *x, double input_v, double before_v,
                             double disturbance_v)
 {
     double next[TACT_ORDER_MAX];

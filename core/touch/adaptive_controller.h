@@ -17,7 +17,7 @@
 #include "touch/feed_forward.h"
 
 /* One sample: reference (threshold units, finite) and position (volts, finite) in, the command before its limits out. */
-inline float tact_adaptive_step(const tact_controller *table, const tact_touch *touch, tact_controller_state *state,
+static inline float tact_adaptive_step(const tact_controller *table, const tact_touch *touch, tact_controller_state *state,
                                 tact_touch_state *touch_state, float reference, float position_v)
 {
     const float wanted_v = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);

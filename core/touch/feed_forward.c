@@ -2,12 +2,6 @@
 
 #include "arithmetic/finite.h"
 
-extern inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
-                                   float position_v);
-extern inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v);
-extern inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v);
-extern inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v);
-
 float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v)
 {
     if (--state->left <= 0)

@@ -27,7 +27,7 @@
 #include "touch/learning.h"
 
 /* One sample through the poles: a command, the reading it acted on, and what the model's position was then. */
-inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
+static inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
                             float position_v)
 {
     const tact_float_pair k0 = tact_float_pair_get(&table->corner), k1 = tact_float_pair_get(&table->command[1]);
@@ -44,7 +44,7 @@ inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, fl
 }
 
 /* The unloaded plant one sample on, with its command; gives u_ff. */
-inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v)
+static inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v)
 {
     const tact_float_pair b = tact_float_pair_get(table->plant), a = tact_float_pair_get(&table->plant[2]);
     const tact_float_pair s = tact_float_pair_get(&state->plant), by = tact_float_pair_get(&state->by_command);
@@ -55,7 +55,7 @@ inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, f
 }
 
 /* u_ff, if it is within its bound. */
-inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v)
+static inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v)
 {
     if (__builtin_fabsf(added_v) <= table->push_max_v)
         return added_v;
@@ -67,7 +67,7 @@ inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state
 float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
 
 /* The command that was put out in answer to this sample. */
-inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v)
+static inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v)
 {
     state->command_v[state->at] = command_v;
     state->at = state->at + 1 < table->delay ? state->at + 1 : 0;

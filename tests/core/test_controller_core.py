@@ -35,10 +35,9 @@ def run_core(
 ) -> NDArray[np.uint32]:
     table, state = controller_table(of), state or ffi.new("tact_controller_state *")
     lib.tact_controller_reset(state)
-    command = np.empty(reference.size, dtype=np.float32)
-    arrays = [ffi.from_buffer("float[]", np.ascontiguousarray(each)) for each in (reference, position, command)]
-    lib.tact_controller_run(table, state, *arrays, reference.size)
-    return command.view(np.uint32)
+    read = [finite(y, 1e3) for y in position]  # a converter gives nothing else
+    commands = [lib.tact_controller_step(table, state, r, y) for r, y in zip(reference, read, strict=True)]
+    return np.array(commands, dtype=np.float32).view(np.uint32)
 
 
 def run_numpy(

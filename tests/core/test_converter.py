@@ -1,8 +1,6 @@
 """Converters over every code, against a quantiser written with integers alone."""
 
 from fractions import Fraction
-from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.model.description import Converter
-from tactuator.runtime._core import ffi, lib
+from tactuator.runtime._core import lib
 from tactuator.runtime.tables import converter_table
 
 
@@ -22,18 +20,14 @@ def exact_code(volts: float, bits: int, range_v: float) -> int:
     return max(-half, min(half - 1, size if steps > 0 else -size))
 
 
-def coded(convert: Any, kind: str, converter: Converter, volts: np.ndarray) -> np.ndarray:
-    codes, source = (
-        np.empty(volts.size, dtype=np.int32),
-        np.ascontiguousarray(volts, dtype={"double": float, "float": np.float32}[kind]),
-    )
-    arrays = ffi.from_buffer(f"{kind}[]", source), ffi.from_buffer("int32_t[]", codes)
-    convert(converter_table(converter), *arrays, volts.size)
-    return codes
+def sensed(converter: Converter, volts: np.ndarray) -> np.ndarray:
+    table = converter_table(converter)
+    return np.array([lib.tact_converter_sense(table, lib.tact_finite_double(v, 1e6)) for v in volts])
 
 
-sensed = partial(coded, lib.tact_converter_senses, "double")
-commanded = partial(coded, lib.tact_converter_codes, "float")
+def commanded(converter: Converter, volts: np.ndarray) -> np.ndarray:
+    table = converter_table(converter)
+    return np.array([lib.tact_converter_code(table, lib.tact_finite(v, 1e6)) for v in volts])
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])

@@ -174,10 +174,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_loops__hostile_numbers__nothing_undefined_and_nothing_out_of_bounds(tmp_path: Path) -> None:
-    parts, display = (
-        ("arithmetic", "control", "touch", "strength"),
-        ("closed_loop", "display", "friction", "hum", "plant"),
-    )
+    parts, display = ("arithmetic", "control", "touch", "strength"), ("closed_loop", "display", "friction", "hum")
     sources = [path for part in parts for path in sorted((ROOT / "core" / part).glob("*.c"))]
     sources += [ROOT / f"core/display/{name}.c" for name in display]
     compiler = shlex.split(sysconfig.get_config_var("CC") or "cc")[0]

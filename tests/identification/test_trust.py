@@ -20,7 +20,7 @@ from tactuator.identification.identify import identify
 from tactuator.identification.likelihood import SpectralProblem
 from tactuator.identification.lines import points, spectrum
 from tactuator.identification.residual import Residual, _solutions, explained_by_loop
-from tactuator.identification.residual_tests import _time_scales, check_residual
+from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.search import Choice, _best, simplest
 from tactuator.identification.trust import DISTORTION, GROWING, LASTING, Standard
 from tactuator.model.plant_model import reasons
@@ -243,15 +243,6 @@ def test_identify__held_loop_with_noise__is_told_or_left_open() -> None:
     frequency = np.geomspace(1.0, 180.0, 100)
     off = np.log(found.model.response(frequency) / plant.response(frequency))
     assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
-
-
-@pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
-def test_time_scales__noise__are_scipys_filters_of_first_order(rate_hz: float) -> None:
-    command = np.random.default_rng(5).standard_normal(3000)
-    late = np.concatenate([[0.0], command[:-1] - command.mean()])
-    corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
-    for passed, decay in zip(_time_scales(command, rate_hz), np.exp(-2.0 * np.pi * corners / rate_hz), strict=True):
-        assert np.array_equal(passed, signal.lfilter([1.0 - decay], [1.0, -decay], late))
 
 
 def test_solutions__every_length__are_scipys_of_toeplitz_equations() -> None:

@@ -25,7 +25,7 @@ class Mutant:
     adaptive: bool = False
 
 
-_DEFINED = re.compile(r"^inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
+_DEFINED = re.compile(r"^static inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
 
 
 def _defined(text: str) -> set[str]:

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.runtime._core import ffi, lib
 
 _LAGS = 40
 _BURST = 50
@@ -118,11 +117,8 @@ def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     """Return first-order low-passes of the delayed command, corners from 2 record periods to 0.2 rate, (k, n)."""
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
-    decays = np.array([np.exp(-2.0 * np.pi * corner / rate_hz) for corner in corners])
-    passed = np.empty((decays.size, late.size))
-    places = [ffi.cast("double *", ffi.from_buffer(values)) for values in (decays, late, passed)]
-    lib.tact_low_passes_run(decays.size, places[0], late.size, *places[1:])
-    return passed
+    decays = np.exp(-2.0 * np.pi * corners / rate_hz)
+    return np.array([scipy.signal.lfilter([1.0 - decay], [1.0, -decay], late) for decay in decays])
 
 
 def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:

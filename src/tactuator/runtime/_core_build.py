@@ -34,8 +34,8 @@ def declarations(header: str) -> str:
     pieces: list[str] = []
     while text.strip():
         piece, brace, text = _next_piece(text)
-        if piece.startswith("inline "):
-            piece = piece.removeprefix("inline ").partition("{")[0] + ";"
+        if piece.startswith("static inline "):
+            piece = piece.removeprefix("static inline ").partition("{")[0] + ";"
         elif brace and not piece.startswith(("typedef", "enum", "struct", "union")):
             raise ValueError(f"core header: only inline functions may have a body; got {piece.partition('{')[0]!r}")
         pieces.append(piece.strip())
@@ -51,7 +51,7 @@ def _next_piece(text: str) -> tuple[str, bool, str]:
             depth, braced = depth + 1, True
         elif character == "}":
             depth -= 1
-        ends = character == ";" or (character == "}" and text.startswith("inline "))
+        ends = character == ";" or (character == "}" and text.startswith("static inline "))
         if ends and depth == 0:
             return text[: at + 1], braced, text[at + 1 :]
     raise ValueError(f"core header: a declaration does not end: {text[:60]!r}")
