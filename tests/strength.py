@@ -7,7 +7,7 @@ from typing import Any
 from tactuator.model.controller import Controller, StrengthShaping
 from tactuator.model.description import Display, Strength
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.tables import strength_table
+from tactuator.runtime.tables import controller_table
 from tactuator.synthesis.strength import fit_strength
 from tests.griffin import griffin
 from tests.runtime.paper_display import controller, display
@@ -16,7 +16,7 @@ from tests.runtime.paper_display import controller, display
 def core(shaping: StrengthShaping, rate_hz: float) -> tuple[Callable[[float], float], Any]:
     """The core's step of one sample with that shaping, from rest, and its state."""
     channel = replace(controller(display()).channels[0], strength=shaping)
-    table, state = strength_table(channel, rate_hz), ffi.new("tact_strength_state *")
+    (_, table), state = controller_table(channel, rate_hz, 0), ffi.new("tact_strength_state *")
     lib.tact_strength_reset(state)
     return lambda r: lib.tact_strength_step(table, state, float(r)), state
 

@@ -13,4 +13,5 @@ void tact_converter_make(tact_converter *converter, int bits, double range_v, do
     converter->offset_v_single = (float)offset_v;
     converter->code_min = -half;
     converter->code_max = half - 1;
+    converter->rest_code = tact_converter_code(converter, 0.0f);
 }

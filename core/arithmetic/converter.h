@@ -29,6 +29,7 @@ typedef struct {
     double offset_v;
     float step_v_single, motor_step_v_single, motor_steps_per_v_single, offset_v_single;
     int32_t code_min, code_max;
+    int32_t rest_code; /* D/A: the motor has nothing */
 } tact_converter;
 
 /* Processor: volts of an A/D code. */

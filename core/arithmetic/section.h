@@ -18,7 +18,7 @@
  * same filter has small coefficients that keep all their digits: 200 times less round-off than a direct form for two
  * additions more (Goodall & Donoghue 1993; Middleton & Goodwin 1990, chapter 2).
  *
- * At rest (input zero, both states below TACT_TINY) the states are set to zero, so that silence never decays into
+ * In a row of sections whose input is zero, states below TACT_TINY are set to zero, so that silence never decays into
  * subnormal numbers. Written without a fused multiply-add, each product rounded: compile with -ffp-contract=off.
  *
  * Example use:
@@ -44,21 +44,24 @@ typedef struct {
 /* One sample through one section. */
 static inline float tact_section_step(const tact_section *section, tact_section_state *state, float x)
 {
-    const float y = section->b0 * x + state->s1;
-    const float s1 = state->s1 + ((section->b1 * x - section->a1 * y) + state->s2);
-    const float s2 = state->s2 + (section->b2 * x - section->a2 * y);
-    const int at_rest = x == 0.0f && s1 < TACT_TINY && s1 > -TACT_TINY && s2 < TACT_TINY && s2 > -TACT_TINY;
-    state->s1 = at_rest ? 0.0f : s1;
-    state->s2 = at_rest ? 0.0f : s2;
+    const float s1 = state->s1, s2 = state->s2, y = section->b0 * x + s1;
+    state->s1 = s1 + ((section->b1 * x - section->a1 * y) + s2);
+    state->s2 = s2 + (section->b2 * x - section->a2 * y);
     return y;
 }
+
+/* Sections in a row whose input is zero: those whose states have decayed come to rest, one after another. */
+void tact_sections_rest(tact_section_state *state, int32_t count);
 
 /* One sample through `count` sections in a row. */
 static inline float tact_sections_step(const tact_section *section, tact_section_state *state, int32_t count, float x)
 {
+    float y = x;
     for (int32_t i = 0; i < count; i++)
-        x = tact_section_step(&section[i], &state[i], x);
-    return x;
+        y = tact_section_step(&section[i], &state[i], y);
+    if (x == 0.0f)
+        tact_sections_rest(state, count);
+    return y;
 }
 
 /* Changes the states as one sample with an input greater by x would have; returns the change of y. */

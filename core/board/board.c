@@ -1,17 +1,21 @@
 #include "board/board.h"
 
-void tact_board_empty_queue(tact_board_channel *channel)
+void tact_board_put_rest(tact_board *board, int32_t channel, int32_t slot)
 {
-    for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
-        channel->delayed[d] = channel->rest_code;
-        channel->delayed_v[d] = 0.0f;
-    }
+    board->channel[channel].delayed_v[slot] = 0.0f;
+    board->channel[channel].delayed[slot] = board->safety.channel[channel].converter.rest_code & 0xffffff;
+}
+
+void tact_board_empty_queue(tact_board *board, int32_t channel)
+{
+    for (int32_t slot = 0; slot < TACT_BOARD_DELAY_MAX; slot++)
+        tact_board_put_rest(board, channel, slot);
 }
 
 void tact_board_empty_queues(tact_board *board)
 {
-    for (int c = 0; c < TACT_CHANNELS_MAX; c++)
-        tact_board_empty_queue(&board->channel[c]);
+    for (int32_t c = 0; c < board->channels; c++)
+        tact_board_empty_queue(board, c);
 }
 
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
@@ -88,21 +92,9 @@ int tact_board_clear(tact_board *board)
         board->mode = TACT_OFF;
         board->ending = TACT_STAYS;
         for (int32_t c = 0; c < board->channels; c++)
-            board->channel[c].guard.means.first = board->channel[c].guard.means.second = 0.0f;
+            board->channel[c].guard.agreement = board->channel[c].guard.power = 0.0f;
     }
     return board->mode != TACT_FAULT;
-}
-
-/* The command's limit, drawn in to where the D/A still follows. */
-static float reachable(const tact_safety_channel *safety)
-{
-    const tact_converter *converter = &safety->converter;
-    const float step_v = converter->motor_step_v_single < 0.0f ? -converter->motor_step_v_single
-                                                               : converter->motor_step_v_single;
-    const float offset_v = converter->offset_v_single < 0.0f ? -converter->offset_v_single : converter->offset_v_single;
-    /* float32 tells the last codes of more than 20 bits no more apart; one too many would come out with its sign turned */
-    const float reach_v = (float)(converter->code_max - (converter->code_max >> 19)) * step_v - offset_v;
-    return safety->command_max_v < reach_v ? safety->command_max_v : reach_v;
 }
 
 int tact_board_take_safety(tact_board *board, const tact_safety *safety)
@@ -112,21 +104,12 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->taken++;
     board->safety = *safety;
     board->channels = safety->channels;
-    board->image.channels = board->image.adapts = 0;
+    board->image.channels = 0;
     board->delay_at = 0;
     board->turn = 0;
-    board->turns = safety->turns;
     for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        const tact_converter *converter = &safety->channel[c].converter;
-        board->safety.channel[c].command_max_v = reachable(&safety->channel[c]);
-        channel->safety = &board->safety.channel[c];
-        tact_guard_make(&channel->guard_table, channel->safety, safety->turns);
-        tact_guard_reset(&channel->guard, board->ticks);
-        channel->broken = 0;
-        channel->to_code.first = converter->offset_v_single;
-        channel->to_code.second = converter->motor_steps_per_v_single;
-        channel->rest_code = tact_converter_code(converter, 0.0f);
+        tact_guard_reset(&board->channel[c].guard, board->ticks);
+        board->channel[c].broken = 0;
     }
     tact_board_empty_queues(board);
     return 1;
@@ -139,14 +122,9 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
     board->taken++;
     board->image = *image;
     for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        const float most = board->safety.channel[c].command_max_v;
         tact_controller *table = &board->image.controller[c];
+        const float most = board->safety.channel[c].command_max_v;
         table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
-        table->command_min_v = -table->command_max_v;
-        channel->controller = &board->image.controller[c];
-        channel->touch = &board->image.touch[c];
-        channel->strength = &board->image.strength[c];
     }
     return 1;
 }

@@ -39,24 +39,16 @@ typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
 typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_ending;
 enum { TACT_TRACE_COMMAND_LIMITED = 1 };
 
-/* What one channel's period works on. */
+/* The states of one channel. */
 typedef struct {
-    tact_controller_state controller_state;
-    tact_guard_table guard_table;
-    tact_float_pair to_code;     /* D/A: offset_v | steps per volt */
+    tact_controller_state controller;
     tact_guard_state guard;
     float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
-    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code; TACT_TRACE_... << 24 turn its upper bits over */
-    int32_t rest_code;
-    int32_t broken;                    /* the command was no number, and nobody has seen to it */
-    int32_t is_cut;                    /* until the next run: nothing is put out any more */
-    float slow;                        /* part of the reference, within travel_max */
-    tact_touch_state touch_state;
-    tact_strength_state strength_state;
-    const tact_safety_channel *safety; /* in the board's table */
-    const tact_controller *controller; /* in the board's image */
-    const tact_strength *strength;     /* in the board's image; its is_on 0: a reference stays as it comes */
-    const tact_touch *touch;           /* in the board's image; its feedback_count 0: nothing is fed forward */
+    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code in 24 bits | TACT_TRACE_... << 24 */
+    int32_t broken;                        /* the command was no number, and nobody has seen to it */
+    int32_t is_cut;                        /* until the next run: nothing is put out any more */
+    float slow;                            /* part of the reference, within travel_max */
+    tact_strength_state strength;
 } tact_board_channel;
 
 typedef struct {
@@ -74,7 +66,7 @@ typedef struct {
     float fade_step, command_fade_step;
     int32_t fading; /* one of the two steps is not zero */
     int32_t cuts;   /* channels that are cut */
-    int32_t turn, turns; /* the channels at turn, turn + turns, ... are compared next; turns: of the safety table */
+    int32_t turn; /* the channels at turn, turn + turns, ... are compared next */
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */
     float *stream;
@@ -84,7 +76,7 @@ typedef struct {
     uint32_t trace_capacity;
     tact_board_channel channel[TACT_CHANNELS_MAX];
     tact_stimulus stimulus[TACT_CHANNELS_MAX];
-    tact_safety safety;
+    tact_safety safety; /* image follows: both are checked as one piece (tables.h) */
     tact_image image;
 } tact_board;
 
@@ -100,8 +92,9 @@ static inline float tact_board_within(float value, float most)
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
                       uint32_t trace_capacity);
 
-/* Commands at zero in the queue of those that will be put out: of one channel, of all. */
-void tact_board_empty_queue(tact_board_channel *channel);
+/* A command at zero into a place of a channel's queue; into all places of one channel, of all channels. */
+void tact_board_put_rest(tact_board *board, int32_t channel, int32_t slot);
+void tact_board_empty_queue(tact_board *board, int32_t channel);
 void tact_board_empty_queues(tact_board *board);
 
 /* Transitions without a run (run.h has the others). 1: done, or done before; 0: not from this mode. */
@@ -122,7 +115,7 @@ uint32_t tact_board_locked_ticks(const tact_board *board);
 int tact_board_is_locked(const tact_board *board);
 
 /* A reference within comfort, its slow part within the travel. */
-float tact_board_limit(const tact_safety *safety, int32_t channel, tact_board_channel *state, float want);
+float tact_board_limit(tact_board *board, int32_t channel, float want);
 
 /* The command at zero and no transition under way. */
 int tact_board_is_at_rest(const tact_board *board);

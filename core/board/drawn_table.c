@@ -103,7 +103,6 @@ static void draw_controller(tact_controller *table, uint32_t kind, float share)
 static void draw_touch(tact_touch *touch, tact_noise *noise)
 {
     touch->delay = 1 + (int32_t)tact_drawn_of(noise, TACT_TOUCH_DELAY_MAX);
-    (void)tact_touch_settle(touch);
 }
 
 void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noise)
@@ -114,8 +113,8 @@ void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noi
     for (int32_t c = 0; c < image->channels; c++) {
         const uint32_t kind = tact_drawn_of(noise, 10);
         const float share = tact_drawn_share(noise);
-        if (kind > 5 && image->touch[c].feedback_count)
-            draw_touch(&image->touch[c], noise);
+        if (kind > 5 && image->controller[c].touch.delay)
+            draw_touch(&image->controller[c].touch, noise);
         draw_controller(&image->controller[c], kind, share);
     }
 }

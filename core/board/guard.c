@@ -1,49 +1,14 @@
 #include "board/guard.h"
 
+#define KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
 #define REVERSED_SHARE (-0.5f)
 
 enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
 
-static tact_float_pair pair(float first, float second)
-{
-    const tact_float_pair made = {first, second};
-    return made;
-}
-
-void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns)
-{
-    const float step_v = safety->converter.step_v_single, ticks = (float)turns;
-    const float share = REVERSED_SHARE * ticks;
-    const float power = safety->reversal_power / ((1.0f - TACT_GUARD_KEPT) * ticks * ticks);
-    const float whole = 1.0f / (1.0f - safety->correct_x); /* nu, per volt that tact_guard_compare() finds */
-    table->reading = pair(step_v, safety->drive);
-    table->returning = pair(1.0f - safety->damp, safety->spring);
-    table->correcting = pair(safety->correct_w, safety->correct_x);
-    table->resting = pair(safety->stop_lead, safety->stop_max_v);
-    table->differing = pair(0.5f * safety->disagreement_v, power);
-    table->comparing = pair(safety->comfort_max, share * power);
-    table->jumping = pair(safety->jump_share * ticks, safety->jump_v);
-    table->staying = pair(1.0f - ticks * safety->damp, ticks * ticks * safety->spring);
-    table->uncorrecting = pair(ticks * ticks * whole * (safety->correct_w + safety->damp * safety->correct_x), whole);
-    table->still_codes = safety->still_codes;
-    table->stray_max_v = safety->stray_max_v;
-    table->reversed_share = share;
-    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
-        table->weighting[i] = safety->weighting[i];
-    table->frozen_ticks = safety->frozen_ticks < TACT_SAFETY_NEVER ? (uint32_t)safety->frozen_ticks : UINT32_MAX;
-}
-
 void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 {
-    state->model = state->means = state->strayed = state->compared = pair(0.0f, 0.0f);
-    state->before[0] = state->before[1] = pair(0.0f, 0.0f);
-    state->balance = state->jump = state->felt = 0.0f;
+    *state = (tact_guard_state){.changed_tick = tick};
     tact_guard_begin(state);
-    state->motor_before_v = state->place = state->apart = 0.0f;
-    state->last_code = state->violated = 0;
-    state->changed_tick = tick;
-    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
-        state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
 }
 
 void tact_guard_begin(tact_guard_state *state)
@@ -63,51 +28,75 @@ uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_sta
     uint32_t faults = 0;
     if (code > safety->position_code_max || code < -safety->position_code_max)
         return 1u << TACT_FAULT_SENSOR_OPEN;
-    if (!(state->apart <= safety->disagreement_v)) {
+    if (!(state->off <= safety->disagreement_v)) {
         if (tick - state->changed_tick >= SAME_TICKS_OF_A_FROZEN_ONE)
             faults |= stuck(state);
         else
-            faults |= 1u << ((float)code * state->model.first < 0.0f ? TACT_FAULT_SENSOR_REVERSED
-                                                                     : TACT_FAULT_SENSOR_DISAGREES);
+            faults |= 1u << ((float)code * state->x < 0.0f ? TACT_FAULT_SENSOR_REVERSED : TACT_FAULT_SENSOR_DISAGREES);
     }
     if (!(state->place <= safety->stop_max_v))
         faults |= 1u << TACT_FAULT_TRAVEL;
     return faults;
 }
 
-static inline int is_tiny(float value)
+/* How far the motor would have come if the reading, which stands still, were a lie: the observer's place, less all that
+ * the reading has corrected it by since then, but for what it was corrected by when that began. Gives 1 where that is
+ * too far. */
+static int strays(const tact_safety_channel *safety, tact_guard_state *state, float ticks, float unexplained)
 {
-    return __builtin_fabsf(value) < TACT_TINY;
+    const int32_t code = state->last_code;
+    state->lowest = code < state->lowest ? code : state->lowest;
+    state->highest = code > state->highest ? code : state->highest;
+    if (state->highest - state->lowest > safety->still_codes) {
+        state->lowest = state->highest = code;
+        state->balance = unexplained;
+        state->strayed = state->straying = 0.0f;
+        return 0;
+    }
+    const float nu = (unexplained - state->balance) / (1.0f - safety->correct_x);
+    const float braked = safety->damp * state->straying + safety->spring * state->strayed;
+    state->straying -= ticks * (braked + (safety->correct_w + safety->damp * safety->correct_x) * nu);
+    state->strayed += ticks * state->straying;
+    return !(__builtin_fabsf(state->strayed - nu) <= safety->stray_max_v);
 }
 
-/* While the sensor reads zero: sections whose states have decayed come to rest, one after another. */
-static void settle(tact_section_state *state)
+/* Motion against the model's, by the means of both: a sensor that is reversed. */
+static int is_reversed(const tact_safety_channel *safety, tact_guard_state *state, float expected_v, float moved_v)
 {
-    for (int i = 0; i < TACT_WEIGHTING_COUNT && is_tiny(state[i].s1) && is_tiny(state[i].s2); i++)
-        state[i].s1 = state[i].s2 = 0.0f;
+    state->agreement = KEPT * state->agreement + (1.0f - KEPT) * (expected_v * moved_v);
+    state->power = KEPT * state->power + (1.0f - KEPT) * (expected_v * expected_v);
+    return state->power > safety->reversal_power && state->agreement < REVERSED_SHARE * state->power;
 }
 
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, int suspicion, uint32_t tick)
+/* The change of the unexplained motion from two turns ago, less the share that the model's own change may have in it. */
+static int jumps(const tact_safety_channel *safety, tact_guard_state *state, float ticks, float apart)
 {
+    const float share = safety->jump_share * ticks;
+    const float jump = __builtin_fabsf(apart - state->apart[1]) - share * __builtin_fabsf(state->w - state->moving[1]);
+    state->apart[1] = state->apart[0];
+    state->moving[1] = state->moving[0];
+    state->apart[0] = apart;
+    state->moving[0] = state->w;
+    return !(jump <= safety->jump_v);
+}
+
+uint32_t tact_guard_compare(const tact_safety_channel *safety, tact_guard_state *state, int32_t turns, uint32_t tick)
+{
+    const float ticks = (float)turns, y = tact_converter_position_v(&safety->converter, state->last_code);
+    const float felt = tact_sections_step(safety->weighting, state->weighting, TACT_WEIGHTING_COUNT, y);
+    const float unexplained = (y + state->w) - state->x;
     uint32_t faults = 0;
-    if (state->last_code == 0)
-        settle(state->weighting);
-    if (!(__builtin_fabsf(state->felt) <= table->comparing.first))
+    if (!(__builtin_fabsf(felt) <= safety->comfort_max))
         faults |= 1u << TACT_FAULT_COMFORT;
-    if (state->means.second > table->differing.second &&
-        state->means.first < table->reversed_share * state->means.second)
+    if (is_reversed(safety, state, ticks * state->w, y - state->compared_v))
         faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
-    if (suspicion == TACT_STRAYS)
+    if (strays(safety, state, ticks, unexplained))
         faults |= 1u << TACT_FAULT_SENSOR_STUCK;
-    if (!(state->jump <= table->jumping.second))
+    if (jumps(safety, state, ticks, unexplained - state->unexplained))
         faults |= 1u << TACT_FAULT_SENSOR_JUMPS;
-    if (tick - state->changed_tick >= table->frozen_ticks)
+    if (tick - state->changed_tick >= (uint32_t)safety->frozen_ticks && safety->frozen_ticks < TACT_SAFETY_NEVER)
         faults |= stuck(state);
+    state->compared_v = y;
+    state->unexplained = unexplained;
     return faults;
-}
-
-uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
-{
-    const int suspicion = tact_guard_look(table, state, tick);
-    return suspicion ? tact_guard_confirm(table, state, suspicion, tick) : 0;
 }

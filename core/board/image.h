@@ -2,10 +2,10 @@
  *
  *     magic "TACI" | version 4 | channels, delay | length | rate_hz | hash of controller.json (32)
  *     then for each channel: name (16) | prefilter sections, feedback sections, touch, strength | command_limit_v |
- *                            unwinding | sections | where touch is not 0 but 2, the number of this layout, how
+ *                            unwinding | sections | where touch is not 0 but 3, the number of this layout, how
  *                            it feeds forward for a finger (touch/table.h): delay, turns, turn, lines of hum (a byte
  *                            each) | plant, corner, command, position, mass, rest, first, second, slow, forgetting,
- *                            gate, ridge, shape, fading, slew, weight_max, push_max_v, hum_gain | sections | hum | where
+ *                            gate, ridge, shape, fading, slew, weight_max, push_max_v, hum_gain | hum | where
  *                            strength is not 0 but 1, the number of this layout, how its reference is reshaped
  *                            (strength/strength.h): follow, damping, turns, rows of gains
  *     CRC-32 of all before
@@ -30,11 +30,11 @@
 
 #include "control/controller.h"
 #include "strength/strength.h"
-#include "touch/table.h"
+#include "wire/bytes.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
 enum { TACT_IMAGE_VERSION = 4, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 8192 };
-enum { TACT_TOUCH_LAYOUT = 2, TACT_STRENGTH_LAYOUT = 1 };
+enum { TACT_TOUCH_LAYOUT = 3, TACT_STRENGTH_LAYOUT = 1 };
 
 typedef enum {
     TACT_IMAGE_GOOD = 0,
@@ -59,10 +59,12 @@ typedef struct {
     uint8_t hash[TACT_HASH_SIZE];
     uint8_t names[TACT_CHANNELS_MAX][TACT_NAME_SIZE];
     tact_controller controller[TACT_CHANNELS_MAX];
-    int32_t adapts; /* channels that feed forward for a finger */
-    tact_touch touch[TACT_CHANNELS_MAX];
     tact_strength strength[TACT_CHANNELS_MAX];
 } tact_image;
+
+/* One channel's part, as it stands: TACT_IMAGE_GOOD, or that it cannot be run at all. What a board refuses besides
+ * (coefficients and limits out of range, poles outside the unit circle) a simulation may run. */
+int32_t tact_image_read_channel(tact_reader *reader, uint8_t *name, tact_controller *controller, tact_strength *strength);
 
 /* TACT_IMAGE_GOOD and the image filled, or why not; then `image` is left in pieces and must not be run. */
 int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, float rate_hz, int32_t delay_samples,

@@ -1,7 +1,6 @@
 #include "board/period.h"
 
 #include "board/run.h"
-#include "touch/adaptive_controller.h"
 
 void tact_period_latch(const tact_board *board, int32_t *codes)
 {
@@ -9,47 +8,38 @@ void tact_period_latch(const tact_board *board, int32_t *codes)
         codes[c] = (int32_t)((uint32_t)board->channel[c].delayed[board->delay_at] << 8) >> 8;
 }
 
-/* The command into the queue, as the nearest code that the D/A can reach. */
-static void put(tact_board_channel *channel, int32_t slot, float command_v, int limited)
+/* The stream straight to the motor, within its limit; 1 where it was limited. */
+static int drive(tact_board *board, int32_t c, float want, float *command_v)
 {
-    const float steps = (command_v - channel->to_code.first) * channel->to_code.second;
-    channel->delayed_v[slot] = command_v;
-    channel->delayed[slot] = tact_nearest(steps) ^ ((limited ? TACT_TRACE_COMMAND_LIMITED : 0) << 24);
+    const float within_v = tact_board_within(want, board->safety.channel[c].command_max_v);
+    board->channel[c].broken = want - want != 0.0f;
+    *command_v = board->fade * within_v;
+    return within_v != want;
 }
 
-static float command_of(tact_board_channel *channel, float reference, float position_v, int *limited)
+static int control(tact_board *board, int32_t c, float want, float position_v, float *command_v)
 {
-    const tact_controller *table = channel->controller;
-    tact_controller_state *state = &channel->controller_state;
-    const float wanted_v = channel->touch->feedback_count
-                               ? tact_adaptive_step(table, channel->touch, state, &channel->touch_state, reference, position_v)
-                               : tact_controller_sections(table, state, reference, position_v);
-    *limited = !(__builtin_fabsf(wanted_v) <= table->command_max_v);
-    if (!*limited)
-        return wanted_v;
-    const float command_v = tact_controller_limit(table, state, reference, wanted_v);
-    channel->broken = state->broken;
-    return command_v;
+    tact_controller_state *state = &board->channel[c].controller;
+    *command_v = tact_controller_step(&board->image.controller[c], state, board->fade * want, position_v);
+    if (state->clamped)
+        board->channel[c].broken = state->broken;
+    return state->clamped;
 }
 
-static float command_of_drive(tact_board_channel *channel, float want, float fade, int *limited)
+/* One channel for one tick; its command goes into the queue as the nearest code of the D/A. 1 if its arithmetic broke. */
+static int run_channel(tact_board *board, int32_t c, float want, float position_v)
 {
-    const float command_v = tact_board_within(want, channel->safety->command_max_v);
-    channel->broken = want - want != 0.0f;
-    *limited = command_v != want;
-    return fade * command_v;
-}
-
-/* One channel for one tick; 1 if its arithmetic broke. */
-static int run_channel(const tact_board *board, tact_board_channel *channel, float want, float position_v)
-{
-    int limited;
-    const float command_v = board->drives ? command_of_drive(channel, want, board->fade, &limited)
-                            : command_of(channel, board->fade * want, position_v, &limited);
-    put(channel, board->delay_at, board->command_fade * command_v, limited);
-    if (channel->touch && channel->touch->feedback_count && !board->drives)
-        tact_touch_put(channel->touch, &channel->touch_state, channel->delayed_v[board->delay_at]);
-    return channel->broken;
+    const tact_converter *converter = &board->safety.channel[c].converter;
+    tact_board_channel *channel = &board->channel[c];
+    float answer_v;
+    const int limited = board->drives ? drive(board, c, want, &answer_v) : control(board, c, want, position_v, &answer_v);
+    const float command_v = board->command_fade * answer_v;
+    const int32_t code = tact_nearest((command_v - converter->offset_v_single) * converter->motor_steps_per_v_single);
+    channel->delayed_v[board->delay_at] = command_v;
+    channel->delayed[board->delay_at] = (code & 0xffffff) | (limited ? TACT_TRACE_COMMAND_LIMITED << 24 : 0);
+    if (!board->drives)
+        tact_controller_put(&board->image.controller[c], &channel->controller, command_v);
+    return limited && channel->broken;
 }
 
 static int run_channels(tact_board *board, const int32_t *codes, const float *wants)
@@ -61,9 +51,9 @@ static int run_channels(tact_board *board, const int32_t *codes, const float *wa
         tact_board_channel *channel = &board->channel[c];
         *trace++ = channel->delayed[slot];
         *trace++ = codes[c];
-        const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, codes[c],
+        const float position_v = tact_guard_sense(&board->safety.channel[c], &channel->guard, codes[c],
                                                   channel->delayed_v[slot], board->ticks, &found);
-        found |= run_channel(board, channel, wants[c], position_v);
+        found |= run_channel(board, c, wants[c], position_v);
     }
     return found;
 }
@@ -92,10 +82,9 @@ static void step_resting(tact_board *board, const int32_t *codes)
     int found = 0;
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
-        (void)tact_guard_sense(&channel->guard_table, &channel->guard, codes[c], channel->delayed_v[slot],
+        (void)tact_guard_sense(&board->safety.channel[c], &channel->guard, codes[c], channel->delayed_v[slot],
                                board->ticks, &found);
-        channel->delayed[slot] = channel->rest_code;
-        channel->delayed_v[slot] = 0.0f;
+        tact_board_put_rest(board, c, slot);
     }
     if (found)
         tact_board_see_to(board);
@@ -116,15 +105,13 @@ static void watch_time(tact_board *board, uint32_t lateness)
 /* The channels whose turn it is, watched beyond what each tick asks for. */
 static void compare_in_turn(tact_board *board)
 {
-    for (int32_t c = board->turn; c < board->channels; c += board->turns) {
-        tact_board_channel *channel = &board->channel[c];
-        const int suspicion = tact_guard_look(&channel->guard_table, &channel->guard, board->ticks);
-        const uint32_t faults =
-            suspicion ? tact_guard_confirm(&channel->guard_table, &channel->guard, suspicion, board->ticks) : 0;
+    const int32_t turns = board->safety.turns;
+    for (int32_t c = board->turn; c < board->channels; c += turns) {
+        const uint32_t faults = tact_guard_compare(&board->safety.channel[c], &board->channel[c].guard, turns, board->ticks);
         if (faults)
             tact_board_fail(board, faults, c);
     }
-    board->turn = board->turn + 1 < board->turns ? board->turn + 1 : 0;
+    board->turn = board->turn + 1 < turns ? board->turn + 1 : 0;
 }
 
 void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)

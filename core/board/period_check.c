@@ -219,13 +219,13 @@ static void digest_touch(tact_period_check *check, const tact_touch_state *touch
 
 static void digest_guard(tact_period_check *check, const tact_guard_state *guard)
 {
-    digest_float(check, guard->model.first);
-    digest_float(check, guard->model.second);
-    digest_float(check, guard->means.first);
-    digest_float(check, guard->means.second);
-    digest_float(check, guard->strayed.first);
-    digest_float(check, guard->strayed.second);
-    digest_float(check, guard->jump);
+    digest_float(check, guard->x);
+    digest_float(check, guard->w);
+    digest_float(check, guard->agreement);
+    digest_float(check, guard->power);
+    digest_float(check, guard->strayed);
+    digest_float(check, guard->straying);
+    digest_float(check, guard->apart[0]);
     for (int32_t i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         digest_float(check, guard->weighting[i].s1);
         digest_float(check, guard->weighting[i].s2);
@@ -237,15 +237,16 @@ static void digest_guard(tact_period_check *check, const tact_guard_state *guard
 static void look_inside(tact_period_check *check)
 {
     const tact_board *board = &check->board;
-    const tact_board_channel *channel = &board->channel[board->ticks % (uint32_t)board->channels];
+    const uint32_t c = board->ticks % (uint32_t)board->channels;
+    const tact_board_channel *channel = &board->channel[c];
     digest_float(check, channel->delayed_v[board->delay_at]);
     digest_float(check, channel->slow);
     digest(check, tact_board_locked_ticks(board));
     if ((board->ticks & 3u) == 0 && board->image.channels != 0) {
         digest_guard(check, &channel->guard);
-        digest_controller(check, &channel->controller_state);
-        if (board->image.adapts)
-            digest_touch(check, &channel->touch_state);
+        digest_controller(check, &channel->controller);
+        if (board->image.controller[c].touch.delay)
+            digest_touch(check, &channel->controller.touch);
     }
 }
 

@@ -25,10 +25,8 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
         (holds && !board->allows_hold))
         return 0;
     for (int32_t c = 0; c < board->channels; c++) {
-        tact_controller_reset(&board->channel[c].controller_state);
-        if (board->image.adapts)
-            tact_touch_reset(board->channel[c].touch, &board->channel[c].touch_state);
-        tact_strength_reset(&board->channel[c].strength_state);
+        tact_controller_reset(&board->image.controller[c], &board->channel[c].controller);
+        tact_strength_reset(&board->channel[c].strength);
         tact_stimulus_rewind(&board->stimulus[c]);
         tact_guard_begin(&board->channel[c].guard);
         board->channel[c].is_cut = 0;
@@ -69,13 +67,13 @@ static void leave(tact_board *board, int32_t how)
 }
 
 /* One channel's command at zero from now on. The others, cut in mid-stroke, would be carried beyond comfort: they fade. */
-static void cut(tact_board *board, tact_board_channel *channel)
+static void cut(tact_board *board, int32_t channel)
 {
-    if (channel->is_cut)
+    if (board->channel[channel].is_cut)
         return;
-    channel->is_cut = 1;
+    board->channel[channel].is_cut = 1;
     board->cuts++;
-    tact_board_empty_queue(channel);
+    tact_board_empty_queue(board, channel);
     leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
 }
 
@@ -100,7 +98,7 @@ static void fail(tact_board *board, int32_t fault, int32_t channel)
         board->fault_tick = board->ticks;
     }
     if (way_out(fault) == TACT_CUT)
-        cut(board, &board->channel[channel]);
+        cut(board, channel);
     else
         leave(board, way_out(fault));
 }
@@ -125,19 +123,15 @@ void tact_board_see_to(tact_board *board)
         if (broken)
             tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, c);
         if (violated)
-            tact_board_fail(board, tact_guard_name(channel->safety, &channel->guard, board->ticks), c);
+            tact_board_fail(board, tact_guard_name(&board->safety.channel[c], &channel->guard, board->ticks), c);
     }
 }
 
 void tact_board_silence_cut(tact_board *board)
 {
-    for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        if (channel->is_cut) {
-            channel->delayed[board->delay_at] = channel->rest_code;
-            channel->delayed_v[board->delay_at] = 0.0f;
-        }
-    }
+    for (int32_t c = 0; c < board->channels; c++)
+        if (board->channel[c].is_cut)
+            tact_board_put_rest(board, c, board->delay_at);
 }
 
 int tact_board_stop(tact_board *board)

@@ -34,6 +34,16 @@ static void read_converter(tact_reader *reader, tact_safety_channel *channel, in
         tact_converter_make(&channel->converter, bits, (double)range_v, (double)polarity, (double)offset_v);
 }
 
+/* The command's limit, drawn in to where the D/A still follows: float32 tells the last codes of more than 20 bits no more
+ * apart, and one too many would come out with its sign turned. */
+static void draw_in(tact_safety_channel *channel)
+{
+    const tact_converter *converter = &channel->converter;
+    const float most = (float)(converter->code_max - (converter->code_max >> 19));
+    const float reach_v = most * converter->step_v_single - __builtin_fabsf(converter->offset_v_single);
+    channel->command_max_v = channel->command_max_v < reach_v ? channel->command_max_v : reach_v;
+}
+
 static void read_channel(tact_reader *reader, tact_safety_channel *channel, int *bad)
 {
     read_converter(reader, channel, bad);
@@ -42,6 +52,8 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     channel->stop_max_v = number(reader, bad, 0.0f, 1e6f);
     channel->stop_lead = number(reader, bad, 0.0f, 1e6f);
     channel->command_max_v = number(reader, bad, 0.0f, 31.0f);
+    if (!*bad)
+        draw_in(channel);
     channel->reference_max = number(reader, bad, 0.0f, 1e5f);
     channel->comfort_max = number(reader, bad, 0.0f, 1e5f);
     channel->disagreement_v = number(reader, bad, 0.0f, 1e6f);
@@ -90,7 +102,6 @@ int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size,
     table->quick_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->turns = integer(&reader, &bad, 1, 64);
     table->travel_share = number(&reader, &bad, 1e-6f, 1.0f);
-    table->per_travel_share = bad ? 1.0f : 1.0f / table->travel_share;
     table->lock_ticks = integer(&reader, &bad, 0, TICKS_MAX);
     table->lock_faults = integer(&reader, &bad, 1, TICKS_MAX);
     for (int32_t c = 0; c < table->channels; c++)

@@ -43,11 +43,11 @@ typedef struct {
     int32_t frozen_ticks;      /* the same reading for as long: the sensor is frozen; 2^20: never */
     float stop_max_v;          /* predicted place of rest, volts of y */
     float stop_lead;           /* coasting: volts of y per volt a tick */
-    float command_max_v;
+    float command_max_v;       /* drawn in to what the D/A reaches */
     float reference_max;       /* threshold units */
     float comfort_max;         /* threshold units, felt */
     float disagreement_v;      /* |nu| beyond it: the sensor disagrees with the plant */
-    float reversal_power;      /* mean square of w, above which motion is compared with the plant's */
+    float reversal_power;      /* mean square of w from turn to turn, above which motion is compared with the plant's */
     float drive, damp, spring, correct_x, correct_w;
     int32_t still_codes;       /* a reading within so many codes stands still; it is stuck if the motor should have */
     float stray_max_v;         /* moved by so much meanwhile, volts of y */
@@ -64,8 +64,7 @@ typedef struct {
     int32_t lateness_max; /* 1/256 of a period */
     int32_t silence_ticks, soft_start_ticks, fade_ticks, ramp_ticks, quick_ticks;
     int32_t turns; /* each channel is compared every so many ticks, and its weighting runs at that rate */
-    float travel_share;         /* of the reference, into its slow part, a tick: the rest stays */
-    float per_travel_share;     /* 1 / travel_share */
+    float travel_share; /* of the reference, into its slow part, a tick: the rest stays */
     int32_t lock_ticks, lock_faults; /* after a sensor or travel fault no clear for so long; after so many no arm */
     uint32_t crc;
     tact_safety_channel channel[TACT_CHANNELS_MAX];

@@ -1,23 +1,22 @@
 #include "board/board.h"
 
 /* The slow part goes travel_share of the way to the reference each tick: that bounds the reference, too. */
-float tact_board_limit(const tact_safety *safety, int32_t channel, tact_board_channel *state, float want)
+float tact_board_limit(tact_board *board, int32_t channel, float want)
 {
-    const float most = safety->channel[channel].travel_max, per_share = safety->per_travel_share;
-    const float high = state->slow + (most - state->slow) * per_share;
-    const float low = state->slow - (most + state->slow) * per_share;
-    const float comfortable = tact_board_within(want, safety->channel[channel].reference_max);
+    const tact_safety_channel *safety = &board->safety.channel[channel];
+    const float most = safety->travel_max, share = board->safety.travel_share, slow = board->channel[channel].slow;
+    const float high = slow + (most - slow) / share, low = slow - (most + slow) / share;
+    const float comfortable = tact_board_within(want, safety->reference_max);
     const float below = comfortable > high ? high : comfortable;
     const float limited = below < low ? low : below;
-    state->slow += safety->travel_share * (limited - state->slow);
+    board->channel[channel].slow = slow + share * (limited - slow);
     return limited;
 }
 
-static float take_reference(tact_board *board, int32_t c, float asked)
+static float take_reference(tact_board *board, int32_t c, float want)
 {
-    tact_board_channel *channel = &board->channel[c];
-    const float want = channel->strength->is_on ? tact_strength_step(channel->strength, &channel->strength_state, asked) : asked;
-    return tact_board_limit(&board->safety, c, channel, want);
+    const tact_strength *strength = &board->image.strength[c];
+    return tact_board_limit(board, c, strength->is_on ? tact_strength_step(strength, &board->channel[c].strength, want) : want);
 }
 
 static void take_row(tact_board *board, float *to, const float *row)
@@ -83,5 +82,5 @@ void tact_board_ask(tact_board *board, float *wants)
 {
     const int limits = board->source == TACT_STREAM && !board->drives;
     for (int32_t c = 0; c < board->channels; c++)
-        wants[c] = limits ? tact_board_limit(&board->safety, c, &board->channel[c], 0.0f) : 0.0f;
+        wants[c] = limits ? tact_board_limit(board, c, 0.0f) : 0.0f;
 }

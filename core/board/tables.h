@@ -1,7 +1,7 @@
 /* Tables in memory, checked in turn: a bit that has turned over is found before the tables have been gone through once.
  *
- *     safety | image | channel 1: guard's table, filters, limits, where they lie | channel 2 | ...      sums of 32-bit words
- *     -----------------> a stretch at a time, round and round
+ *     safety | image       sums of 32-bit words
+ *     --------> a stretch at a time, round and round
  *
  * What changes with every tick, and what lies in the rings, is no table. The sums are learnt when the board takes a table
  * or an image, which it does in OFF alone. They are Fletcher's: any word that differs changes the first, and words
@@ -23,8 +23,7 @@ typedef struct {
 
 typedef struct {
     uint32_t taken; /* by the board, when the sums were learnt */
-    int32_t part;   /* of the tables, and the word in it, that come next */
-    uint32_t word;
+    uint32_t word;  /* that comes next */
     tact_tables_sums learnt, sums;
 } tact_tables;
 

@@ -1,25 +1,31 @@
 #include "control/controller.h"
 
-void tact_controller_reset(tact_controller_state *state)
+void tact_controller_reset(const tact_controller *table, tact_controller_state *state)
 {
     for (int i = 0; i < TACT_PREFILTER_MAX; i++)
         state->prefilter[i].s1 = state->prefilter[i].s2 = 0.0f;
     for (int i = 0; i < TACT_FEEDBACK_MAX; i++)
         state->feedback[i].s1 = state->feedback[i].s2 = 0.0f;
-    state->clamped = 0;
-    state->broken = 0;
+    state->clamped = state->broken = 0;
+    state->touch.weight[0] = state->touch.weight[1] = 0.0f;
+    if (table->touch.delay)
+        tact_touch_reset(&table->touch, &state->touch);
 }
 
-int tact_controller_is_valid(const tact_controller *table)
+/* Within +/- most; a NaN stays one. */
+static float within(float value, float most)
 {
-    return table->prefilter_count >= 0 && table->prefilter_count <= TACT_PREFILTER_MAX && table->feedback_count >= 0 &&
-           table->feedback_count <= TACT_FEEDBACK_MAX && table->command_min_v < table->command_max_v;
+    const float cut = value > most ? most : value;
+    return cut < -most ? -most : cut;
 }
 
-void tact_controller_unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess)
+/* Where the sections' answer to `reference` was cut by `excess` volts (command less answer). */
+static void unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess)
 {
     tact_section_state *last = &state->feedback[table->feedback_count - 1];
-    float change = tact_controller_change(table->conditioning, table->reference_max, reference, excess);
+    const float size = reference < 0.0f ? -reference : reference;
+    const float most = size > table->reference_max ? size : table->reference_max;
+    float change = within(reference + table->conditioning * excess, most) - reference;
     for (int32_t i = 0; i < table->prefilter_count; i++)
         change = tact_section_shift(&table->prefilter[i], &state->prefilter[i], change);
     for (int32_t i = 0; i < table->feedback_count; i++)
@@ -27,4 +33,13 @@ void tact_controller_unwind(const tact_controller *table, tact_controller_state 
     const float missing = excess - change;
     last->s1 += table->anti_windup[0] * missing;
     last->s2 += table->anti_windup[1] * missing;
+}
+
+float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference, float wanted)
+{
+    const float command = within(wanted, table->command_max_v);
+    if (command != wanted && table->feedback_count)
+        unwind(table, state, reference, command - wanted);
+    state->broken |= !(wanted < TACT_COMMAND_MAX && wanted > -TACT_COMMAND_MAX);
+    return state->broken ? 0.0f : command;
 }

@@ -7,7 +7,8 @@
  *                  |       y     |            |
  *                  +-------------+-----<------+  u - u', where the command is cut
  *
- * Without feedback sections F's output is the command itself. The controller is data: an image fills the table.
+ * Without feedback sections F's output is the command itself. Where a finger is fed forward (touch/feed_forward.h), that
+ * is added to C's output. The controller is data: an image fills the table.
  *
  * Anti-windup in two steps. First F and C are conditioned (Hanus, Kinnaert & Henrotte 1987): all their states become
  * what a reference would have left of which the cut command is the answer, so that the loop stays linear and what is
@@ -20,16 +21,17 @@
  *   tact_controller_state state;
  *   tact_controller_reset(&state);
  *   float command_v = tact_controller_step(&table, &state, reference, position_v);
+ *   tact_controller_put(&table, &state, command_v as it was put out);
  */
 #ifndef TACT_CONTROLLER_H
 #define TACT_CONTROLLER_H
 
-#include <stddef.h>
 #include <stdint.h>
 
 #include "arithmetic/section.h"
+#include "touch/feed_forward.h"
 
-enum { TACT_PREFILTER_MAX = 8, TACT_FEEDBACK_MAX = 4 };
+enum { TACT_PREFILTER_MAX = 8, TACT_FEEDBACK_MAX = TACT_TOUCH_FEEDBACK_MAX };
 
 #define TACT_REFERENCE_MAX 1e6f /* threshold units: 120 dB SL */
 #define TACT_COMMAND_MAX 1e20f  /* volts before the clamp */
@@ -42,8 +44,8 @@ typedef struct {
     float conditioning;  /* threshold units for a volt: 1 / (product of all b0); 0: none */
     float reference_max; /* threshold units */
     float anti_windup[2];
-    float command_min_v;
     float command_max_v;
+    tact_touch touch; /* its delay 0: no finger is fed forward */
 } tact_controller;
 
 typedef struct {
@@ -51,67 +53,37 @@ typedef struct {
     tact_section_state feedback[TACT_FEEDBACK_MAX];
     int32_t clamped; /* the last command was cut to the limits */
     int32_t broken;  /* latched: see above */
+    tact_touch_state touch;
 } tact_controller_state;
 
 /* All states zero. */
-void tact_controller_reset(tact_controller_state *state);
+void tact_controller_reset(const tact_controller *table, tact_controller_state *state);
 
-/* Returns 1 if the counts and limits of a table can be run, 0 if not. */
-int tact_controller_is_valid(const tact_controller *table);
+/* Cuts a command that is beyond the limits, with anti-windup; zero from where the arithmetic broke. */
+float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference, float wanted);
 
-/* The limits alone; a NaN stays one. */
-static inline float tact_controller_clamp(float wanted, float lowest, float highest)
-{
-    const float cut = wanted > highest ? highest : wanted;
-    return cut < lowest ? lowest : cut;
-}
-
-/* Returns 1 if `wanted` is finite and below the size at which the controller latches broken, 0 if not. */
-static inline int tact_controller_is_sound(float wanted)
-{
-    return (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
-}
-
-/* The change of reference that would have asked for `excess` volts more, as far as it may go. */
-static inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess)
-{
-    const float size = reference < 0.0f ? -reference : reference;
-    const float most = size > reference_max ? size : reference_max;
-    return tact_controller_clamp(reference + conditioning * excess, -most, most) - reference;
-}
-
-/* Anti-windup, where the sections' answer to `reference` was cut by `excess` volts (command less answer). */
-void tact_controller_unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess);
-
-/* Applies the limits and the anti-windup to the sections' answer to `reference`. */
-static inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
-                                   float wanted)
-{
-    const float command = tact_controller_clamp(wanted, table->command_min_v, table->command_max_v);
-    if (command != wanted && table->feedback_count)
-        tact_controller_unwind(table, state, reference, command - wanted);
-    state->broken |= !tact_controller_is_sound(wanted);
-    state->clamped = command != wanted;
-    return state->broken ? 0.0f : command;
-}
-
-/* F's and C's answer to a sound reference, before its limits. */
-static inline float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
-                                      float position_v)
-{
-    const float value = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);
-    if (table->feedback_count == 0)
-        return value;
-    return tact_sections_step(table->feedback, state->feedback, table->feedback_count, value - position_v);
-}
-
-/* One sample: reference (threshold units, any bits) and position (volts, finite: a converter gave it) in, command
- * (volts, within the limits) out. */
+/* One sample: reference (threshold units, within TACT_REFERENCE_MAX) and position (volts, finite: a converter gave it)
+ * in, command (volts, within the limits) out. */
 static inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
-                                  float position_v)
+                                         float position_v)
 {
-    const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
-    return tact_controller_limit(table, state, asked, tact_controller_sections(table, state, asked, position_v));
+    const float asked = tact_sections_step(table->prefilter, state->prefilter, table->prefilter_count, reference);
+    float wanted = asked;
+    if (table->feedback_count)
+        wanted = tact_sections_step(table->feedback, state->feedback, table->feedback_count, asked - position_v);
+    if (table->touch.delay)
+        wanted += tact_touch_step(&table->touch, &state->touch, table->feedback, table->feedback_count, asked, position_v);
+    state->clamped = !(__builtin_fabsf(wanted) <= table->command_max_v);
+    if (state->clamped | state->broken)
+        return tact_controller_limit(table, state, reference, wanted);
+    return wanted;
+}
+
+/* The command that was put out in answer to this sample. */
+static inline void tact_controller_put(const tact_controller *table, tact_controller_state *state, float command_v)
+{
+    if (table->touch.delay)
+        tact_touch_put(&table->touch, &state->touch, command_v);
 }
 
 #endif

@@ -1,21 +1,13 @@
 #include "display/closed_loop.h"
 
-#include "touch/adaptive_controller.h"
-
-static int32_t zero_code(const tact_closed_loop *loop)
-{
-    return tact_converter_code(&loop->display->converter, 0.0f);
-}
-
 void tact_closed_loop_rest(tact_closed_loop *loop)
 {
-    tact_controller_reset(&loop->controller_state);
-    if (loop->touch)
-        tact_touch_reset(loop->touch, &loop->touch_state);
+    if (loop->controller)
+        tact_controller_reset(loop->controller, &loop->controller_state);
     tact_strength_reset(&loop->strength_state);
     loop->delay_at = 0;
     for (int i = 0; i < TACT_DELAY_MAX; i++) {
-        loop->delayed_code[i] = zero_code(loop);
+        loop->delayed_code[i] = loop->display->converter.rest_code;
         loop->delayed_flags[i] = 0;
     }
 }
@@ -41,28 +33,16 @@ static void record(const tact_trace *trace, size_t at, const tact_closed_loop *l
         trace->broken[at] = (flags & TACT_BROKEN) != 0;
 }
 
-/* The command of a controller that feeds forward for a finger. */
-static float adaptive_command(tact_closed_loop *loop, float reference, float position_v)
-{
-    const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
-    const float wanted_v = tact_adaptive_step(loop->controller, loop->touch, &loop->controller_state, &loop->touch_state,
-                                              asked, position_v);
-    const float command_v = tact_controller_limit(loop->controller, &loop->controller_state, asked, wanted_v);
-    tact_touch_put(loop->touch, &loop->touch_state, command_v);
-    return command_v;
-}
-
 /* The controller's answer to a reading: a code, and what became of it. */
 static inline int32_t answer(tact_closed_loop *loop, float reference, int32_t reading, int32_t *flags)
 {
     const tact_converter *converter = &loop->display->converter;
+    tact_controller_state *state = &loop->controller_state;
     const float position_v = tact_converter_position_v(converter, reading);
-    const float command_v =
-        loop->touch ? adaptive_command(loop, reference, position_v)
-                    : tact_controller_step(loop->controller, &loop->controller_state, reference, position_v);
+    const float command_v = tact_controller_step(loop->controller, state, reference, position_v);
     const int32_t code = tact_converter_code(converter, command_v);
-    *flags = (loop->controller_state.clamped | at_rail(converter, code) ? TACT_SATURATED_COMMAND : 0) |
-             (loop->controller_state.broken ? TACT_BROKEN : 0);
+    tact_controller_put(loop->controller, state, command_v);
+    *flags = (state->clamped | at_rail(converter, code) ? TACT_SATURATED_COMMAND : 0) | (state->broken ? TACT_BROKEN : 0);
     return code;
 }
 
@@ -103,7 +83,8 @@ static inline void drive_sample(int32_t order, tact_closed_loop *loop, float com
 static float wanted(tact_closed_loop *loop, double reference)
 {
     const float asked = (float)reference;
-    return loop->strength ? tact_strength_step(loop->strength, &loop->strength_state, asked) : asked;
+    const int reshapes = loop->strength->is_on;
+    return tact_finite(reshapes ? tact_strength_step(loop->strength, &loop->strength_state, asked) : asked, TACT_REFERENCE_MAX);
 }
 
 static int32_t order_of(const tact_closed_loop *loop)

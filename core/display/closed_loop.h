@@ -20,7 +20,6 @@
 #include "control/controller.h"
 #include "display/display.h"
 #include "strength/strength.h"
-#include "touch/table.h"
 
 enum { TACT_DELAY_MAX = 8 };
 enum { TACT_SATURATED_POSITION = 1, TACT_SATURATED_COMMAND = 2, TACT_BROKEN = 4 };
@@ -28,10 +27,8 @@ enum { TACT_SATURATED_POSITION = 1, TACT_SATURATED_COMMAND = 2, TACT_BROKEN = 4 
 typedef struct {
     const tact_controller *controller; /* NULL: none is loaded, the channel can only be driven */
     const tact_display *display;
-    const tact_touch *touch; /* NULL: nothing is fed forward for a finger */
-    const tact_strength *strength; /* NULL: a reference stays as it comes */
+    const tact_strength *strength; /* of the controller; its is_on 0: a reference stays as it comes */
     tact_controller_state controller_state;
-    tact_touch_state touch_state;
     tact_strength_state strength_state;
     tact_display_state display_state;
     int32_t delay_samples; /* 0 to TACT_DELAY_MAX */

@@ -32,13 +32,6 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     return TACT_DONE;
 }
 
-/* A command of the ring, where flags turn over the upper bits of a code's sign, as code in 24 bits | flags << 24. */
-static uint32_t code_and_flags(int32_t word)
-{
-    const uint32_t bits = (uint32_t)word;
-    return bits & 0x800000u ? bits ^ 0xff000000u : bits;
-}
-
 static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, uint32_t count, int felt)
 {
     const tact_board *board = link->board;
@@ -47,7 +40,7 @@ static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, 
         const uint32_t row = (first + k) & (board->trace_capacity - 1);
         const int32_t *words = board->trace + (size_t)(row * 2u * width);
         for (uint32_t c = 0; c < width; c++)
-            tact_write_u32(out, code_and_flags(words[(size_t)(2u * c)]));
+            tact_write_u32(out, (uint32_t)words[(size_t)(2u * c)]);
         for (uint32_t c = 0; c < width; c++)
             tact_write_u32(out, (uint32_t)words[(size_t)(2u * c + 1u)]);
         for (uint32_t c = 0; c < width && felt; c++)
@@ -86,10 +79,9 @@ int32_t tact_report_weights(const tact_link *link, const tact_reader *in, tact_w
         return TACT_BAD_PAYLOAD;
     tact_write_u32(out, board->tick);
     for (int32_t c = 0; c < board->channels; c++) {
-        const tact_board_channel *channel = &board->channel[c];
-        const int adapts = board->image.channels != 0 && board->image.touch[c].feedback_count != 0;
+        const int adapts = board->image.channels != 0 && board->image.controller[c].touch.delay != 0;
         for (int i = 0; i < 2; i++)
-            tact_write_f32(out, adapts ? channel->touch_state.weight[i] : 0.0f);
+            tact_write_f32(out, adapts ? board->channel[c].controller.touch.weight[i] : 0.0f);
     }
     return TACT_DONE;
 }

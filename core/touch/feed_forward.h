@@ -18,7 +18,7 @@
  * u_ff beyond its design's bound sets everything here to zero.
  *
  * Example use, in each sample:
- *   float command_v = C's answer + tact_touch_step(&table, &state, F's answer, position_v);
+ *   float command_v = C's answer + tact_touch_step(&table, &state, C's sections, count, F's answer, position_v);
  *   tact_touch_put(&table, &state, command_v within its limits);
  */
 #ifndef TACT_TOUCH_FEED_FORWARD_H
@@ -28,43 +28,46 @@
 
 /* One sample through the poles: a command, the reading it acted on, and what the model's position was then. */
 static inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
-                            float position_v)
+                                   float position_v)
 {
-    const tact_float_pair k0 = tact_float_pair_get(&table->corner), k1 = tact_float_pair_get(&table->command[1]);
-    const tact_float_pair k2 = tact_float_pair_get(&table->position[1]);
-    const tact_float_pair p0 = tact_float_pair_get(state->balance), p1 = tact_float_pair_get(&state->balance[2]);
-    const tact_float_pair p2 = tact_float_pair_get(&state->model[1]);
-    const float corner = k0.first;
-    state->balance[2] = p1.first + (corner * (p0.second - p1.first) - k1.second * position_v);
-    state->balance[1] = p0.second + (corner * (p0.first - p0.second) + (k0.second * command_v - k2.first * position_v));
-    state->balance[0] = p0.first + ((k1.first * command_v - k2.second * position_v) - corner * p0.first);
-    state->model[2] = p2.second + corner * (p2.first - p2.second);
-    state->model[1] = p2.first + corner * (p1.second - p2.first);
-    state->model[0] = p1.second + corner * (model_v - p1.second);
+    const float corner = table->corner;
+    float *const balance = state->balance, *const model = state->model;
+    const float *const by_u = table->command, *const by_y = table->position;
+    balance[2] += corner * (balance[1] - balance[2]) - by_y[0] * position_v;
+    balance[1] += corner * (balance[0] - balance[1]) + (by_u[0] * command_v - by_y[1] * position_v);
+    balance[0] += (by_u[1] * command_v - by_y[2] * position_v) - corner * balance[0];
+    model[2] += corner * (model[1] - model[2]);
+    model[1] += corner * (model[0] - model[1]);
+    model[0] += corner * (model_v - model[0]);
 }
 
 /* The unloaded plant one sample on, with its command; gives u_ff. */
 static inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v)
 {
-    const tact_float_pair b = tact_float_pair_get(table->plant), a = tact_float_pair_get(&table->plant[2]);
-    const tact_float_pair s = tact_float_pair_get(&state->plant), by = tact_float_pair_get(&state->by_command);
-    const float change = (b.first * command_v - a.first * s.first) + s.second;
-    state->plant.s1 = s.first + change;
-    state->plant.s2 = s.second + (b.second * command_v - a.second * s.first);
-    return by.first * command_v + (by.second * change + state->by_place * s.first);
+    const float *const plant = table->plant;
+    const float place = state->plant.s1, change = (plant[0] * command_v - plant[2] * place) + state->plant.s2;
+    state->plant.s1 = place + change;
+    state->plant.s2 += plant[1] * command_v - plant[3] * place;
+    return state->by_command * command_v + (state->by_change * change + state->by_place * place);
 }
 
-/* u_ff, if it is within its bound. */
-static inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v)
+/* One sample: C, F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
+static inline float tact_touch_step(const tact_touch *table, tact_touch_state *state, const tact_section *feedback,
+                                    int32_t count, float wanted_v, float position_v)
 {
+    if (--state->left <= 0)
+        tact_touch_learn(table, state);
+    const int32_t at = state->at;
+    const float model_v = state->model_v[at];
+    tact_touch_pass(table, state, state->command_v[at], model_v, position_v);
+    state->model_v[at] = state->plant.s1;
+    const float command_v = tact_sections_step(feedback, state->feedback, count, wanted_v - model_v);
+    const float added_v = tact_touch_move(table, state, command_v);
     if (__builtin_fabsf(added_v) <= table->push_max_v)
         return added_v;
     tact_touch_reset(table, state);
     return 0.0f;
 }
-
-/* One sample: F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
-float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
 
 /* The command that was put out in answer to this sample. */
 static inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v)

@@ -41,7 +41,6 @@ static void make_controller(tact_controller *table, int unstable)
     }
     table->anti_windup[0] = within(0.1f);
     table->anti_windup[1] = within(0.1f);
-    table->command_min_v = -10.0f;
     table->command_max_v = 10.0f;
 }
 
@@ -77,6 +76,7 @@ static void make_display(tact_display *display, tact_plant *plants, int order)
 static void run(int order, int unstable, int delay_samples)
 {
     static tact_controller controller;
+    static const tact_strength strength;
     static tact_display display;
     static tact_plant plants[2];
     static tact_closed_loop loops[LOOPS];
@@ -86,6 +86,7 @@ static void run(int order, int unstable, int delay_samples)
     make_display(&display, plants, order);
     for (uint32_t i = 0; i < LOOPS; i++) {
         loops[i].controller = &controller;
+        loops[i].strength = &strength;
         loops[i].display = &display;
         loops[i].delay_samples = delay_samples;
         tact_display_reset(&display, &loops[i].display_state, 1u, i);

@@ -33,10 +33,11 @@ cascade = st.lists(sos_row, min_size=1, max_size=4).map(np.array)
 def run_core(
     of: ChannelController, reference: NDArray[np.float32], position: NDArray[np.float32], state: Any = None
 ) -> NDArray[np.uint32]:
-    table, state = controller_table(of), state or ffi.new("tact_controller_state *")
-    lib.tact_controller_reset(state)
+    (table, _), state = controller_table(of, 4000.0, 0), state or ffi.new("tact_controller_state *")
+    lib.tact_controller_reset(table, state)
     read = [finite(y, 1e3) for y in position]  # a converter gives nothing else
-    commands = [lib.tact_controller_step(table, state, r, y) for r, y in zip(reference, read, strict=True)]
+    asked = [finite(r, 1e6) for r in reference]
+    commands = [lib.tact_controller_step(table, state, r, y) for r, y in zip(asked, read, strict=True)]
     return np.array(commands, dtype=np.float32).view(np.uint32)
 
 
@@ -107,8 +108,8 @@ def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once()
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"limits": Limits(0.0, 2.0)}, "allowed: a positive number of volts"),
-        ({"limits": Limits(-1.0, 2.0)}, "allowed: a positive number of volts"),
+        ({"limits": Limits(0.0, 2.0)}, "its command limit is out of range"),
+        ({"limits": Limits(-1.0, 2.0)}, "its command limit is out of range"),
         (
             {"feedback_sos": np.tile(feedback_sections(), (5, 1))},
             "'index': feedback has 5 sections; allowed: at most 4",
@@ -117,7 +118,7 @@ def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once()
 )
 def test_controller_table__what_no_board_runs__is_refused(changes, words: str) -> None:
     with pytest.raises(BadInput, match=words):
-        controller_table(replace(PAPER, **changes))
+        controller_table(replace(PAPER, **changes), 4000.0, 0)
 
 
 def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
@@ -235,5 +236,5 @@ def test_strength__silence__comes_to_rest_without_subnormal_numbers() -> None:
 @pytest.mark.parametrize("changes", [{"damping": 1e9}, {"gains": np.full((21, 9), 1e5)}, {"gains": np.zeros((20, 9))}])
 def test_strength_table__figures_that_cannot_run__are_refused(changes) -> None:
     figures = {"pairs_hz": shaping().pairs_hz, "damping": 1.2, "gains": shaping().gains, "follow_s": 0.05} | changes
-    with pytest.raises(BadInput, match="strength"):
+    with pytest.raises(BadInput, match=r"strength|a coefficient is not a number or out of range"):
         run_strength([0.0], StrengthShaping(**figures))

@@ -35,13 +35,7 @@ def is_whole(tables, guarded: Guarded) -> bool:
 
 def places(board) -> list[tuple[int, int]]:
     """Where tables lie in a board, from the declarations: offset and size."""
-    spans = [(ffi.offsetof("tact_board", name), ffi.sizeof(f"tact_{name}")) for name in ("safety", "image")]
-    for c in range(board.channels):
-        at = ffi.offsetof("tact_board", "channel") + c * ffi.sizeof("tact_board_channel")
-        for first, after in (("guard_table", "guard"), ("rest_code", "broken")):
-            begin, end = (ffi.offsetof("tact_board_channel", name) for name in (first, after))
-            spans.append((at + begin, end - begin))
-    return spans
+    return [(ffi.offsetof("tact_board", name), ffi.sizeof(f"tact_{name}")) for name in ("safety", "image")]
 
 
 @given(data=st.data())

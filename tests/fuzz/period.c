@@ -79,10 +79,10 @@ static void judge_codes(const int32_t *codes)
 {
     for (int32_t c = 0; c < board.safety.channels; c++) {
         const tact_board_channel *channel = &board.channel[c];
-        const tact_converter *converter = &channel->safety->converter;
+        const tact_converter *converter = &board.safety.channel[c].converter;
         MUST(codes[c] >= converter->code_min && codes[c] <= converter->code_max);
-        MUST(!channel->is_cut || codes[c] == channel->rest_code);
-        MUST(resting <= (uint32_t)board.safety.delay_samples || codes[c] == channel->rest_code);
+        MUST(!channel->is_cut || codes[c] == converter->rest_code);
+        MUST(resting <= (uint32_t)board.safety.delay_samples || codes[c] == converter->rest_code);
     }
 }
 

@@ -11,7 +11,7 @@ from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.plant import Load
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.simulation import Simulation
-from tactuator.runtime.tables import touch_table
+from tactuator.runtime.tables import controller_table
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import plant_family
@@ -109,7 +109,8 @@ def test_adaptation__silence__weights_stay_and_fade_slowly() -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e38])
 def test_estimator__fed_what_is_no_number__adds_nothing_and_goes_on(bad: float) -> None:
-    table, state = touch_table(adaptive(), RATE_HZ, 0), ffi.new("tact_touch_state *")
+    controller, _ = controller_table(adaptive(), RATE_HZ, 0)
+    table, state = ffi.addressof(controller, "touch"), ffi.new("tact_touch_state *")
     lib.tact_touch_reset(table, state)
     rng = np.random.default_rng(2)
     wanted = (0.01 * rng.standard_normal(SECOND)).astype(np.float32)
@@ -117,7 +118,7 @@ def test_estimator__fed_what_is_no_number__adds_nothing_and_goes_on(bad: float) 
     position[500:520] = bad
     added = []
     for sample in zip(wanted, position, strict=True):
-        added.append(lib.tact_touch_step(table, state, *sample))
+        added.append(lib.tact_touch_step(table, state, controller.feedback, controller.feedback_count, *sample))
         lib.tact_touch_put(table, state, 0.0)
     weight = np.array(list(state.weight))
     assert np.all(np.isfinite(added))

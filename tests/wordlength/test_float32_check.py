@@ -132,6 +132,6 @@ def test_roundoff__constant_reference__is_facts() -> None:
     """Facts, section 2: 0.3 uV rms in y at a constant 0.1234 V, 4 kHz."""
     of, own = MADE.display, MADE.channels[0]
     reference = np.full(6000, 0.1234 / own.threshold_voltage_dc)
-    steps = single_step(own), double_step(*rounded_rows(MADE, 0))
+    steps = single_step(own, 4000.0), double_step(*rounded_rows(MADE, 0))
     single, double = (run_loop(of.channels[0], of, step, reference)[0][-2000:] for step in steps)
     assert 0.15e-6 < float(np.sqrt(np.mean((single - double) ** 2))) < 0.6e-6

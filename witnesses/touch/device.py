@@ -19,7 +19,7 @@ from tactuator.arrays import FloatArray
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
 from tactuator.runtime._core import ffi
-from tactuator.runtime.tables import controller_table, touch_table
+from tactuator.runtime.tables import controller_table
 
 HERE = Path(__file__).resolve().parent
 CORE = HERE.parents[1] / "core"
@@ -96,11 +96,10 @@ class Device:
     ) -> None:
         channel = display.channels[place]
         self._state = _device(display, channel, plant, np.random.default_rng(seed))
-        self._tables = controller_table(own), touch_table(own, display.rate_hz, place)
+        self._tables = controller_table(own, display.rate_hz, place)
         self._product = ctypes.create_string_buffer(_library().product_size() + 64)
         self._address = ctypes.c_void_p(-(-ctypes.addressof(self._product) // 64) * 64)
-        table, touch = (ctypes.c_void_p(int(ffi.cast("uintptr_t", each))) for each in self._tables)
-        _library().product_begin(self._address, table, touch)
+        _library().product_begin(self._address, ctypes.c_void_p(int(ffi.cast("uintptr_t", self._tables[0]))))
 
     def play(
         self,

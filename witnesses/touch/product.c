@@ -1,11 +1,11 @@
 /* The product's controller of one channel behind one function, for generator.c: core/ as it is, nothing of its own. */
-#include "touch/adaptive_controller.h"
+#include <stddef.h>
+
+#include "control/controller.h"
 
 typedef struct {
     const tact_controller *table;
-    const tact_touch *touch;
     tact_controller_state state;
-    tact_touch_state touch_state;
 } product;
 
 size_t product_size(void)
@@ -13,39 +13,34 @@ size_t product_size(void)
     return sizeof(product);
 }
 
-void product_begin(product *p, const void *table, const void *touch)
+void product_begin(product *p, const void *table)
 {
     p->table = table;
-    p->touch = touch;
-    tact_controller_reset(&p->state);
-    tact_touch_reset(p->touch, &p->touch_state);
+    tact_controller_reset(p->table, &p->state);
 }
 
 float product_step(void *controller, float reference, float position_v)
 {
     product *p = controller;
-    if (p->touch->feedback_count == 0)
-        return tact_controller_step(p->table, &p->state, reference, position_v);
-    const float wanted_v = tact_adaptive_step(p->table, p->touch, &p->state, &p->touch_state, reference, position_v);
-    const float command_v = tact_controller_limit(p->table, &p->state, reference, wanted_v);
-    tact_touch_put(p->touch, &p->touch_state, command_v);
+    const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
+    const float command_v = tact_controller_step(p->table, &p->state, asked, position_v);
+    tact_controller_put(p->table, &p->state, command_v);
     return command_v;
 }
 
 void product_weights(const product *p, double *weights)
 {
-    weights[0] = (double)p->touch_state.weight[0];
-    weights[1] = (double)p->touch_state.weight[1];
+    weights[0] = (double)p->state.touch.weight[0];
+    weights[1] = (double)p->state.touch.weight[1];
 }
 
 /* Puts `value` in place of one of the estimator's numbers; 0 where `at` is beyond the last. */
 int product_spoil(product *p, size_t at, float value)
 {
-    const size_t first = offsetof(tact_touch_state, balance) / sizeof(float);
-    const size_t counts = offsetof(tact_touch_state, at) / sizeof(float) - first;
-    const size_t place = first + at + (at >= counts ? 2 : 0);
+    const size_t counts = offsetof(tact_touch_state, at) / sizeof(float);
+    const size_t place = at + (at >= counts ? 2 : 0);
     if (place >= sizeof(tact_touch_state) / sizeof(float))
         return 0;
-    ((float *)(void *)&p->touch_state)[place] = value;
+    ((float *)(void *)&p->state.touch)[place] = value;
     return 1;
 }

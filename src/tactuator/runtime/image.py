@@ -8,7 +8,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import scipy
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.model.controller import ChannelController, Controller, FeedForward, pair_turns
+from tactuator.model.controller import ChannelController, Controller, FeedForward, StrengthShaping, pair_turns
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import (
     FEEDBACK_SECTIONS_MAX,
@@ -31,9 +31,9 @@ _HEAD = struct.Struct("<4sHBBIf")
 _MAGIC, _VERSION = b"TACI", 4
 CONDITIONING_MAX = 1e6
 """Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
-CHANNEL_HEAD = struct.Struct("<16sBBBBf")
-"""Of a channel in an image: name, prefilter sections, feedback sections, 2 where it feeds forward for a finger, 1 where
-its reference is reshaped by its strength, command limit in volts."""
+_CHANNEL_HEAD = struct.Struct("<16sBBBBf")
+"""Of a channel in an image: name, prefilter sections, feedback sections, the layout of what feeds forward for a finger
+and of what reshapes the reference (0: none), command limit in volts."""
 
 
 class ImageRefusal(IntEnum):
@@ -89,12 +89,11 @@ def build_image(controller: Controller) -> bytes:
         )
     if len(controller.channels) > CHANNELS_MAX:
         raise BadInput(f"{len(controller.channels)} channels", f"at most {CHANNELS_MAX} on a board")
-    parts = [channel_bytes(channel) for channel in controller.channels]
-    touches = [touch_bytes(channel, controller.rate_hz, place) for place, channel in enumerate(controller.channels)]
-    strengths = [strength_bytes(channel, controller.rate_hz) for channel in controller.channels]
-    parts = [b"".join(part) for part in zip(parts, touches, strengths, strict=True)]
+    parts = [channel_bytes(channel, controller.rate_hz, place) for place, channel in enumerate(controller.channels)]
     for channel, body in zip(controller.channels, parts, strict=True):
-        _require_range(channel, body)
+        refusal = check_image(_image_of(bytes(32) + body, 1, 1, 1.0), 1.0, 1, 1)
+        if refusal is not ImageRefusal.GOOD:
+            raise refusal.error(f"channel {channel.name!r}")
     body = bytes.fromhex(controller.content_hash) + b"".join(parts)
     return _image_of(body, len(controller.channels), controller.delay_samples, controller.rate_hz)
 
@@ -133,33 +132,6 @@ def read_image_header(image: bytes) -> ImageHeader:
     return ImageHeader(rate_hz, delay, channels, image[_HEAD.size : _HEAD.size + 32].hex(), crc)
 
 
-def _channel_head(channel: ChannelController) -> bytes:
-    name = channel.name.encode()[:16].ljust(16, b"\0")
-    feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
-    adapts = lib.TACT_TOUCH_LAYOUT if channel.feed_forward is not None else 0
-    reshapes = lib.TACT_STRENGTH_LAYOUT if channel.strength is not None else 0
-    counts = channel.prefilter_sos.shape[0], feedback, adapts, reshapes
-    return CHANNEL_HEAD.pack(name, *counts, channel.limits.command_v)
-
-
-def strength_bytes(channel: ChannelController, rate_hz: float) -> bytes:
-    """Return the part of an image that says how a channel's reference is reshaped; nothing where it is not.
-
-    Raises BadInput for another number of poles or levels than the core's.
-    """
-    shaping = channel.strength
-    if shaping is None:
-        return b""
-    shape, pairs = (lib.TACT_STRENGTH_LEVELS, lib.TACT_STRENGTH_GAINS), (lib.TACT_STRENGTH_PAIRS,)
-    if shaping.gains.shape != shape or shaping.pairs_hz.shape != pairs:
-        got = f"gains {shaping.gains.shape}, pairs_hz {shaping.pairs_hz.shape}"
-        raise BadInput(got, f"{shape} and {pairs}", where=(f"channel {channel.name!r}", "strength"))
-    follow = -np.expm1(-1.0 / (shaping.follow_s * rate_hz))
-    turns = pair_turns(shaping.pairs_hz, rate_hz)
-    figures = np.concatenate(([follow, shaping.damping], turns, shaping.gains.ravel()))
-    return figures.astype("<f4").tobytes()
-
-
 def conditioning(channel: ChannelController) -> float:
     """Return the threshold units of reference that a volt of command is worth: 1/D, D the product of all direct gains
     from r to u'; 0 without feedback, or where D is next to nothing.
@@ -180,10 +152,10 @@ def reference_max(channel: ChannelController) -> float:
     return float(from_db(channel.limits.comfort_db_sl))
 
 
-def channel_bytes(channel: ChannelController) -> bytes:
-    """Return the part of an image that describes one channel: head, unwinding, sections in delta form.
+def channel_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
+    """Return the part of an image that describes one channel. place: the channel's, so that the channels learn in turn.
 
-    Raises BadInput, with the channel's name, for too many sections or coefficients beyond float32.
+    Raises BadInput, with the channel's name, for what the core has no room for and for numbers beyond float32.
     """
     where = f"controller, channel {channel.name!r}: "
     rows: list[NDArray[np.float32]] = [
@@ -191,54 +163,63 @@ def channel_bytes(channel: ChannelController) -> bytes:
     ]
     if channel.feedback_sos is not None:
         rows.append(delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, where + "feedback"))
-    unwinding = (*channel.anti_windup.gains, conditioning(channel), reference_max(channel))
-    gains = np.array(unwinding, dtype="<f4").tobytes()
-    return _channel_head(channel) + gains + np.concatenate(rows).astype("<f4").tobytes()
+    touch = b"" if channel.feed_forward is None else _touch_bytes(channel, channel.feed_forward, rate_hz, place)
+    strength = b"" if channel.strength is None else _strength_bytes(channel, channel.strength, rate_hz)
+    layouts = lib.TACT_TOUCH_LAYOUT if touch else 0, lib.TACT_STRENGTH_LAYOUT if strength else 0
+    feedbacks = 0 if channel.feedback_sos is None else len(channel.feedback_sos)
+    name = channel.name.encode()[:16].ljust(16, b"\0")
+    head = _CHANNEL_HEAD.pack(name, len(channel.prefilter_sos), feedbacks, *layouts, channel.limits.command_v)
+    unwinding = np.array([*channel.anti_windup.gains, conditioning(channel), reference_max(channel)], dtype="<f4")
+    return head + unwinding.tobytes() + np.concatenate(rows).astype("<f4").tobytes() + touch + strength
 
 
-def _require_range(channel: ChannelController, body: bytes) -> None:
-    refusal = check_image(_image_of(bytes(32) + body, 1, 1, 1.0), 1.0, 1, 1)
-    if refusal is not ImageRefusal.GOOD:
-        raise refusal.error(f"channel {channel.name!r}")
+def _strength_bytes(channel: ChannelController, shaping: StrengthShaping, rate_hz: float) -> bytes:
+    shape, pairs = (lib.TACT_STRENGTH_LEVELS, lib.TACT_STRENGTH_GAINS), (lib.TACT_STRENGTH_PAIRS,)
+    if shaping.gains.shape != shape or shaping.pairs_hz.shape != pairs:
+        got = f"gains {shaping.gains.shape}, pairs_hz {shaping.pairs_hz.shape}"
+        raise BadInput(got, f"{shape} and {pairs}", where=(f"channel {channel.name!r}", "strength"))
+    follow = -np.expm1(-1.0 / (shaping.follow_s * rate_hz))
+    turns = pair_turns(shaping.pairs_hz, rate_hz)
+    figures = np.concatenate(([follow, shaping.damping], turns, shaping.gains.ravel()))
+    return figures.astype("<f4").tobytes()
 
 
 FORGETTING_MAX = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
 """Share of the memory that is forgotten in a turn, at most: the level beside it follows that many times sooner."""
 
 
-def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> tuple[bytes, dict[str, Any]]:
-    """Return the counts of `tact_touch` (delay, turns, turn, lines of hum), and its figures by name in the order of an
-    image, rounded to float32. Raises BadInput for what the core cannot hold.
-    """
-    model = channel.feed_forward
-    assert model is not None
+def _touch_bytes(channel: ChannelController, model: FeedForward, rate_hz: float, place: int) -> bytes:
     where = f"controller, channel {channel.name!r}: touch: "
     if channel.feedback_sos is None:
         raise BadInput(f"{where}there is no feedback", "a controller with a loop")
     if len(model.hum_hz) > lib.TACT_TOUCH_HUM_MAX:
         raise BadInput(f"{where}{len(model.hum_hz)} lines of hum", f"at most {lib.TACT_TOUCH_HUM_MAX}")
-    sections = delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, f"{where}feedback")
     if not 1 <= model.turns <= 255:
         raise BadInput(f"{where}turns is {model.turns}", "1 to 255")
     period_s, turn_s = 1.0 / rate_hz, model.turns * (1.0 / rate_hz)
-    figures = _poles(model, period_s) | {
-        "slow": 2.0 * np.pi * model.slow_hz * turn_s,
-        "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),
-        "gate": model.gate_v**2,
-        "ridge": model.ridge_v**2,
-        "shape": model.shape,
-        "fading": turn_s / model.fading_s,
-        "slew": turn_s / model.slew_s,
-        "weight_max": model.weight_max,
-        "push_max_v": model.push_max_v,
-        "hum_gain": 4.0 * np.pi * model.hum_band_hz * turn_s,
-    }
-    if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
-        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
     angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
-    hum = np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
-    counts = bytes([model.delay_samples, model.turns, place % model.turns, len(hum)])
-    return counts, {name: np.float32(value) for name, value in figures.items()} | {"feedback": sections, "hum": hum}
+    figures = np.concatenate(
+        [
+            *_poles(model, period_s),
+            [
+                2.0 * np.pi * model.slow_hz * turn_s,
+                min(turn_s / model.forgetting_s, FORGETTING_MAX),
+                model.gate_v**2,
+                model.ridge_v**2,
+                model.shape,
+                turn_s / model.fading_s,
+                turn_s / model.slew_s,
+                model.weight_max,
+                model.push_max_v,
+                4.0 * np.pi * model.hum_band_hz * turn_s,
+            ],
+            np.stack([np.cos(angles), np.sin(angles)], axis=1).ravel(),
+        ]
+    )
+    if not np.all(np.abs(figures) <= float(np.finfo(np.float32).max)):
+        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
+    counts = bytes([model.delay_samples, model.turns, place % model.turns, len(model.hum_hz)])
+    return counts + figures.astype("<f4").tobytes()
 
 
 def _pushes(model: FeedForward, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -252,8 +233,8 @@ def _pushes(model: FeedForward, period_s: float) -> tuple[FloatArray, FloatArray
     return mass * np.array([1.0, drag + 0.5 * spring, spring]), rest
 
 
-def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
-    """Return how the three poles G = c/(d + c), d = z - 1, are fed and summed.
+def _poles(model: FeedForward, period_s: float) -> list[FloatArray]:
+    """Return how the three poles G = c/(d + c), d = z - 1, are fed and summed, in the order of tact_touch.
 
     Of the held plant B/A with B = b1 d + b, the balance is G^3 (B u - A y)/b. Since d G = c (1 - G), B G^3 and A G^3
     are sums of G, G^2 and G^3: u and y are fed into the third, second and first pole with these shares. The model's
@@ -267,16 +248,16 @@ def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
     change = np.array([lead, 1.0, 0.0]) * corner
     place = np.array([0.0, lead, 1.0])
     mass, rest = _pushes(model, period_s)
-    return {
-        "plant": np.array([b1, b, a1, a2]),
-        "corner": corner,
-        "command": corner * np.array([lead, 1.0 - lead]),
-        "position": corner * inverted,
-        "mass": model.mass_fed * mass,
-        "rest": rest,
-        "first": mass[0] * inverse - mass[1] * change - mass[2] * place,
-        "second": rest[0] * change + rest[1] * place,
-    }
+    return [
+        np.array([b1, b, a1, a2]),
+        np.array([corner]),
+        corner * np.array([lead, 1.0 - lead]),
+        corner * inverted,
+        model.mass_fed * mass,
+        rest,
+        mass[0] * inverse - mass[1] * change - mass[2] * place,
+        rest[0] * change + rest[1] * place,
+    ]
 
 
 def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
@@ -285,14 +266,3 @@ def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
     less_one = scipy.linalg.expm(a) - np.eye(3)
     m, b = less_one[:2, :2], less_one[:2, 2]
     return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])
-
-
-def touch_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
-    """Return the part of an image that says how a channel feeds forward; nothing where it does not.
-
-    place: the channel's, so that the channels learn in turn. Raises BadInput for what the core cannot hold.
-    """
-    if channel.feed_forward is None:
-        return b""
-    counts, figures = touch_figures(channel, rate_hz, place)
-    return counts + np.concatenate([np.ravel(value) for value in figures.values()]).astype("<f4").tobytes()

@@ -17,8 +17,6 @@ from tactuator.runtime.tables import (
     controller_table,
     display_table,
     load_names,
-    strength_table,
-    touch_table,
 )
 
 REFERENCE_MAX = 1000.0
@@ -73,20 +71,14 @@ class Simulation:
             lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
         self._controllers: list[Any] = []
-        self._touches: list[Any] = []
-        self._strengths: list[Any] = []
 
     def load(self, controller: Controller) -> None:
         """Load the controller of every channel; its states start at zero, the device goes on as it is."""
         controller.require_runs(self.display)
-        self._controllers = [controller_table(channel) for channel in controller.channels]
-        rate_hz = controller.rate_hz
-        self._touches = [touch_table(channel, rate_hz, place) for place, channel in enumerate(controller.channels)]
-        self._strengths = [strength_table(channel, rate_hz) for channel in controller.channels]
-        tables = zip(self._loops, self._controllers, self._touches, self._strengths, strict=True)
-        for loop, table, touch, strength in tables:
+        tables = [controller_table(each, controller.rate_hz, place) for place, each in enumerate(controller.channels)]
+        for loop, (table, strength) in zip(self._loops, tables, strict=True):
             loop.controller, loop.strength = table, strength
-            loop.touch = touch if touch.feedback_count else ffi.NULL
+        self._controllers = tables
         self.rest()
 
     def rest(self) -> None:
@@ -96,7 +88,7 @@ class Simulation:
 
     def weights(self) -> FloatArray:
         """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
-        return np.array([list(loop.touch_state.weight) for loop in self._loops], dtype=np.float64)
+        return np.array([list(loop.controller_state.touch.weight) for loop in self._loops], dtype=np.float64)
 
     def touch(self, channel: int, load: str | None) -> None:
         """Put a load on a channel (None: take it off). Position and velocity go on."""

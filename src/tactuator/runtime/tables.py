@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -25,10 +24,8 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.image import CHANNEL_HEAD, channel_bytes, sealed, strength_bytes, touch_figures
+from tactuator.runtime.image import ImageRefusal, channel_bytes, sealed
 from tactuator.signals.systems import ContinuousSystem
-
-ORDER_MAX = 8
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,8 @@ def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
     plants = [channel.plant, *(channel.loaded_plant(load) for load in channel.loads)]
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)
-    if not 1 <= order <= ORDER_MAX:
-        raise BadInput(f"channel {channel.name!r}: its plant is of order {order} here", f"1 to {ORDER_MAX}")
+    if not 1 <= order <= lib.TACT_ORDER_MAX:
+        raise BadInput(f"channel {channel.name!r}: its plant is of order {order} here", f"1 to {lib.TACT_ORDER_MAX}")
     _check_shared_numerator(channel, forms)
     samples = channel.plant.delay_s * rate_hz
     whole = math.floor(samples + 1e-9)
@@ -187,69 +184,22 @@ def converter_table(converter: Converter) -> Any:
 
 
 @lru_cache(maxsize=16)
-def controller_table(controller: ChannelController) -> Any:
-    """Return `tact_controller` of a channel, filled from the bytes of its image; kept for the next simulation.
+def controller_table(channel: ChannelController, rate_hz: float, place: int) -> tuple[Any, Any]:
+    """Return `tact_controller` and `tact_strength` of a channel, as the core reads them in an image; kept for the next
+    simulation.
 
-    The simulated display so runs the very numbers that a board runs; unlike a board it also takes unstable sections,
-    to show what they do. Raises BadInput for too many sections, coefficients beyond float32, or a limit that is none.
+    The simulated display so runs the very numbers that a board runs; unlike a board it also takes unstable sections, to
+    show what they do, and any limit. Raises BadInput for what the core cannot run.
     """
-    body = channel_bytes(controller)
-    _, prefilters, feedbacks, _, _, command_v = CHANNEL_HEAD.unpack_from(body)
-    words = np.frombuffer(body, dtype="<f4", offset=CHANNEL_HEAD.size)
-    table = ffi.new("tact_controller *")
-    table.prefilter_count, table.feedback_count = prefilters, feedbacks
-    sections = words[4:].reshape(-1, 5)
-    _fill_sections(table.prefilter, sections[:prefilters])
-    _fill_sections(table.feedback, sections[prefilters:])
-    table.anti_windup[0], table.anti_windup[1], table.conditioning, table.reference_max = words[:4].tolist()
-    table.command_max_v, table.command_min_v = command_v, -command_v
-    if not lib.tact_controller_is_valid(table):
-        where = f"controller, channel {controller.name!r}: "
-        raise BadInput(f"{where}command_v is {controller.limits.command_v:g}", "a positive number of volts")
-    return table
-
-
-def strength_table(controller: ChannelController, rate_hz: float) -> Any:
-    """Return the `tact_strength` of a channel, NULL where its reference stays as it comes. Raises BadInput for figures
-    that the core cannot run.
-    """
-    if controller.strength is None:
-        return ffi.NULL
-    words = np.frombuffer(strength_bytes(controller, rate_hz), dtype="<f4").tolist()
-    table = ffi.new("tact_strength *")
-    table.is_on, (table.follow, table.damping), rest = 1, words[:2], words[2:]
-    pairs, gains = lib.TACT_STRENGTH_PAIRS, lib.TACT_STRENGTH_GAINS
-    table.turn[0:pairs] = rest[:pairs]
-    for row in range(lib.TACT_STRENGTH_LEVELS):
-        table.gain[row][0:gains] = rest[pairs + row * gains :][:gains]
-    if not lib.tact_strength_is_valid(table):
-        raise BadInput("a figure is out of range", "as designed", where=(f"channel {controller.name!r}", "strength"))
-    return table
-
-
-def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
-    """Return the `tact_touch` of a channel; one whose feedback_count is zero where nothing is fed forward.
-
-    Raises as `touch_bytes` does.
-    """
-    table = ffi.new("tact_touch *")
-    if channel.feed_forward is None:
-        return table
-    (table.delay, table.turns, table.turn, table.hum_count), figures = touch_figures(channel, rate_hz, place)
-    table.feedback_count = len(figures["feedback"])
-    _fill_sections(table.feedback, figures.pop("feedback"))
-    for line, row in zip(table.hum, figures.pop("hum").tolist(), strict=False):
-        line[0], line[1] = row
-    for name, value in figures.items():
-        setattr(table, name, value.tolist())
-    if not lib.tact_touch_settle(table):
-        raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run", "as designed")
-    return table
-
-
-def _fill_sections(sections: Any, coefficients: NDArray[np.float32]) -> None:
-    for section, row in zip(sections, coefficients.tolist(), strict=False):
-        section.b0, section.b1, section.b2, section.a1, section.a2 = row
+    body = channel_bytes(channel, rate_hz, place)
+    content = ffi.from_buffer("uint8_t[]", body)
+    reader = ffi.new("tact_reader *", {"bytes": content, "size": len(body)})
+    controller, strength = ffi.new("tact_controller *"), ffi.new("tact_strength *")
+    name = ffi.new("uint8_t[]", lib.TACT_NAME_SIZE)
+    refusal = ImageRefusal(lib.tact_image_read_channel(reader, name, controller, strength))
+    if refusal is not ImageRefusal.GOOD:
+        raise refusal.error("controller", f"channel {channel.name!r}")
+    return controller, strength
 
 
 def load_names(channel: Channel) -> tuple[str | None, ...]:

@@ -145,6 +145,6 @@ def _levels(controller: Controller, index: int) -> tuple[float, float]:
     exact, command_v = run_loop(described, display, double_step(*rounded_rows(controller, index)), reference)
     within_v = _OF_LIMIT * channel.limits.command_v
     share = within_v / max(float(np.max(np.abs(command_v))), within_v)
-    error = run_loop(described, display, single_step(channel), share * reference)[0] - share * exact
+    error = run_loop(described, display, single_step(channel, display.rate_hz), share * reference)[0] - share * exact
     roundoff, cycle = (felt_db_sl(error[stretch], described, display.rate_hz) for stretch in (during, after))
     return roundoff, cycle

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from operator import mul
 
 import numpy as np
@@ -26,9 +27,10 @@ _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
 _TONE_HZ = 37.0
 
 
-def single_step(controller: ChannelController) -> Step:
-    """Return a channel's controller at rest, as the core steps it."""
-    table, state = controller_table(controller), ffi.new("tact_controller_state *")
+def single_step(controller: ChannelController, rate_hz: float) -> Step:
+    """Return a channel's F and C at rest, as the core steps them."""
+    table, _ = controller_table(replace(controller, feed_forward=None, strength=None), rate_hz, 0)
+    state = ffi.new("tact_controller_state *")
     return lambda reference, position: float(lib.tact_controller_step(table, state, reference, position))
 
 

@@ -52,10 +52,10 @@ int main(int count, char **words)
         return 1;
     tact_noise_seed(&dice, 12u, 7u);
     for (int k = 0; k < image.channels; k++)
-        tact_controller_reset(&state[k]);
+        tact_controller_reset(&image.controller[k], &state[k]);
     for (int tick = 0; tick < TICKS; tick++)
         for (int k = 0; k < image.channels; k++) {
-            const float reference = reference_at(tick);
+            const float reference = tact_finite(reference_at(tick), TACT_REFERENCE_MAX);
             const float command = tact_controller_step(&image.controller[k], &state[k], reference, position[k]);
             position[k] = 0.99f * position[k] + 0.004f * command;
             if (fwrite(&command, sizeof command, 1, stdout) != 1)

@@ -48,7 +48,7 @@ def test_board__asked_for_its_weights__tells_what_it_has_learnt() -> None:
     (learnt,) = settle_weights(rig, own, 30.0, np.random.default_rng(1))
     np.testing.assert_allclose(learnt.weight, [1.0, 1.0], atol=0.15)
     assert learnt.settled_s <= 0.3
-    assert np.array_equal(rig.weights()[0], list(transport.board.channel[0].touch_state.weight))
+    assert np.array_equal(rig.weights()[0], list(transport.board.channel[0].controller.touch.weight))
     rig.load(Controller(adaptive_display(), (replace(adaptive(), feed_forward=None),)))
     assert np.array_equal(rig.weights(), np.zeros((1, 2)))
     rig.close()

@@ -195,7 +195,7 @@ static void take_tables(unsigned long which)
     check(tact_image_parse(&image, FILES[which].image, FILES[which].image_size, safety.rate_hz, 1, CHANNELS) == 0, "image");
     check(tact_simulated_board_parse(&simulated, DISPLAY, sizeof DISPLAY, CHANNELS), "display");
     check(tact_board_take_safety(&board, &safety) && tact_board_take_image(&board, &image), "tables not taken");
-    check((board.image.adapts > 0) == (which > 0), "finger fed forward");
+    check((board.image.controller[0].touch.delay > 0) == (which > 0), "finger fed forward");
 }
 
 int main(int count, char **arguments)

@@ -90,28 +90,26 @@ def safety():
     return channel
 
 
-def guard_of(channel, turns):
-    """A guard at rest that is compared every so many ticks, and its table."""
-    table, state = ffi.new("tact_guard_table *"), ffi.new("tact_guard_state *")
-    lib.tact_guard_make(table, channel, turns)
+def guard():
+    """A guard at rest."""
+    state = ffi.new("tact_guard_state *")
     lib.tact_guard_reset(state, 0)
-    return table, state
+    return state
 
 
 @given(seed=st.integers(0, 2**32 - 1), turns=st.sampled_from([1, 3]), share=st.floats(-1.5, 1.5))
 @settings(max_examples=30, deadline=None)
 def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, turns, share):
     """Against the two means as docs/safety.md defines them, in double precision; too close to call is not asked."""
-    table, state = guard_of(safety, turns)
-    rng = np.random.default_rng(seed)
+    state, rng = guard(), np.random.default_rng(seed)
     step_v, agreement, power, code = safety.converter.step_v_single, 0.0, 0.0, 1000
-    state.compared.first = code * step_v
+    state.compared_v = code * step_v
     for turn in range(200):
         w = float(np.float32(rng.normal() * 10.0 ** rng.uniform(-5.0, -2.0)))
         codes = round(share * turns * w / step_v)
         code += codes
-        state.model.second, state.last_code = w, code
-        faults = lib.tact_guard_compare(table, state, turn)
+        state.w, state.last_code = w, code
+        faults = lib.tact_guard_compare(safety, state, turns, turn)
         agreement += 0.025 * (turns * w * step_v * codes - agreement)
         power += 0.025 * ((turns * w) ** 2 - power)
         near = min(abs(power / safety.reversal_power - 1.0), abs(agreement / (-0.5 * power) - 1.0))
@@ -124,11 +122,11 @@ def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, t
 def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety, ticks, faults):
     channel = ffi.new("tact_safety_channel *", safety[0])
     channel.frozen_ticks = lib.TACT_SAFETY_NEVER if ticks == "NEVER" else ticks
-    table, state = guard_of(channel, 3)
-    state.last_code, state.compared.first = 1000, 1000 * channel.converter.step_v_single
-    state.model.first = state.compared.first
-    assert lib.tact_guard_compare(table, state, 49) == 0
-    assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
+    state = guard()
+    state.last_code, state.compared_v = 1000, 1000 * channel.converter.step_v_single
+    state.x = state.compared_v
+    assert lib.tact_guard_compare(channel, state, 3, 49) == 0
+    assert lib.tact_guard_compare(channel, state, 3, lib.TACT_SAFETY_NEVER + 1) == faults
 
 
 def falls_over():
@@ -160,8 +158,8 @@ def answers(guarded, rows, left=0.0):
     board, simulated = guarded.board, guarded.simulated
     states = [ffi.new("tact_controller_state *") for _ in range(3)]
     for c, state in enumerate(states):
-        lib.tact_controller_reset(state)
-        for one in (state, board.channel[c].controller_state):
+        lib.tact_controller_reset(ffi.addressof(board.image.controller, c), state)
+        for one in (state, board.channel[c].controller):
             for section in one.prefilter[0:2]:
                 section.s1 = section.s2 = left
     found, wanted = [], []
@@ -175,7 +173,7 @@ def answers(guarded, rows, left=0.0):
             most = np.float32(safety.reference_max)
             reference = fade * np.clip(row[c], -most, most)
             position_v = lib.tact_converter_position_v(ffi.addressof(safety.converter), simulated.code[c])
-            command_v = lib.tact_controller_step(channel.controller, state, reference, position_v)
+            command_v = lib.tact_controller_step(ffi.addressof(board.image.controller, c), state, reference, position_v)
             found.append(channel.delayed_v[slot])
             wanted.append(float(command_fade * np.float32(command_v)))
         if board.mode != lib.TACT_RUNNING:
@@ -198,7 +196,7 @@ def test_period__tones_and_silence__commands_are_the_controllers_to_the_bit(made
 def test_period__commands_beyond_their_limits__are_limited_as_the_controllers_are():
     guarded = Guarded(spoilt(designed(), 3.0))
     found, wanted = answers(guarded, np.full((SOFT, 3), 1e9) * np.sign(np.sin(np.arange(SOFT) * 2.5))[:, None])
-    assert any(guarded.board.channel[c].controller_state.clamped for c in range(3))
+    assert any(guarded.board.channel[c].controller.clamped for c in range(3))
     before = slice(0, found.size - 3)  # a fault's own tick empties the queue
     assert np.array_equal(found[before], wanted[before])
 
@@ -208,5 +206,5 @@ def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are(
     found, wanted = answers(guarded, np.zeros((30_000, 3)), LEFT)  # a prefilter's slowest pole may lie at 0.3 Hz
     assert np.array_equal(found, wanted)
     for c in range(3):
-        for section in guarded.board.channel[c].controller_state.prefilter[0:2]:
+        for section in guarded.board.channel[c].controller.prefilter[0:2]:
             assert (section.s1, section.s2) == (0.0, 0.0)
