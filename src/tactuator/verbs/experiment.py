@@ -31,9 +31,11 @@ if TYPE_CHECKING:
     from tactuator.experiment.result.store_results import GroupCurve, StoreResults
     from tactuator.experiment.session.studies import Books
     from tactuator.experiment.session.task import Apparatus
+    from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
     from tactuator.perception.curve import RelativeCurve
 
 _SETTING = Fields("experiment.simulated.quality:Setting")
+_STUDY = Fields("experiment.simulated.planning:PlannedStudy")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql+pg8000://...", type=str)]
@@ -183,11 +185,9 @@ class ObservedResult(Result):
 
     store: Place
     truth: tuple[tuple[str, float, float], ...]
-    what: str = "true threshold (dB re 1 µm)"
 
     def columns(self) -> Mapping[str, Any]:
-        level = "true_db_re_1um" if self.what.startswith("true") else "equal_db_sl"
-        names = ("subject", "frequency_hz", level, "simulated")
+        names = ("subject", "frequency_hz", "true_db_re_1um", "simulated")
         return columns_of(names, [(*row, "simulated") for row in self.truth])
 
     def to_dict(self) -> dict[str, Any]:
@@ -199,7 +199,7 @@ class ObservedResult(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
-        columns = ("subject", "frequency (Hz)", self.what)
+        columns = ("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
         if not rows:
             return [f"nothing left to do, all have gone through the study: {self.store}"]
         return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"written: {self.store}"]
@@ -218,62 +218,44 @@ def observe(
         list[str] | None, Option("A subject's threshold (frequency_hz,level_db_sl).", metavar="SUBJECT=CSV")
     ] = None,
     lapse: Annotated[list[str] | None, Option("A subject's lapse rate; repeatable.", metavar="SUBJECT=RATE")] = None,
-    law: Annotated[
-        list[str] | None, Option("A subject's law of strength, where tones are judged.", metavar="SUBJECT=LAW")
-    ] = None,
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Let simulated subjects go through the study. They feel what the loop of the simulated display makes of it. With
-    --lsl they wait for a recorder.
+    """Let simulated subjects go through a detection study. They feel what the loop of the simulated display makes of
+    it. With --lsl they wait for a recorder.
     """
     import numpy as np
 
     from tactuator.experiment.protocol.detection import Protocol
-    from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
-    from tactuator.experiment.protocol.study import StudyProtocol
+    from tactuator.experiment.protocol.file import read_protocol
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
-    from tactuator.experiment.simulated.strength_people import people_of
     from tactuator.experiment.store.store import opened_store, sessions_of
     from tactuator.rig.rig import usual_load
 
-    any_study, text = read_protocol(Path(protocol), StudyProtocol)
-    study = any_study if isinstance(any_study, JudgingProtocol) else read_protocol(Path(protocol), Protocol)[0]
-    if truth and isinstance(study, JudgingProtocol):
-        raise BadInput("--truth where tones are judged", "--law and --lapse")
-    if law and not isinstance(study, JudgingProtocol):
-        raise BadInput(f"--law {law[0]} where thresholds are measured", "--truth and --lapse")
+    study, text = read_protocol(Path(protocol), Protocol)
     codes, seen = [subject.code for subject in study.subject], set[int]()
-    files = _pairs("--truth", "SUBJECT=CSV", truth or [])
-    laws, lapses = dict(_pairs("--law", "SUBJECT=LAW", law or [])), _lapses(lapse or [])
+    files, lapses = _pairs("--truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
         truths = {code: _truth(path, place.band_hz) for code, path in files}
         _make_ready(place, study.warning)
         channels = place.controller.display.channels
         curve, touching = channels[0].threshold.curve, load or usual_load(channels)
-        how = (SystemClock(), None if touching == "none" else touching)
+        observers = with_truths(
+            simulated_observers(curve, len(codes), seed, place.band_hz), codes, curve, truths, lapses
+        )
         with working("people", 1000 * len(codes)) as step, opened_store(store) as database:
 
             def show(at: int, share: float) -> None:
                 seen.add(at)
                 step(round(1000 * (at + share)))
 
-            if isinstance(study, JudgingProtocol):
-                people = people_of(codes, laws, lapses, curve, seed)
-                run_study(database, study, text, place, people, *how, show)
-                hertz = np.array([10.0, 30.0, 60.0, 100.0, 160.0, 250.0])
-                levels = [person.equal_to(30.0, hertz) for person in people]
-            else:
-                drawn = simulated_observers(curve, len(codes), seed, place.band_hz)
-                observers = with_truths(drawn, codes, curve, truths, lapses)
-                run_study(database, study, text, place, observers, *how, show)
-                hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
-                levels = [observer.curve.level_db_re_1um_at(hertz) for observer in observers]
-    each = [(codes[at], levels[at]) for at in sorted(seen)]
+            finger = None if touching == "none" else touching
+            run_study(database, study, text, place, observers, SystemClock(), finger, show)
+    hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
+    each = [(codes[at], observers[at].curve.level_db_re_1um_at(hertz)) for at in sorted(seen)]
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
-    what = "as strong as 30 dB SL at 100 Hz (dB SL)" if isinstance(study, JudgingProtocol) else ObservedResult.what
-    return ObservedResult(store, tuple(rows), what)
+    return ObservedResult(store, tuple(rows))
 
 
 def _truth(path: Place, band_hz: tuple[float, float]) -> "RelativeCurve":
@@ -497,11 +479,15 @@ def backup(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class QualityResult(Result):
-    """How good a procedure is. figures: bias, spread and the rest, by name."""
+    """How good a procedure is. figures: bias, spread and the rest, by name. study, plan: what is to be found with it,
+    and what that takes.
+    """
 
     procedure: str
     runs: int
     figures: Mapping[str, Any]
+    study: "PlannedStudy | None" = None
+    plan: "StudyPlan | None" = None
 
     def headline(self) -> Mapping[str, str]:
         rows = []
@@ -510,10 +496,16 @@ class QualityResult(Result):
                 rows += [_quality_row(f"{key} {inner}", number) for inner, number in value.items()]
             elif key != "by_frequency":
                 rows.append(_quality_row(key, value))
+        if self.study is not None and self.plan is not None:
+            groups = " in each of two groups" if self.study.design == "between" else ""
+            rows.append(("error of a person's threshold (dB)", f"{self.plan.error_db:.2f}"))
+            rows.append(("subjects", f"{self.plan.subjects}{groups}"))
+            rows.append(("power", f"{self.plan.power:.3f} for {self.study.effect_db:g} dB"))
         return dict(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        return {**self.figures, "simulated": True}
+        plan = {} if self.plan is None else {"study": finite(self.study), "plan": finite(self.plan)}
+        return {**self.figures, **plan, "simulated": True}
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"{self.procedure}, {self.runs} simulated runs"
@@ -547,7 +539,7 @@ def _quality_row(key: str, value: object) -> tuple[str, str]:
 def simulate(
     procedure: Annotated[
         str,
-        Option("imece2004, up-down, quest-plus, curve, matching, magnitude-estimation, discrimination, or another's."),
+        Option("imece2004, up-down, quest-plus, curve, or another package's."),
     ] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
@@ -561,34 +553,41 @@ def simulate(
     guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = _SETTING.default("guessed"),
     drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = _SETTING.default("drift_db"),
     loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = _SETTING.default("loud_share"),
-    law: Annotated[
-        str | None, Option("Of matching and the like: everybody's law of strength (default: each in turn).")
+    effect_db: Annotated[
+        float | None, Option("Difference that a study is to find, dB: how many people it takes.")
     ] = None,
+    spread_db: Annotated[float | None, _STUDY.option("spread_db")] = None,
+    design: Annotated[str, _STUDY.option("design")] = _STUDY.default("design"),
+    repeats: Annotated[int, _STUDY.option("repeats")] = _STUDY.default("repeats"),
+    alpha: Annotated[float, _STUDY.option("alpha")] = _STUDY.default("alpha"),
+    power: Annotated[float, _STUDY.option("power")] = _STUDY.default("power"),
     seed: Seed = 0,
 ) -> QualityResult:
-    """Say how good a procedure's estimates are. It is run many times against people whose truth is known."""
+    """Say how good a procedure's estimates are. It is run many times against people whose truth is known. With
+    --effect-db and --spread-db it says how many subjects a study takes, and its power.
+
+    Raises BadInput for an effect without a spread, and where no number of subjects finds it.
+    """
     from tactuator.entry_points import plugins
     from tactuator.experiment.procedure.procedure import GROUP, Playable
-    from tactuator.experiment.simulated.judging_quality import TASKS, JudgingSetting, simulate_judging
-    from tactuator.experiment.simulated.quality import Setting, simulate_kind
+    from tactuator.experiment.simulated.planning import PlannedStudy
+    from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
 
-    if procedure not in (*plugins(GROUP), *TASKS):
-        raise BadInput(repr(procedure), ", ".join((*plugins(GROUP), *TASKS)), key="--procedure")
-
+    if procedure not in plugins(GROUP):
+        raise BadInput(repr(procedure), ", ".join(plugins(GROUP)), key="--procedure")
+    if (effect_db is None) != (spread_db is None):
+        raise BadInput("one of --effect-db and --spread-db", "both, or neither: no spread is assumed")
+    study = None
+    if effect_db is not None and spread_db is not None:
+        study = PlannedStudy(effect_db, spread_db, design, repeats, alpha, power)  # type: ignore[arg-type]
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
-    if procedure in TASKS:
-        if setting != Setting(runs, lapse=lapse, seed=seed) or truth is not None:
-            raise BadInput(f"options of thresholds with {procedure}", "--runs, --lapse, --trials, --law, --seed")
-        with working(f"{runs} people", 1.0) as step:
-            figures = finite(simulate_judging(procedure, JudgingSetting(runs, lapse, seed, law, trials), step))
-    elif law is not None:
-        raise BadInput(f"--law {law} with {procedure}", f"with {', '.join(TASKS)}")
-    else:
-        people = None if truth is None else _truth(truth, Playable.band_hz)
-        with working(f"{runs} runs", 1.0) as step:
-            figures = finite(simulate_kind(procedure, setting, trials, people, step))
+    people = None if truth is None else _truth(truth, Playable.band_hz)
+    with working(f"{runs} runs", 1.0) as step:
+        quality = simulate_kind(procedure, setting, trials, people, step)
+    error_db = quality.rms_error_db if isinstance(quality, CurveQuality) else quality.refit.rmse_db
+    figures = finite(quality)
     assert isinstance(figures, dict)
-    return QualityResult(procedure, runs, figures)
+    return QualityResult(procedure, runs, figures, study, None if study is None else study.plan(error_db))
 
 
 def _slope_range(text: str) -> tuple[float, float]:

@@ -58,7 +58,6 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "experiment information": "verbs.recognition:information",
         "experiment backup": "verbs.experiment:backup",
         "experiment simulate": "verbs.experiment:simulate",
-        "experiment plan": "verbs.planning:plan",
     },
     "Speech": {
         "render": "verbs.speech:render",

@@ -1,6 +1,7 @@
 """Tables of results and language files: each word stands in them, the same keys everywhere; and contours of a store."""
 
 import re
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +20,10 @@ from tactuator.experiment.result.confusion import (
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold
+from tactuator.experiment.session.presented_session import PresentedSession, run_session
+from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.simulated.sitting import run_study
-from tactuator.experiment.simulated.strength_people import people_of
+from tactuator.experiment.store.records import Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.words import Words, difference, read_words, shipped_languages, shipped_words
 from tactuator.io.csv_tables import read_contours, write_contours
@@ -29,7 +31,7 @@ from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.table import ResultTable
 from tactuator.verbs.strength import StoreContours, judged
 from tests.experiment.session.apparatuses import apparatus
-from tests.experiment.session.test_judging_task import ESTIMATION, HEAD
+from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, Level
 
 MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})
 
@@ -122,12 +124,25 @@ MINE = ThresholdCurve(
 )
 
 
+class Noisy(Level):
+    """Judges by the commanded level, with a scatter of 1.7 dB."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self.rng = np.random.default_rng(seed)
+
+    def felt_db(self, tone) -> float:
+        return super().felt_db(tone) + 1.7 * float(self.rng.standard_normal())
+
+
 def observed(path, text: str) -> None:
-    protocol, store = parse_protocol(text, StudyProtocol), Store(path)
-    codes = [subject.code for subject in protocol.subject]
-    people = people_of(codes, dict.fromkeys(codes, "sensation-level"), {}, curve("bolanowski-1988"), 3)
-    run_study(store, protocol, text, apparatus(), people, SystemClock())
-    store.close()
+    protocol = parse_protocol(text, StudyProtocol)
+    with closing(Store(path)) as store:
+        task = task_of(protocol, path.parent, apparatus())
+        study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
+        for number, subject in enumerate(protocol.subject):
+            session = open_session(study, subject.code, Sitting("simulated"))
+            run_session(PresentedSession(session), Noisy(number))
 
 
 def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_path) -> None:

@@ -55,10 +55,13 @@ class Level(Respondent):
         if len(self.asked) == self.most:
             raise KeyboardInterrupt
         self.asked.append(trial)
+        levels = [self.felt_db(tones[0]) for tones in trial.tones]
         if not trial.responses:
-            return f"{10.0 ** (trial.tones[0][0].level_db_sl / 20.0):.3g}"
-        levels = [tones[0].level_db_sl for tones in trial.tones]
+            return f"{10.0 ** (levels[0] / 20.0):.3g}"
         return trial.responses[int(np.argmax(levels))]
+
+    def felt_db(self, tone) -> float:
+        return tone.level_db_sl
 
 
 class Words(Respondent):

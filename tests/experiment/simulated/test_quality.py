@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,12 +15,11 @@ from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.planning import PlannedStudy, measured_spread, plan_study
+from tactuator.experiment.simulated.planning import PlannedStudy
 from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
 from tactuator.experiment.simulated.sitting import Observer
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
-from tests.experiment.result.test_tables import ONE
 
 
 def tracks(rule, setting):
@@ -212,14 +210,13 @@ def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float
             shape(*amiss)
 
 
-GROUPS = {"between": 2, "within": 1, "norm": 1}
-DIFFERENCES = {"between": 2.0, "within": 2.0, "norm": 1.0}
+GROUPS = {"between": 2, "within": 1}
 
 
 def power_by_integral(design: str, effect_db: float, sd_db: float, subjects: int, alpha: float) -> float:
     """Power of the t test as an integral over the estimated spread: given it, the mean difference is normal."""
     freedom = GROUPS[design] * (subjects - 1)
-    shift = effect_db / (sd_db * math.sqrt(DIFFERENCES[design] / subjects))
+    shift = effect_db / (sd_db * math.sqrt(2.0 / subjects))
     critical = stats.t.ppf(1.0 - alpha / 2.0, freedom)
 
     def density(ratio: float) -> float:
@@ -232,43 +229,25 @@ def power_by_integral(design: str, effect_db: float, sd_db: float, subjects: int
 @pytest.mark.parametrize("design", GROUPS)
 @pytest.mark.parametrize(("effect_db", "subjects"), [(1.0, 40), (3.0, 12), (6.0, 5), (9.0, 3)])
 def test_power__each_design__is_the_integral_over_the_spread(design: str, effect_db: float, subjects: int) -> None:
-    study = PlannedStudy(effect_db, 4.0, design, alpha=0.02)
-    variance = study.variance(error_db=2.0, repeats=2)
-    assert variance == pytest.approx(18.0)
-    expected = power_by_integral(design, effect_db, math.sqrt(18.0), subjects, 0.02)
-    assert float(study.power_of(subjects, variance)) == pytest.approx(expected, abs=1e-6)
+    power = PlannedStudy(effect_db, 4.0, design, repeats=2, alpha=0.02).power_of(subjects, 2.0)
+    expected = power_by_integral(design, effect_db, math.sqrt(4.0**2 + 2.0**2 / 2), subjects, 0.02)
+    assert float(power) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("design", GROUPS)
 def test_plan__of_each_design__is_the_smallest_that_finds_the_effect(design: str) -> None:
-    study = PlannedStudy(3.0, 3.0, design, minutes=60.0, conditions=4, comparisons=2)
-    found = plan_study(study, error_db=1.5, run_trials=60.0)
-    assert found.repeats == int(60.0 * 60.0 / (4 * (2 if design == "within" else 1) * 60 * study.trial_s))
-    sd_db, counts = math.sqrt(3.0**2 + 1.5**2 / found.repeats), (found.subjects - 1, found.subjects)
-    fewer, power = (power_by_integral(design, 3.0, sd_db, count, 0.025) for count in counts)
+    found = PlannedStudy(3.0, 3.0, design, repeats=3).plan(1.5)
+    sd_db, counts = math.sqrt(3.0**2 + 1.5**2 / 3), (found.subjects - 1, found.subjects)
+    fewer, power = (power_by_integral(design, 3.0, sd_db, count, 0.05) for count in counts)
     assert found.power == pytest.approx(power, abs=1e-6)
     assert fewer < 0.8 <= power
-    assert found.subjects_in_all == GROUPS[design] * found.subjects
+    assert found.error_db == pytest.approx(1.5 / math.sqrt(3.0))
 
 
-def test_plan__too_little_time_effect_or_pilot__is_refused() -> None:
-    with pytest.raises(BadInput, match="8 runs of 60 trials take 34 min; allowed: 20 min or less"):
-        plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 60.0)
-    with pytest.raises(BadInput, match=r"effect of 0\.01 dB"):
-        plan_study(PlannedStudy(0.01, 9.0), 1.0, 48.0)
-    assert plan_study(PlannedStudy(3.0, 3.0, minutes=20.0), 1.0, 150.0, whole_curve=True).repeats == 1
+def test_power__more_subjects__rises_and_too_small_an_effect_is_refused() -> None:
+    with pytest.raises(BadInput, match=r"effect of 0\.01 dB; allowed: one that 10000 people show"):
+        PlannedStudy(0.01, 9.0).plan(1.0)
     for effect_db in (0.1, 1.0, 8.0, 40.0):
-        power = PlannedStudy(effect_db, 4.5).power_of(np.arange(2, 3000, 7), 20.0)
+        power = PlannedStudy(effect_db, 4.5).power_of(np.arange(2, 3000, 7), 2.0)
         assert np.all((power >= 0.05 - 1e-9) & (power <= 1.0))
         assert np.all(np.diff(power) >= -1e-9)
-    levels = np.random.default_rng(2).normal(5.0, math.hypot(4.0, 3.0), (3, 400))  # people of 4 dB, errors of 3
-    pilot = [
-        replace(ONE, subject=f"S{number}", frequency_hz=hertz, level_db_re_1um=level, sd_db=3.0)
-        for hertz, row in zip((10.0, 50.0, 250.0), levels, strict=True)
-        for number, level in enumerate(row)
-    ]
-    spread, people = measured_spread(pilot)
-    assert people == 400
-    assert spread == pytest.approx(4.0, rel=0.06)
-    with pytest.raises(BadInput, match="no two were measured alike"):
-        measured_spread(pilot[::400])

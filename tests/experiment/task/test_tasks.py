@@ -2,22 +2,18 @@
 
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.simulated.judging_quality import answered
-from tactuator.experiment.simulated.strength_people import StrengthPerson
-from tactuator.experiment.task.discrimination import DiscriminationKeys
 from tactuator.experiment.task.estimate import CANNOT_TELL, estimate
 from tactuator.experiment.task.laws import FREE, LAWS
 from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Matches, fit, most_telling
 from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Place, parse_task
+from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, parse_task
 from tactuator.experiment.task.task_keys import estimate as number_of
 from tactuator.experiment.trial import Timing
 from tactuator.experiment.words import shipped_words
@@ -34,6 +30,16 @@ TASKS = {
     "gap": {"kind": "discrimination", "of": "gap", "fingers": ["index"], "frequencies_hz": [140.0]},
     "order": {"kind": "discrimination", "of": "order", "fingers": ["index", "thumb"], "frequencies_hz": [140.0]},
 }
+
+
+def answered(keys, answer, seed: tuple[int, ...]) -> AnsweredRun:
+    """A run answered by a function of the trial, the levels of its tones, and a generator."""
+    run, rng, trials = keys.begin(0, PLACE, seed), np.random.default_rng(seed), []
+    while (trial := run.trial(len(trials))) is not None:
+        response = answer(trial, [tones[0].level_db_sl for tones in trial.tones], rng)
+        run.record(trial, response)
+        trials.append(Answered.of(trial, response))
+    return AnsweredRun("S", "index", trials[0].tones[0].frequency_hz, tuple(trials), True)
 
 
 def played(document: dict, seed: int = 1, most: int = 2000):
@@ -84,7 +90,7 @@ def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -
         at_40_hz = [tones[0].frequency_hz == 40.0 for tones in trial.tones]
         return trial.responses[int(np.argmax(felt - 5.0 * np.array(at_40_hz) + rng.normal(size=2)))]
 
-    run = answered(keys, 0, SimpleNamespace(answer=stronger), (3, 4))
+    run = answered(keys, stronger, (3, 4))
     found = keys.equality(run)
     assert found.above_db.value == pytest.approx(5.0, abs=0.7)
     assert found.above_db.low < 5.0 < found.above_db.high
@@ -120,8 +126,8 @@ def test_magnitudes__a_power_function_in_any_modulus__gives_its_exponent() -> No
         exponent = {40.0: 0.9, 250.0: 0.45}[trial.tones[0][0].frequency_hz]
         return f"{modulus * 10.0 ** (exponent * felt[0] / 20.0) * np.exp(rng.normal(0.0, 0.05)):.4g}"
 
-    people = [SimpleNamespace(answer=partial(estimated, modulus=modulus)) for modulus in (0.1, 300.0)]
-    runs = [replace(answered(keys, 0, each, (at, 2)), subject=f"S{at}") for at, each in enumerate(people)]
+    people = [partial(estimated, modulus=modulus) for modulus in (0.1, 300.0)]
+    runs = [replace(answered(keys, each, (at, 2)), subject=f"S{at}") for at, each in enumerate(people)]
     low, high = magnitudes(runs)
     assert (low.exponent.value, high.exponent.value) == pytest.approx((0.9, 0.45), abs=0.03)
     assert low.exponent.low < 0.9 < low.exponent.high
@@ -156,14 +162,6 @@ def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) ->
     for response in ("0", "-1", "inf", "nan", "strong", ""):
         with pytest.raises(BadInput, match="allowed: a number above 0"):
             number_of(response)
-
-
-def test_difference__put_into_a_simulated_person__comes_out() -> None:
-    for of, fingers, jnd in (("gap", ("index",), 12.0), ("order", ("index", "thumb"), 75.0)):
-        keys = DiscriminationKeys(of=of, fingers=fingers, frequencies_hz=(100.0,))
-        person = StrengthPerson("sensation-level", lambda hertz, level: level, gap_jnd_ms=jnd, order_jnd_ms=jnd)
-        values = [keys.difference(answered(keys, 0, person, (seed, 3))).jnd.value for seed in range(20)]
-        assert np.mean(values) == pytest.approx(jnd, rel=0.15)
 
 
 SETTING = ContourSetting()

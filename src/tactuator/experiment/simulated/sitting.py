@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,21 +13,19 @@ from tactuator.errors import BadInput
 from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, protocol_hash
+from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, Clock
-from tactuator.experiment.simulated.strength_people import StrengthPerson
 from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.task.task_keys import JudgedTone, Judgement
+from tactuator.experiment.task.task_keys import JudgedTone
 from tactuator.experiment.trial import IntervalRecord, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
-from tactuator.rig.rig import require_finger_ports
+from tactuator.rig.rig import Finger, require_finger_ports
 from tactuator.signals.decibels import db
 
 
@@ -120,29 +118,25 @@ def with_truths(
 
 def run_study(
     store: Store,
-    protocol: Protocol | JudgingProtocol,
+    protocol: Protocol,
     text: str,
     apparatus: Apparatus,
-    people: Sequence[Observer | StrengthPerson],
+    people: Sequence[Observer],
     clock: Clock,
     load: str | None = None,
     show: Callable[[int, float], None] = lambda place, share: None,
 ) -> int:
     """Take everybody through their session, resumed if it was begun, and return the study's row in the store.
 
-    people: observers, or persons where tones are judged. load: put on the display's ports while fingers are there.
-    show: called with the subject's place and its progress, 0 to 1. Raises BadInput where there are not as many people
-    as subjects.
+    load: put on the display's ports while fingers are there. show: called with the subject's place and its progress, 0
+    to 1. Raises BadInput where there are not as many people as subjects.
     """
     require_finger_ports(apparatus.rig, apparatus.name)
     if len(people) != len(protocol.subject):
         raise BadInput(f"{len(people)} people for {len(protocol.subject)} subjects", "as many")
-    if isinstance(protocol, JudgingProtocol):
-        task: JudgingTask | DetectionTask = JudgingTask(protocol, apparatus)
-    elif protocol.paradigm.yes_no:
+    if protocol.paradigm.yes_no:
         raise BadInput("1: simulated observers tell intervals apart", "two intervals or more", key="paradigm.intervals")
-    else:
-        task = DetectionTask(protocol, apparatus)
+    task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for place, (subject, who) in enumerate(zip(protocol.subject, people, strict=True)):
@@ -155,31 +149,28 @@ def run_study(
 
 
 class AtRig(Respondent):
-    """An observer or a person whose fingers are on the channels of each run, with that load.
+    """An observer whose finger is on the channel of each run, with that load.
 
-    Of an interval with one tone the peak displacement at the tone's frequency is felt, hum, noise and friction
-    included: a matched filter takes it from the stretch that the interval's record names. Of the others it is what was
-    commanded.
+    Of an interval the peak displacement at the tone's frequency is felt, hum, noise and friction included: a matched
+    filter takes it from the stretch that the interval's record names.
     """
 
-    def __init__(self, who: Observer | StrengthPerson, task: DetectionTask | JudgingTask, load: str | None) -> None:
+    def __init__(self, who: Observer, task: DetectionTask, load: str | None) -> None:
         self._who, self._task, self._load = who, task, load
-        self._felt_mm: dict[str, list[FloatArray]] = {}
-        self._attached: dict[str, Callable[[FloatArray], None]] = {}
+        self._felt_mm: list[FloatArray] = []
+        self._port: Finger | None = None
 
     def begin(self, following: NextTrial) -> None:
-        """Put the fingers on the display."""
+        """Put the finger on the display."""
         self.leave()
         self._seed, self._planned = following.seed, following.planned
-        task, apparatus = self._task, self._task.apparatus
-        alone = (self._planned.finger,)
-        for finger in task.protocol.task.fingers_used() if isinstance(task, JudgingTask) else alone:
-            blocks: list[FloatArray] = []
-            channel = apparatus.channel(finger).name
-            port = apparatus.rig.finger(channel)
-            port.touch(self._load)
-            self._felt_mm[channel], self._attached[channel] = blocks, blocks.append
-            port.attach(self._attached[channel])
+        apparatus = self._task.apparatus
+        self._port = apparatus.rig.finger(apparatus.channel(self._planned.finger).name)
+        self._port.touch(self._load)
+        self._port.attach(self._feel)
+
+    def _feel(self, block_mm: FloatArray) -> None:
+        self._felt_mm.append(block_mm)
 
     def presented(self, played: PlayedTrial) -> None:
         """Keep the trial's intervals as they were played."""
@@ -188,42 +179,28 @@ class AtRig(Respondent):
     def respond(self, trial: Trial) -> str:
         """Return the answer to what was felt, and forget that."""
         tones, rng = self._task.tones(self._planned, trial), trial_rng((*self._seed, 1), trial.number)
-        whole = {channel: np.concatenate(blocks) for channel, blocks in self._felt_mm.items()}
-        for blocks in self._felt_mm.values():
-            blocks.clear()
-        if isinstance(self._who, Observer):
-            levels = [self._level_db_re_1um(tone, at, whole) for (tone,), at in self._each(tones)]
-            return trial.responses[self._who.respond(levels, tones[0][0].frequency_hz, rng)]
-        assert isinstance(trial, Judgement)
-        above = [
-            of[0].level_db_sl if len(of) != 1 else self._level_db_re_1um(of[0], at, whole) - self._curve_level(of[0])
-            for of, at in self._each(tones)
+        felt = np.concatenate(self._felt_mm)
+        self._felt_mm.clear()
+        levels = [
+            self._level_db_re_1um(tone, at, felt) for (tone,), at in zip(tones, self._played.intervals, strict=True)
         ]
-        return self._who.answer(trial, above, rng)
+        return trial.responses[self._who.respond(levels, tones[0][0].frequency_hz, rng)]
 
-    def _each(self, tones: Sequence[Sequence[JudgedTone]]) -> Iterator[tuple[Sequence[JudgedTone], IntervalRecord]]:
-        return zip(tones, self._played.intervals, strict=True)
-
-    def _curve_level(self, tone: JudgedTone) -> float:
-        curve = self._task.apparatus.channel(tone.finger).threshold.curve
-        return float(curve.level_db_re_1um_at(tone.frequency_hz))
-
-    def _level_db_re_1um(self, tone: JudgedTone, record: IntervalRecord, whole: Mapping[str, FloatArray]) -> float:
+    def _level_db_re_1um(self, tone: JudgedTone, record: IntervalRecord, felt: FloatArray) -> float:
         assert record.onset_s is not None
         assert record.duration_s is not None
-        felt, rate_hz = whole[self._task.apparatus.channel(tone.finger).name], self._task.apparatus.rig.rate_hz
+        rate_hz = self._task.apparatus.rig.rate_hz
         onset = felt.size - round(self._played.lasted_s * rate_hz) + round(record.onset_s * rate_hz)
         stretch = felt[onset : onset + round(record.duration_s * rate_hz)]
         ramp_s = tone.ramp_s(self._task.protocol.timing)
         return float(db(max(amplitude(stretch, tone.frequency_hz, rate_hz, ramp_s), _LEAST_MM) * _UM_PER_MM))
 
     def leave(self) -> None:
-        """Take the fingers off the display."""
-        for channel, attached in self._attached.items():
-            port = self._task.apparatus.rig.finger(channel)
-            port.detach(attached)
-            port.touch(None)
-        self._attached.clear()
+        """Take the finger off the display."""
+        if self._port is not None:
+            self._port.detach(self._feel)
+            self._port.touch(None)
+        self._port = None
         self._felt_mm.clear()
 
 
