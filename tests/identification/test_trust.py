@@ -3,6 +3,7 @@
 What SciPy has too, beside it: filters of residuals to the last bit, tails, filters of loops, fast lengths.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
+from tactuator.cli.main import main
+from tactuator.errors import BadInput
 from tactuator.identification import trust
-from tactuator.identification.constancy import losses, resampled, without_images
+from tactuator.identification.alignment import clock_skew_ppm, losses
 from tactuator.identification.form import Form, Known
 from tactuator.identification.friction import _REACH, _uphill
 from tactuator.identification.hold import Grid
@@ -23,10 +26,12 @@ from tactuator.identification.residual import Residual, _solutions, explained_by
 from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.search import Choice, _best, simplest
 from tactuator.identification.trust import DISTORTION, GROWING, LASTING, Standard
+from tactuator.io.record import write_record
 from tactuator.model.plant_model import reasons
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited, held
-from witnesses.trust.spoilt import RECORDS, judge, none
+from witnesses.trust.spoilt import RATE_HZ as SPOILT_HZ
+from witnesses.trust.spoilt import RECORDS, judge, none, skew
 
 PAGE = Path(__file__).parents[2] / "docs" / "identification.md"
 BY_NAME = {record.name: record for record in RECORDS}
@@ -60,6 +65,21 @@ def test_losses__of_one_column__are_placed_to_a_few_samples(lost: int) -> None:
     assert losses(command, position) == ()
 
 
+def test_identify__lost_samples__are_told_with_their_place_and_the_cut_that_helps(tmp_path, capsys) -> None:
+    taken = replace(BY_NAME["64 samples lost"], seconds=4.0).make(3)
+    record = Record(SPOILT_HZ, taken.command, taken.position)
+    told = r"about 64 of the position at 2\.8\d* s; allowed: what lies before \(--to-s 2\.7\d*\)"
+    for whole in (record, record.between(0.5, 3.9)):  # of a part the place is told in the whole
+        with pytest.raises(BadInput, match=told):
+            identify(whole)
+    write_record(tmp_path / "lost.h5", record)
+    out = tmp_path / "model.json"
+    arguments = ["identify", str(tmp_path / "lost.h5"), "--hold", "zero-order", "--out", str(out)]
+    assert (main(arguments), out.exists()) == (2, False)
+    assert re.search(told, capsys.readouterr().err)
+    assert (main([*arguments, "--to-s", "2.7"]), out.exists()) == (0, True)
+
+
 @pytest.mark.parametrize("noise_db", [60.0, 20.0, 0.0])
 def test_losses__of_sound_records__are_none_however_noisy(noise_db: float) -> None:
     for record in (BY_NAME["16 samples lost"], BY_NAME["4 samples lost"], BY_NAME["2 samples lost, chirp"]):
@@ -68,26 +88,18 @@ def test_losses__of_sound_records__are_none_however_noisy(noise_db: float) -> No
             assert losses(taken.command, taken.position) == ()
 
 
-def test_resampled__sine_of_another_clock__is_read_at_its_times() -> None:
-    slow = np.sin(0.9 * np.arange(20_000) * (1.0 + 3e-4))
-    read = resampled(slow, 300.0)
-    np.testing.assert_allclose(read[100:-100], np.sin(0.9 * np.arange(read.size))[100:-100], atol=1e-4)
-
-
-def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
-    """Witness: what a converter that holds a sine puts out at its frequency, sinc(f T), T/2 late."""
-    turn, middle = 2.0 * np.pi * 0.1, np.arange(500, 19_500)
-    command = np.sin(turn * np.arange(40_000))
-    halved = without_images(Record(4000.0, command, command), held=True)
-    seen = 2j * np.mean(halved.command[middle] * np.exp(-2j * turn * middle))
-    assert np.log(seen) == pytest.approx(np.log(np.sinc(0.1)) - 0.5j * turn, abs=2e-3)
+@pytest.mark.parametrize("ppm", [200.0, -200.0])
+def test_clock_skew__position_of_another_clock__is_told(ppm: float) -> None:
+    taken = replace(BY_NAME["200 ppm"], fault=skew(ppm), seconds=8.0).make(1)
+    assert clock_skew_ppm(Record(SPOILT_HZ, taken.command, taken.position)) == pytest.approx(200.0, rel=0.1)
+    assert losses(taken.command, taken.position) == ()
 
 
 @pytest.mark.parametrize(
     ("name", "status"),
     [
-        ("16 samples lost", 0),
-        pytest.param("200 ppm back", 0, marks=pytest.mark.slow),
+        ("16 samples lost", 2),
+        pytest.param("200 ppm back", 1, marks=pytest.mark.slow),
         ("gain falls 20 %", 1),
         ("backlash", 0),
         ("amplifier clips", 1),
@@ -95,13 +107,13 @@ def test_without_images__held_sine__is_late_by_half_a_sample() -> None:
         ("cubic sensor", 1),
     ],
 )
-def test_identify__spoilt_record__is_mended_or_not_trusted(name, status, tmp_path) -> None:
+def test_identify__spoilt_record__is_refused_or_not_trusted(name, status, tmp_path) -> None:
     # every fourth sample of three seconds is a record of so few that the search takes twice as long
     judged = judge(replace(BY_NAME[name], seconds=6.0 if name.startswith("every") else 3.0), 7, tmp_path)
     assert (judged.verdict, judged.status) == ("ok", status)
 
 
-def test_identify__short_sweep_of_one_clock__is_not_mended() -> None:
+def test_identify__short_sweep_of_one_clock__is_trusted() -> None:
     """The generator is SciPy's. A resonance's delay changes with frequency, as two clocks change it with time."""
     rate_hz, turn, seconds = 2000.0, 2.0 * np.pi * 45.0, 5.0
     t = np.arange(int(seconds * rate_hz)) / rate_hz

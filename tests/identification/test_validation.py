@@ -12,10 +12,10 @@ import pytest
 import tactuator
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
-from tactuator.identification.constancy import read_at
+from tactuator.identification.alignment import read_at
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
-from tactuator.identification.trust import CLIPPED
+from tactuator.identification.trust import CLIPPED, KNOCK
 from tactuator.identification.validation import validate
 from tactuator.io.record import is_response, read_foreign_response, read_record, write_record
 from tactuator.signals.record import Record
@@ -176,29 +176,22 @@ def test_identify__clipped_sensor__is_not_trusted() -> None:
     assert any(CLIPPED.name in reason for reason in identify(clipped, **KNOWN).distrust)
 
 
-def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_seam() -> None:
+def test_identify__runs_pasted_without_stamps__are_not_trusted_and_the_seam_is_told() -> None:
     other = band_limited(PLANT, np.random.default_rng(2), RATE_HZ, 6.0, 40.0)
     command = np.concatenate([GOOD.command[:HALF], other[0][:HALF]])
     position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
-    pasted = replace(GOOD, command=command, position=position)
-    assert off_db(pasted) < 0.1
-    mended = identify(pasted, **KNOWN)
-    (said,) = (remark for remark in mended.remarks if "a knock or a seam" in remark)
-    assert float(said.split()[2]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
-    assert not mended.distrust
-    sound = identify(GOOD, **KNOWN)
-    assert not sound.distrust
+    pasted = identify(replace(GOOD, command=command, position=position), **KNOWN)
+    (told,) = (reason for reason in pasted.distrust if reason.startswith(KNOCK.name))
+    assert float(told.partition(" at ")[2].split()[0]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
+    assert "--to-s" in told
+    assert not identify(GOOD, **KNOWN).distrust
 
 
-def test_identify__position_of_a_slower_logger_filled_up__is_read_where_it_was() -> None:
+def test_identify__position_of_a_slower_logger_filled_up__is_refused() -> None:
     at = np.arange(1.0, TIME.size, 2.0)
     position = np.interp(np.arange(TIME.size), at, np.interp(at, np.arange(TIME.size), POSITION))
-    found = identify(replace(GOOD, position=position), hold="band-limited", order=2, zeros=0)
-    hertz = np.geomspace(2.0, 120.0, 40)
-    off = np.abs(20.0 * np.log10(np.abs(found.model.response(hertz) / PLANT.response(hertz))))
-    assert not found.distrust
-    assert any("of every 2 samples" in one for one in found.remarks)
-    assert np.max(off) < 0.1
+    with pytest.raises(BadInput, match="of every 2 samples of the position one was read"):
+        identify(replace(GOOD, position=position), hold="band-limited", order=2, zeros=0)
 
 
 def test_read_at__codes_of_a_converter_rounded_in_a_file__are_all_of_them_read() -> None:

@@ -78,7 +78,7 @@ def identification(
         tests = replace(tests, feedback=not distortion.repeats)
     rows += check_polarity(model.num, model.den)
     rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
-    model = _with_what_is_left(model.judged(*rows), tests, bent, common.rate_hz)
+    model = _with_what_is_left(model.judged(*rows), tests, bent, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
@@ -113,17 +113,21 @@ def _beside_free(
 
 
 def _with_what_is_left(
-    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], rate_hz: float
+    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], common: Prepared
 ) -> PlantModel:
     """Return the model judged by its residuals, its band with the distortion that they show, and with the gain at the
     records' beginning and at their end.
     """
     share, level = bent
-    at = f"at {tests.jump / rate_hz:.6g} s" if tests.jump is not None else ""
+    place = "" if tests.jump is None else common.place(tests.part, tests.jump)
+    jump = KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
     change, half = tests.drift
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
     beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
-    return replace(model.judged(KNOCK.of(tests.knock, at), DISTORTION.of(100.0 * share)), excess=beyond)
+    return replace(
+        model.judged(jump, DISTORTION.of(100.0 * share)),
+        excess=beyond,
+    )
 
 
 def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:

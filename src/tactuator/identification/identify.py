@@ -10,15 +10,15 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.identification import trust
+from tactuator.identification.alignment import clock_skew_ppm
 from tactuator.identification.asked import Asked, solvable
 from tactuator.identification.by_spectrum import identification
-from tactuator.identification.constancy import LostBlock, of_one_clock, parts_between, read_at, without_images
 from tactuator.identification.distortion import distortion_of
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction, ruled_by_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.lines import LocalResponse
-from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared, valid_range
+from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import Identification
@@ -71,7 +71,9 @@ def identify_periods(
 
 _CHANCE = 1e-3
 """Chance of a residual that follows the command so much, from which on it is taken to."""
-_RULED_HELP = "record the motor outside its position loop, with noise several times as large as the friction"
+_ONE_CLOCK = "record both columns with one clock"
+_SHORTER = "use a shorter part: --from-s, --to-s"
+_NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
 _SHOWN = 20.0
 """Radians that a resonance turns in a record; one that turns less may be two integrators."""
 
@@ -96,8 +98,7 @@ def judged(result: Identification, common: Prepared) -> Identification:
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
-        trust.SKEW.of(max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)),
-        trust.DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0)),
+        trust.DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:
@@ -105,10 +106,14 @@ def judged(result: Identification, common: Prepared) -> Identification:
         if not result.tests.uncorrelated_with_input:
             rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
     model = model.judged(*rows)
+    skew = max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)
+    if model.distrust or skew > trust.SKEW.limit:  # a residual tells of small ones alone
+        skew = max(skew, *map(clock_skew_ppm, common.records))
+    model = model.judged(trust.SKEW.of(skew, remedy=_ONE_CLOCK))
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
         model = model.judged(
             *(doubt.weighed() for doubt in check_rise(common.response)),
-            trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), _RULED_HELP),
+            trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), remedy=_NO_LOOP),
         )
     return replace(result, model=model)
 
@@ -146,9 +151,6 @@ def identify(
     if asked.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
-        read = [read_at(each) for each in records]
-        if asked.method == "refined" and min(each.step for each in read) > 1:
-            return judged(*_at_those_read(records, read, asked, note))
         common = prepared(records, asked)
         for row in common.weighed:
             if row.refuses:
@@ -156,115 +158,7 @@ def identify(
         if asked.method == "rls":
             refined = identify(records, note=note, hold=asked.hold, quantity=asked.quantity)
             return judged(recursive(common, refined.model), common)
-        common, result = _without_knocks(common, _refined(common, note), note)
-        if common.ppm:  # in a chirp a delay that changes with frequency looks like clocks apart
-            plain = prepared(records, asked, clocks=False)
-            plain, other = _without_knocks(plain, _refined(plain, note), note)
-            if 100.0 - result.fit_percent > _BETTER * (100.0 - other.fit_percent):
-                common, result = plain, other
-        return judged(*_at_one_clock(common, result, note))
-
-
-_KNOCKS = 4
-"""Cuts at knocks that are tried, one after the other."""
-_NO_WORSE = 1.5
-"""What both sides of a cut may leave, over what the longest side leaves by itself, where both are of one delay."""
-
-
-def _without_knocks(
-    common: Prepared, result: Identification, note: Callable[[str], None]
-) -> tuple[Prepared, Identification]:
-    """Return the records and their identification, cut where the residual jumps as neither command nor noise does: both
-    sides are used where they are of one delay, the longest alone where they are not.
-    """
-    for _ in range(_KNOCKS):
-        tests = result.tests
-        if tests.knock <= trust.KNOCK.limit or tests.jump is None:
-            break
-        note("cutting the record where it jumps")
-        spoilt, loss = common.records[tests.part], LostBlock(tests.jump, 0)
-        sides, others = parts_between(spoilt, [loss]), [record for record in common.records if record is not spoilt]
-        if len(sides) < 2:
-            break
-        longest = max([*sides, *others], key=lambda record: record.command.size)
-        cut_there = f"lost {loss.told(common.rate_hz)}: the record was cut there"
-        trials = []
-        for kept, used in (
-            ([*sides, *others], ""),
-            ([longest], f", the longest part of {longest.duration_s:.4g} s used"),
-        ):
-            again = replace(prepared(kept, common.asked, mended=True), remarks=(*common.remarks, cut_there + used))
-            trials.append((again, _refined(again, note)))
-        both, alone = ((100.0 - trial.fit_percent) for _, trial in trials)
-        common, result = trials[0] if both < _NO_WORSE * alone else trials[1]
-    return common, result
-
-
-_ROUNDS, _LEAST_PPM = 3, 0.05
-_TOLD = 0.9
-"""What a command that no converter held leaves of the position, over what a held one leaves, below which it is told."""
-_BETTER = 0.98
-"""What is left of the position at one clock, over what was left before, from which on the clocks were apart."""
-
-
-def _at_one_clock(
-    common: Prepared, result: Identification, note: Callable[[str], None]
-) -> tuple[Identification, Prepared]:
-    """Return the identification with the positions at the command's clock, and the records, where that leaves less."""
-    first, more = common, 0.0
-    for _ in range(_ROUNDS):
-        ppm, half = result.tests.skew_ppm
-        if abs(ppm) < 2.0 * half + _LEAST_PPM or common.references is not None:
-            break
-        note("reading the position at the command's clock")
-        trial = _again(first, [of_one_clock(record, more + ppm) for record in first.records])
-        again = _refined(trial, note)
-        if 100.0 - again.fit_percent > _BETTER * (100.0 - result.fit_percent):
-            break
-        common, result, more = trial, again, more + ppm
-    if common.ppm + more == 0.0:
-        return result, common
-    source, ppm = result.between.source, first.ppm + more
-    holds = (True, False) if source == "data" else (result.between.hold != "band-limited",)
-    trials = [_again(first, [without_images(record, held=held) for record in common.records]) for held in holds]
-    said = f"command and position had clocks {ppm:.4g} ppm apart: the position was read anew, both at half the rate"
-    return _at_lower_rate(trials, source, said, note)
-
-
-def _at_those_read(
-    records: Sequence[Record], read: Sequence[slice], asked: Asked, note: Callable[[str], None]
-) -> tuple[Identification, Prepared]:
-    """Return the identification by the samples of the position that were read, and these records."""
-    wanted, source = _holds(records[0], asked)
-    pairs, asked = list(zip(records, read, strict=True)), replace(asked, hold="auto")
-    trials = [
-        prepared([without_images(each, held=held, read=those) for each, those in pairs], asked, clocks=False)
-        for held in ((True, False) if len(wanted) > 1 else (wanted[0] != "band-limited",))
-    ]
-    said = f"of every {read[0].step} samples of the position one was read: that one alone is used"
-    return _at_lower_rate(trials, source, said, note)
-
-
-def _at_lower_rate(
-    trials: Sequence[Prepared], source: str, said: str, note: Callable[[str], None]
-) -> tuple[Identification, Prepared]:
-    """Return the better identification of records whose command was held before, and was not; its band holds both
-    where they are alike.
-    """
-    fits = [_refined(trial, note) for trial in trials]
-    left_over = [100.0 - fit.fit_percent for fit in fits]
-    best = 1 if left_over[-1] < _TOLD * left_over[0] else 0
-    result, model = fits[best], fits[best].model
-    if len(fits) > 1 and (best == 1 or left_over[1] * _TOLD < left_over[0]):
-        model = model.holding(fits[1 - best].model)
-    model = replace(model, valid_hz=valid_range(model, model.valid_hz or model.band_hz))
-    remarks = (*result.remarks, said)
-    between = replace(result.between, source=source)
-    return replace(result, model=model, remarks=remarks, between=between), trials[best]
-
-
-def _again(first: Prepared, records: Sequence[Record]) -> Prepared:
-    return replace(prepared(records, first.asked, mended=True), remarks=first.remarks, ppm=first.ppm)
+        return judged(_refined(common, note), common)
 
 
 def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:

@@ -11,9 +11,9 @@ import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
+from tactuator.identification.alignment import require_aligned
 from tactuator.identification.asked import Asked
-from tactuator.identification.constancy import running_together
 from tactuator.identification.lines import Spectrum
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
 from tactuator.model.plant_model import PlantModel, Weighed
@@ -304,8 +304,7 @@ Signals = Sequence[tuple[FloatArray, FloatArray]]
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """Records of one mechanism, the liveliest first, and their signals in one unit size (scale: of command and
-    position); the first one's own response and excitation; what is asked; what decides on them; what was done to them;
-    ppm: by how much the positions' clock was slower, and is not any more.
+    position); the first one's own response and excitation; what is asked; what decides on them; what was done to them.
     """
 
     records: tuple[Record, ...]
@@ -316,7 +315,6 @@ class Prepared:
     asked: Asked
     weighed: tuple[Weighed, ...]
     remarks: tuple[str, ...]
-    ppm: float = 0.0
 
     @property
     def rate_hz(self) -> float:
@@ -333,6 +331,12 @@ class Prepared:
         """Return what a loop was asked for, (n,), of every record; None where one does not tell."""
         references = [record.reference for record in self.records if record.reference is not None]
         return references if len(references) == len(self.records) else None
+
+    def place(self, record: int, sample: int) -> str:
+        """Return in words where in the whole record, of several in which one, a sample lies."""
+        of = self.records[record]
+        file = f" in {of.about.get('file', 'one of the records')}" if len(self.records) > 1 else ""
+        return f"at {of.from_s + sample / of.rate_hz:.6g} s{file}"
 
     @property
     def own_response(self) -> EmpiricalResponse:
@@ -368,25 +372,19 @@ class Prepared:
         )
 
 
-def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False, clocks: bool = True) -> Prepared:
-    """Return the records made ready; those that are not mended yet are, where samples are lost or, if they may be,
-    clocks apart. Raises BadInput for records that cannot be used, or not together.
-    """
+def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
+    """Return the records made ready. Raises BadInput for records that cannot be used, or not together."""
     remarks: list[str] = []
     parts: list[Record] = []
-    weighed, ppm = list[Weighed](), 0.0
+    weighed = list[Weighed]()
     for k, record in enumerate(records):
         where = () if len(records) == 1 else (f"record {k + 1}",)
-        try:
+        part, shortened = _liveliest(record, LONGEST // len(records))
+        with within(*where):
             weighed += check_record(record, *where)
-        except BadInput as error:
-            raise error.within(*where) from None
-        piece, shortened = _liveliest(record, LONGEST // len(records))
-        whole = record.part(piece) if shortened else record
-        together, apart, mending = ((whole,), 0.0, ()) if mended else running_together(whole, clocks=clocks)
-        ppm = ppm or apart
-        parts += together
-        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened, *mending]]
+            require_aligned(part)
+        parts.append(part)
+        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened]]
     _require_alike(parts)
     command_unit, position_unit = (
         float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")
@@ -411,7 +409,6 @@ def prepared(records: Sequence[Record], asked: Asked, *, mended: bool = False, c
         asked=asked,
         weighed=(*weighed, COHERENT.of(response.clearest), *(doubt.weighed() for doubt in cannot_be)),
         remarks=tuple(remarks),
-        ppm=ppm,
     )
 
 
@@ -428,13 +425,13 @@ def _require_alike(records: Sequence[Record]) -> None:
             raise BadInput(f"record {k} says hold {holds[1]}, the first {holds[0]}", "the same")
 
 
-def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
+def _liveliest(record: Record, most: int) -> tuple[Record, tuple[str, ...]]:
     """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
-    count = record.command.size
+    count, rate_hz = record.command.size, record.rate_hz
     if count <= most:
-        return slice(0, count), ()
+        return record, ()
     power = np.cumsum((record.command - record.command.mean()) ** 2)
     starts = np.arange(0, count - most + 1, most // 4)
     best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
-    said = f"of {record.duration_s:.4g} s the {most / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
-    return slice(best, best + most), (said,)
+    said = f"of {record.duration_s:.4g} s the {most / rate_hz:.4g} s from {best / rate_hz:.4g} s are used"
+    return record.between(best / rate_hz, (best + most) / rate_hz), (said,)

@@ -6,7 +6,7 @@ else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,10 +28,11 @@ class Standard:
     decides: Decides = "refuses trust"
     least: bool = False
 
-    def of(self, value: float, where: str = "") -> Weighed:
-        """Return it with its value."""
+    def of(self, value: float, where: str = "", remedy: str = "") -> Weighed:
+        """Return it with its value; remedy: what may help, told where it is beyond its limit."""
         size = float(np.clip(np.nan_to_num(value, nan=0.0 if self.least else _MOST), -_MOST, _MOST))
-        return Weighed(self.name, size, self.unit, self.limit, self.decides, self.least, where)
+        weighed = Weighed(self.name, size, self.unit, self.limit, self.decides, self.least, where)
+        return replace(weighed, where=", ".join(filter(None, (where, remedy)))) if weighed.beyond else weighed
 
 
 EXPLAINED = Standard("power of the position that the model explains", "%", 0.1, least=True)

@@ -172,6 +172,22 @@ class Record:
             self, command=self.command[piece], position=self.position[piece], reference=reference, about=about
         )
 
+    def between(self, first_s: float, last_s: float) -> Record:
+        """Return the record between two times, seconds from its first sample. It knows where it lay in the whole.
+
+        Raises BadInput where that is nothing.
+        """
+        if not 0.0 <= first_s < last_s <= self.duration_s + 1.0 / self.rate_hz:
+            raise BadInput(f"from {first_s:g} s to {last_s:g} s", f"ascending, within 0 .. {self.duration_s:g} s")
+        piece = self.part(slice(round(first_s * self.rate_hz), round(last_s * self.rate_hz)))
+        lay = {"from_s": f"{self.from_s + first_s:.9g}", "to_s": f"{self.from_s + last_s:.9g}"}
+        return replace(piece, about=piece.about | lay)
+
+    @property
+    def from_s(self) -> float:
+        """Return where the record begins in the whole that it was cut from, seconds."""
+        return float(self.about.get("from_s", 0.0))
+
     @property
     def duration_s(self) -> float:
         """Return the length of the record, seconds."""

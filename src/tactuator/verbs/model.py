@@ -1,7 +1,7 @@
 """The verbs from records to models: calibrate, record, identify."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -349,9 +349,4 @@ def _part_of(record: "Record", from_s: float | None, to_s: float | None) -> "Rec
     """Return the record between two times, seconds from its first sample; BadInput where that is nothing."""
     if from_s is None and to_s is None:
         return record
-    first, last = from_s or 0.0, record.duration_s if to_s is None else to_s
-    if not 0.0 <= first < last <= record.duration_s + 1.0 / record.rate_hz:
-        raise BadInput(f"from {first:g} s to {last:g} s", f"ascending, within 0 .. {record.duration_s:g} s")
-    piece = slice(round(first * record.rate_hz), round(last * record.rate_hz))
-    about = record.about | {"from_s": f"{first:g}", "to_s": f"{last:g}"}
-    return replace(record.part(piece), about=about)
+    return record.between(from_s or 0.0, record.duration_s if to_s is None else to_s)

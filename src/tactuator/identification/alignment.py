@@ -1,22 +1,20 @@
-"""Do command and position run together from the record's beginning to its end? Lost samples and two clocks, mended.
+"""Do command and position run together from the record's beginning to its end? What does not is told, not mended.
 
 Pieces of the record are compared with the pieces before them: the impulse response that each shows by itself comes
 later or earlier there where samples are lost in one column, and later by the same from piece to piece where the two
-columns have clocks of their own. A position of another clock is read anew at the command's times, and a record with
-lost samples is cut at the loss into records of one mechanism, their delay known. Where a piece tells nothing of the
-others, as in a chirp, only a jump of the residual shows the loss: the longest part without one is used.
+columns have clocks of their own. Where a piece tells nothing of the others, as in a chirp, only the residual of a fit
+shows it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
 from tactuator.signals.record import Record
 
 _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
@@ -33,33 +31,16 @@ _FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9
 """Samples below which a loss hardly changes the response; and what its own delay leaves over what the other leaves,
 below which a longer one is seen, and one of few samples.
 """
-_MOST_CUTS = 8
-_TAPS = 32
-"""Samples to either side by which a sample between them is read."""
-_HELD = 8
-"""Samples for one of a command that is held, before it is band-limited."""
-_PHASES, _KAISER = 1000, 8.0
-_BESIDE = 0.003
-"""Share of a record that is left out at either side of a cut, 16 samples at least."""
-_LEAST_PART = 0.04
-"""Share of a record below which a part is left out."""
 
 
 @dataclass(frozen=True)
 class LostBlock:
     """Samples lost at one place. sample: of the position, as it was recorded; lost: of the position, or of the command
-    where negative; 0 of both, or a knock.
+    where negative.
     """
 
     sample: int
     lost: int
-
-    def told(self, rate_hz: float) -> str:
-        """Return in words where what was lost."""
-        at = f"at {self.sample / rate_hz:.6g} s (sample {self.sample})"
-        if self.lost == 0:
-            return f"{at} a knock or a seam"
-        return f"{at} {abs(self.lost)} samples of the {'position' if self.lost > 0 else 'command'}"
 
 
 def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, FloatArray, FloatArray]:
@@ -104,35 +85,6 @@ def clocks_apart_ppm(half: int, later: FloatArray, alike: FloatArray) -> float:
     return ppm if certain and abs(ppm) > _LEAST_PPM else 0.0
 
 
-def resampled(values: FloatArray, ppm: float) -> FloatArray:
-    """Return values (n,) that were read by a clock slower by so many millionths at the times of the other, (m,).
-
-    Kaiser's windowed sinc of 64 samples, its phases a thousandth of a sample apart and straight between them.
-    """
-    count = int((values.size - 1) * (1.0 + 1e-6 * ppm)) if ppm < 0.0 else values.size
-    place = np.arange(count) / (1.0 + 1e-6 * ppm)
-    padded = np.pad(values, _TAPS, mode="reflect", reflect_type="odd")
-    rows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _TAPS)
-    offset = np.arange(1 - _TAPS, _TAPS + 1)[None, :] - np.linspace(0.0, 1.0, _PHASES + 1)[:, None]
-    kernel = np.sinc(offset) * np.i0(_KAISER * np.sqrt(np.maximum(1.0 - (offset / _TAPS) ** 2, 0.0))) / np.i0(_KAISER)
-    read = np.empty(count)
-    for begin in range(0, count, 1 << 14):
-        at = place[begin : begin + (1 << 14)]
-        first = np.floor(at).astype(np.int64)
-        phase, part = np.divmod(_PHASES * (at - first), 1.0)
-        taken, here = rows[first + 1], phase.astype(np.int64)
-        low, high = (np.einsum("ij,ij->i", taken, kernel[here + k]) for k in (0, 1))
-        read[begin : begin + at.size] = (1.0 - part) * low + part * high
-    return read
-
-
-def of_one_clock(record: Record, ppm: float) -> Record:
-    """Return the record with its position, read by a clock slower by so many millionths, at the command's times."""
-    position = resampled(record.position, ppm)
-    count = min(position.size, record.command.size)
-    return replace(record.part(slice(0, count)), position=position[:count])
-
-
 _FLAT, _AROUND, _OF_LEAST, _OF_USUAL = 1e-3, 21, 200.0, 0.03
 """Size of a step over the greatest of so many around it, below which it is none; that one over the least step there is,
 and over their rms, from which on this can be told."""
@@ -173,36 +125,11 @@ def _greatest(values: FloatArray, count: int) -> FloatArray:
     return values
 
 
-def without_images(record: Record, *, held: bool, read: slice | None = None) -> Record:
-    """Return the record at half its rate, or at the samples of the position that were read alone, band-limited; held: a
-    converter held the command between its samples.
-
-    What a held command moves beyond half the rate is not at its place any more where the position was read anew.
-    """
-    record, many = (record, 2) if read is None else (record.part(slice(read.start, None)), read.step)
-    command = np.repeat(record.command, _HELD) if held else record.command
-    if held:
-        # of a step's two values the mean stands at its edge: else the whole came early by half of such a sample
-        command[1:] = 0.5 * (command[1:] + command[:-1])
-    fewer = [scipy.signal.resample_poly(row - row.mean(), 1, many, padtype="line") for row in (
-        record.position, *(() if record.reference is None else (record.reference,)))]  # fmt: skip
-    moved = scipy.signal.resample_poly(command - command.mean(), 1, many * _HELD if held else many, padtype="line")
-    about = record.about | {"hold": "band-limited"}
-    reference = fewer[1] if len(fewer) > 1 else None
-    position = fewer[0] if read is None else record.position[::many]
-    rate_hz = record.rate_hz / many
-    return replace(record, rate_hz=rate_hz, command=moved, position=position, reference=reference, about=about)
-
-
-Delays = tuple[int, FloatArray, FloatArray]
-"""What `pieces_delays` returns."""
-
-
-def losses(command: FloatArray, position: FloatArray, delays: Delays | None = None) -> tuple[LostBlock, ...]:
-    """Return what was lost of command or position (n,), in order; delays: of its pieces, if they are at hand."""
-    half, later, alike = pieces_delays(command, position) if delays is None else delays
+def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
+    """Return what was lost of command or position (n,), in order; nothing where their clocks are apart."""
+    half, later, alike = pieces_delays(command, position)
     kept = later[alike > _ALIKE]
-    if kept.size < max(6, 0.5 * later.size):
+    if kept.size < max(6, 0.5 * later.size) or clocks_apart_ppm(half, later, alike):
         return ()
     spread = max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
     least = max(_JUMP, _DEVIATIONS * spread)
@@ -215,7 +142,7 @@ def losses(command: FloatArray, position: FloatArray, delays: Delays | None = No
             # piece best + 2 begins where the one before it, two halves earlier, ends
             block = _placed(command, position, lost, sum(loss.lost for loss in blocks), (best, best + 4), half)
             blocks += [block] if block is not None else []
-    return tuple(blocks[:_MOST_CUTS])
+    return tuple(blocks)
 
 
 def _runs(marked: np.ndarray) -> list[range]:
@@ -261,37 +188,35 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
     return np.concatenate([response[-(length // 8) :], response[: length - length // 8]])
 
 
-def parts_between(record: Record, blocks: Sequence[LostBlock]) -> tuple[Record, ...]:
-    """Return the parts of a record between its losses, command and position together in each."""
-    edges = [0, *(loss.sample for loss in blocks), record.position.size]
-    parts, late, beside = [], 0, max(16, int(_BESIDE * record.position.size))
-    for k, (begin, end) in enumerate(pairwise(edges)):
-        late += blocks[k - 1].lost if k else 0
-        low = max(begin + (beside if k else 0), -late, 0)
-        high = min(end - (beside if k < len(blocks) else 0), record.command.size - max(late, 0))
-        if high - low < max(_LEAST_PART * record.position.size, _SHORTEST):
-            continue
-        piece = record.part(slice(low, high))
-        moved = slice(low + late, high + late)
-        reference = None if record.reference is None else record.reference[moved]
-        parts.append(replace(piece, command=record.command[moved], reference=reference))
-    return tuple(parts)
+_BESIDE, _LEAST_PART = 0.003, 0.1
+"""Shares of a record: what is left out before a loss, and what has to lie before it to be of use."""
 
 
-def running_together(record: Record, *, clocks: bool = True) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
-    """Return the record in parts in which command and position run together, the ppm by which the position's clock was
-    slower, and what else was mended. clocks: they may be apart.
+def require_aligned(record: Record) -> None:
+    """Refuse a record whose columns do not run together: samples lost in one of them, or filled up between those that
+    were read.
     """
-    ppm, as_read = 0.0, record
-    for _ in range(3):
-        delays = pieces_delays(record.command, record.position)
-        more = clocks_apart_ppm(*delays) if clocks else 0.0
-        if not more:
-            break
-        ppm += more
-        record = of_one_clock(as_read, ppm)
-    blocks = losses(record.command, record.position, None if more else delays)
-    if not blocks:
-        return (record,), ppm, ()
-    said = "; ".join(loss.told(record.rate_hz) for loss in blocks)
-    return parts_between(record, blocks), ppm, (f"lost {said}: the record was cut there, and the delay mended",)
+    read = read_at(record)
+    if read.step > 1:
+        raise BadInput(
+            f"of every {read.step} samples of the position one was read, the others were filled up between them",
+            "both columns recorded at one rate",
+        )
+    blocks = losses(record.command, record.position)
+    if blocks:
+        places = [record.from_s + block.sample / record.rate_hz for block in blocks]
+        lost = [
+            f"about {abs(block.lost)} of the {'position' if block.lost > 0 else 'command'} at {place:.6g} s"
+            for block, place in zip(blocks, places, strict=True)
+        ]
+        before = places[0] - max(_BESIDE * record.duration_s, 16.0 / record.rate_hz)
+        is_use = before - record.from_s > _LEAST_PART * record.duration_s
+        raise BadInput(
+            f"samples are missing: {', '.join(lost)}",
+            f"what lies before (--to-s {before:.4g})" if is_use else "a record without gaps",
+        )
+
+
+def clock_skew_ppm(record: Record) -> float:
+    """Return by how many millionths the clocks of the columns are apart, 0 where pieces of the record do not tell."""
+    return abs(clocks_apart_ppm(*pieces_delays(record.command, record.position)))
