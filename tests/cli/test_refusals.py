@@ -38,7 +38,6 @@ REFUSALS = {
     "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
     "wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
     "wordlength controller.json --rate nan": "rate_hz is nan; allowed",
-    "wordlength controller.json --format q16": "format is 'q16'; allowed: q15 biquads",
     "build controller.json": "Missing option '--out'",
     "build controller.json --out none/i.bin": "none is not a folder",
     "image none.bin": "No such file or directory; allowed: one that can be read",

@@ -75,7 +75,7 @@ def test_comparison__displacement_as_designed__no_difference_but_the_prefilters(
 
 
 def test_comparison__sink__gets_the_felt_signal_in_step_with_the_reference(controller):
-    reference, _, _ = render_array(sample_path(), controller)
+    reference, _ = render_array(sample_path(), controller)
     rig = loaded(controller, 2)
     felt, pieces = [], []
     rig.finger("index").attach(pieces.append)
@@ -91,7 +91,7 @@ def test_comparison__sink__gets_the_felt_signal_in_step_with_the_reference(contr
 
 
 def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median(controller):
-    reference, _, _ = render_array(sample_path(), controller)
+    reference, _ = render_array(sample_path(), controller)
     report = compare_felt(SimulatedRig(controller.display, 1), controller, [reference])
     assert report.worst_rms_db <= 1.0
     for finger, figures in zip(report.fingers, report.figures().values(), strict=True):
