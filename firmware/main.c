@@ -27,14 +27,14 @@ static void supervise(void)
 static void tick(void)
 {
     int32_t codes[TACT_CHANNELS_MAX];
-    if (!tact_port_holds()) {
-        tact_period_latch(&board, codes);
-        tact_port_put_out(codes);
-        tact_port_read_in(codes);
-        tact_period_step(&board, codes, tact_port_lateness());
-        tact_port_finish();
-    }
+    tact_period_latch(&board, codes);
+    tact_port_put_out(codes);
+    tact_port_read_in(codes);
+    const uint32_t began = tact_port_cycles();
+    tact_period_step(&board, codes, tact_port_lateness());
     supervise();
+    const uint32_t taken = tact_port_cycles() - began;
+    board.cycles = taken > board.cycles ? taken : board.cycles;
 }
 
 static void send(const uint8_t *bytes, size_t size)

@@ -14,8 +14,7 @@
 #include "board/board.h"
 #include "link/link.h"
 
-/* Clocks, outputs safe, converters, link; called once, before anything else. May register a
- * simulated display and set link->bench. */
+/* Clocks, outputs safe, converters, link; called once, before anything else. */
 void tact_port_begin(tact_board *board, tact_link *link);
 
 /* The timer's interrupt at this rate from now on; it calls `tick`. */
@@ -27,14 +26,11 @@ void tact_port_put_out(const int32_t *codes);
 /* Readings of the A/D, of this instant. */
 void tact_port_read_in(int32_t *codes);
 
-/* What is still to be done in the interrupt after the board's step: nothing, on a real board. */
-void tact_port_finish(void);
-
 /* How long after its time this interrupt began, 1/256 of a period; 256 and more if one was missed. */
 uint32_t tact_port_lateness(void);
 
-/* Whether time is to stand still: never, on a real board. */
-int tact_port_holds(void);
+/* Cycles of the processor, round and round in 32 bits; always 0 where nothing counts them. */
+uint32_t tact_port_cycles(void);
 
 /* Bytes that have come, at most `most`; sleeps until the next interrupt if there are none. */
 size_t tact_port_receive(uint8_t *bytes, size_t most);

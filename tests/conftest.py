@@ -116,7 +116,7 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 _BROWSER = ("chromium",)
-_DEVICE = ("rig/", "firmware/", "cli/controller/test_firmware", "fuzz/")
+_DEVICE = ("rig/", "firmware/", "fuzz/")
 _INTEGRATION = (
     "cli/",
     "paper/",

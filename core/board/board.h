@@ -61,6 +61,7 @@ typedef struct {
     uint32_t fault_tick;
     uint32_t sensor_faults, acknowledged; /* faults of a sensor or of travel since the board began; those that a person knows of */
     uint32_t late;        /* interrupts that came too late */
+    uint32_t cycles;      /* of the processor: the most that any step of this run took with its supervisor, as the port counts */
     uint32_t taken;       /* safety tables and images, since the board began */
     float fade, command_fade; /* of the reference, of the command */
     float fade_step, command_fade_step;

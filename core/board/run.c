@@ -39,7 +39,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->source = source;
     board->drives = drives;
     board->holds = holds;
-    board->silence = 0;
+    board->silence = board->cycles = 0;
     board->ending = TACT_STAYS;
     fade_in(board);
     board->fading = 1;

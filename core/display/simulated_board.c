@@ -8,6 +8,8 @@
 
 #define NUMBER_MAX 1e15
 
+enum { SHORT_RUN = 32, LONG_RUN = 1 << 16 }; /* periods before the host is heard */
+
 static double number(tact_reader *reader)
 {
     const double value = tact_read_f64(reader);
@@ -183,4 +185,17 @@ uint32_t tact_simulated_board_run(tact_simulated_board *simulated, tact_board *b
     while (periods < most && tact_simulated_board_period(simulated, board, 0))
         periods++;
     return periods;
+}
+
+int tact_simulated_board_goes_on(const tact_simulated_board *simulated, const tact_board *board, uint32_t passed)
+{
+    const int ends = board->ending != TACT_STAYS, runs = board->mode == TACT_RUNNING || ends;
+    const uint32_t most = board->holds && !ends ? LONG_RUN : SHORT_RUN;
+    return runs && simulated->channels == board->channels && !tact_board_waits(board) && passed < most;
+}
+
+void tact_simulated_board_go_on(tact_simulated_board *simulated, tact_board *board)
+{
+    for (uint32_t passed = 0; tact_simulated_board_goes_on(simulated, board, passed); passed++)
+        (void)tact_simulated_board_period(simulated, board, 0);
 }

@@ -1,4 +1,4 @@
-/* Simulated board: the simulated display in the place of a board's converters, for emulated boards and for the host.
+/* Simulated board: the simulated display in the place of a board's converters, for boards in an emulator and for the host.
  *
  *     board --latch--> [ D/A, plant, load, friction, sensor, noise, hum, A/D ] x channels --read--> board
  *
@@ -62,5 +62,12 @@ int tact_simulated_board_period(tact_simulated_board *simulated, tact_board *boa
 
 /* Periods until the board waits, but at most so many; how many. */
 uint32_t tact_simulated_board_run(tact_simulated_board *simulated, tact_board *board, uint32_t most);
+
+/* Whether another period passes before the host is heard, so many having passed since it was: a run goes on until it waits
+ * for its stream; if it waits for none or is coming to its end, for a short while. */
+int tact_simulated_board_goes_on(const tact_simulated_board *simulated, const tact_board *board, uint32_t passed);
+
+/* These periods. */
+void tact_simulated_board_go_on(tact_simulated_board *simulated, tact_board *board);
 
 #endif

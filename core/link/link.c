@@ -239,39 +239,6 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
     return outcome;
 }
 
-/* -- trials ---------------------------------------------------------------------------------------------------------- */
-
-static int32_t run_check(tact_link *link, tact_reader *in, tact_writer *out)
-{
-    const tact_board *board = link->board;
-    const uint32_t seed = tact_read_u32(in), count = tact_read_u32(in);
-    if (in->overrun || in->at != in->size)
-        return TACT_BAD_PAYLOAD;
-    if (board->mode != TACT_OFF || board->image.channels == 0)
-        return TACT_NOT_IN_THIS_MODE;
-    const tact_period_check_result result = tact_period_check_run(&link->check, board, seed, count);
-    tact_write_u32(out, result.digest);
-    tact_write_u32(out, result.running);
-    tact_write_u32(out, result.starts);
-    tact_write_u32(out, result.faults);
-    return TACT_DONE;
-}
-
-static int32_t run_bench(tact_link *link, tact_reader *in, tact_writer *out)
-{
-    const uint32_t samples = tact_read_u32(in);
-    uint32_t counts[3] = {0, 0, 0};
-    if (in->overrun || in->at != in->size)
-        return TACT_BAD_PAYLOAD;
-    if (!link->bench)
-        return TACT_NOT_HERE;
-    link->bench(samples, counts);
-    for (int i = 0; i < 3; i++)
-        tact_write_u32(out, counts[i]);
-    tact_write_u32(out, samples);
-    return TACT_DONE;
-}
-
 /* -- requests -------------------------------------------------------------------------------------------------------- */
 
 static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *out)
@@ -302,10 +269,6 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
         return tact_report_trace(link, &in, out);
     case TACT_ASK_WEIGHTS:
         return tact_report_weights(link, &in, out);
-    case TACT_ASK_PERIOD_CHECK:
-        return run_check(link, &in, out);
-    case TACT_ASK_BENCH:
-        return run_bench(link, &in, out);
     case TACT_ASK_TOUCH:
     case TACT_ASK_BREAK:
         return link->display.take ? link->display.request(link->display.context, frame->type, &in) : TACT_NOT_HERE;

@@ -17,12 +17,9 @@
  *     STIMULUS           channel u8, count u8, tones                          -
  *     TRACE              run u32, first u32, count u16, felt u8               first u32, count u16, rows
  *     WEIGHTS            -                                                    tick of the run u32, 2 f32 a channel
- *     PERIOD_CHECK       seed u32, ticks u32                                  digest, running, starts, faults (u32)
- *     BENCH              samples u32                                          least, most, sum (u32), samples u32
  *     TOUCH              channel u8, load u8                                  -
  *     BREAK              channel u8, sensor u8, value f32                     -
  *
- * A check begins anew with every request; BENCH of as many samples as before tells what was counted, and 0 ends that.
  * TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at
  * both ends: a frame is at most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
  *
@@ -37,7 +34,6 @@
 
 #include "board/board.h"
 #include "wire/cobs.h"
-#include "board/period_check.h"
 #include "wire/frame.h"
 #include "wire/bytes.h"
 
@@ -55,9 +51,7 @@ typedef enum {
     TACT_ASK_STIMULUS,
     TACT_ASK_TRACE,
     TACT_ASK_WEIGHTS,
-    TACT_ASK_PERIOD_CHECK = 0x30,
-    TACT_ASK_BENCH,
-    TACT_ASK_TOUCH,
+    TACT_ASK_TOUCH = 0x30,
     TACT_ASK_BREAK
 } tact_request;
 
@@ -94,13 +88,10 @@ struct tact_link {
     /* Keeps the timer's interrupt out, and restores what was before; NULL where there is none. */
     uint32_t (*enter)(void);
     void (*leave)(uint32_t before);
-    /* Counts instructions of periods, into least, most and sum; NULL where that cannot be. */
-    void (*bench)(uint32_t samples, uint32_t *counts);
     uint8_t name[TACT_BOARD_NAME_SIZE];
     tact_cobs cobs;
     uint32_t heard, dropped; /* whole frames; spoilt ones */
     int32_t upload_kind;
-    tact_period_check check;
     tact_image image;   /* a candidate, until it has been checked */
     tact_safety safety;
     uint8_t received[TACT_FRAME_MAX];

@@ -29,6 +29,7 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     tact_write_u32(out, board->sensor_faults);
     tact_write_u32(out, board->acknowledged);
     tact_write_u32(out, tact_board_locked_ticks(board));
+    tact_write_u32(out, board->cycles);
     return TACT_DONE;
 }
 

@@ -1,7 +1,9 @@
 /* Reports of a board over the link: its status, and rows of its trace.
  *
- *     STATUS: name (16) | channels, mode, fault, fault's channel (255: none), at rest, allows hold, delay | rate_hz f32 | checksums of safety table, image, simulated display | capacities of stream and trace | run,
- *     tick of the run, ticks in all, late interrupts, end of the stream, frames heard, frames dropped, tick of the fault
+ *     STATUS: name (16) | channels, mode, fault, fault's channel (255: none), at rest, allows hold, delay | rate_hz f32 |
+ *     checksums of safety table, image, simulated display | capacities of stream and trace | run, tick of the run, ticks
+ *     in all, late interrupts, end of the stream, frames heard, frames dropped, tick of the fault, sensor and travel
+ *     faults, those acknowledged, ticks until a fault may be cleared, most cycles of a step of this run
  *
  *     TRACE: first tick, count u16, rows: channels command codes | flags << 24, channels position codes, and, if asked,
  *     channels displacements (mm, f32) of a simulated display

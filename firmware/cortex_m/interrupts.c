@@ -12,11 +12,6 @@ void tact_interrupts_leave(uint32_t before)
     __asm volatile("msr basepri, %0" ::"r"(before) : "memory");
 }
 
-void tact_interrupts_come(void)
-{
-    __asm volatile("dsb\n isb" ::: "memory");
-}
-
 void tact_sleep(void)
 {
     __asm volatile("wfi" ::: "memory");

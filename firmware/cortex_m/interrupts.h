@@ -16,9 +16,6 @@ enum { TACT_TIMER_PRIORITY = 0x80 }; /* what receives bytes is more urgent: a by
 uint32_t tact_interrupts_enter(void);
 void tact_interrupts_leave(uint32_t before);
 
-/* What is pending comes in before the next line. */
-void tact_interrupts_come(void);
-
 /* Until the next interrupt; with a reason not to, only if there is none at the last moment. */
 void tact_sleep(void);
 void tact_sleep_unless(int (*reason)(void));

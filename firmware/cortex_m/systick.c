@@ -7,13 +7,11 @@
 #define RELOAD 0xE000E014u
 #define VALUE 0xE000E018u
 #define PRIORITIES 0xE000ED20u /* SysTick's is the highest byte */
-#define PENDING 0xE000ED04u
 
-enum { PENDS_SYSTICK = 1 << 26 };
-enum { ENABLED = 1, COUNTS = 5, RUNS = 7, WRAPPED = 1 << 16, LONGEST = 0xffffff };
+enum { RUNS = 7, WRAPPED = 1 << 16 };
 
 static void (*volatile the_tick)(void);
-static volatile uint32_t runs, missed, lateness; /* runs: CONTROL while time goes on */
+static volatile uint32_t missed, lateness;
 
 void tact_systick_start(uint32_t clocks, void (*tick)(void))
 {
@@ -22,7 +20,6 @@ void tact_systick_start(uint32_t clocks, void (*tick)(void))
     tact_set(PRIORITIES, (tact_get(PRIORITIES) & 0xffffffu) | (uint32_t)TACT_TIMER_PRIORITY << 24);
     tact_set(RELOAD, clocks - 1u);
     tact_set(VALUE, 0);
-    runs = RUNS;
     tact_set(CONTROL, RUNS);
 }
 
@@ -38,40 +35,4 @@ void tact_systick(void)
 uint32_t tact_systick_lateness(void)
 {
     return lateness;
-}
-
-void tact_systick_stand(void)
-{
-    tact_set(CONTROL, runs & ~(uint32_t)ENABLED);
-}
-
-void tact_systick_go_on(void)
-{
-    tact_set(CONTROL, runs);
-}
-
-void tact_systick_leap(void)
-{
-    tact_set(VALUE, 0);
-    tact_set(PENDING, PENDS_SYSTICK);
-    tact_interrupts_come();
-}
-
-int tact_systick_goes(void)
-{
-    return (tact_get(CONTROL) & ENABLED) != 0;
-}
-
-void tact_systick_count(void)
-{
-    tact_set(CONTROL, 0);
-    tact_set(RELOAD, LONGEST);
-    tact_set(VALUE, 0);
-    runs = COUNTS;
-    tact_set(CONTROL, COUNTS);
-}
-
-uint32_t tact_systick_left(void)
-{
-    return tact_get(VALUE);
 }

@@ -14,18 +14,6 @@ void tact_systick_start(uint32_t clocks, void (*tick)(void));
 /* Since the interrupt was due, 1/256 of a period; 256 more if one was missed. */
 uint32_t tact_systick_lateness(void);
 
-/* Time stands still, and goes on: for what an emulated board does that a real one does not. */
-void tact_systick_stand(void);
-void tact_systick_go_on(void);
-int tact_systick_goes(void);
-
-/* Time leaps to the next interrupt, which comes at once: for an emulated board that waits for nothing but time. */
-void tact_systick_leap(void);
-
-/* Counts down in clocks, 24 bits, without an interrupt; and what is left. */
-void tact_systick_count(void);
-uint32_t tact_systick_left(void);
-
 /* The vector. */
 void tact_systick(void);
 

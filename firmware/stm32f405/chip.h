@@ -1,6 +1,6 @@
-/* What the emulator's STM32F405 has not got: a clock that has to be waited for, and converters on a bus.
+/* What an emulator's STM32F405 has not got: a clock that has to be waited for, and converters on a bus.
  *
- * silicon/ is the board itself; emulated/ stands in for it with the simulated display. All else is the same program.
+ * silicon/ is the board itself; tests stand in for it with the simulated display. All else is the same program.
  */
 #ifndef TACT_STM32F405_CHIP_H
 #define TACT_STM32F405_CHIP_H
@@ -8,21 +8,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "board/board.h"
-#include "link/link.h"
-
-/* 168 MHz from the crystal: 1; 0 if it does not come up. */
+/* 168 MHz from the crystal, and cycles counted: 1; 0 if it does not come up. */
 int tact_chip_clock(void);
 
-/* Converters ready: 1. May register a simulated display; sets link->bench. */
-int tact_chip_converters(tact_board *board, tact_link *link);
+/* Converters of so many channels ready: 1. */
+int tact_chip_converters(int32_t count);
 
 /* As in port.h. */
 void tact_chip_put_out(const int32_t *codes);
 void tact_chip_read_in(int32_t *codes);
-void tact_chip_finish(void);
-int tact_chip_holds(void);
 int tact_chip_is_sound(void);
+uint32_t tact_chip_cycles(void);
 
 /* As in port.h: bytes that have come; sleeps until the next interrupt if there are none. */
 size_t tact_chip_receive(uint8_t *bytes, size_t most);

@@ -16,10 +16,11 @@ static volatile int32_t watchdog_runs;
 
 void tact_port_begin(tact_board *board, tact_link *link)
 {
+    (void)link;
     const int clock_is_up = tact_chip_clock();
     tact_bus_begin();
     tact_supply_watch();
-    if (!clock_is_up || !tact_chip_converters(board, link))
+    if (!clock_is_up || !tact_chip_converters(board->channels_max))
         tact_halt(); /* outputs safe for good; nobody can be told */
     tact_usart_begin(APB1_HZ);
 }
@@ -39,19 +40,9 @@ void tact_port_read_in(int32_t *codes)
     tact_chip_read_in(codes);
 }
 
-void tact_port_finish(void)
-{
-    tact_chip_finish();
-}
-
 uint32_t tact_port_lateness(void)
 {
     return tact_systick_lateness();
-}
-
-int tact_port_holds(void)
-{
-    return tact_chip_holds();
 }
 
 size_t tact_port_receive(uint8_t *bytes, size_t most)
@@ -91,6 +82,11 @@ void tact_port_outputs_on(void)
 void tact_port_feed_watchdog(void)
 {
     tact_watchdog_feed();
+}
+
+uint32_t tact_port_cycles(void)
+{
+    return tact_chip_cycles();
 }
 
 int tact_port_is_sound(void)

@@ -11,7 +11,6 @@
     │   ├── RigFault       the guard of a board ended the run (rig/board)
     │   ├── RigLocked      a board is locked out until its faults are acknowledged (rig/board)
     │   ├── CardGone       a sound card does not call back any more (rig/sound)
-    │   ├── NotJudged      a check could not tell, since the machine was busy (rig/streaming_check.py)
     │   └── TimingMissed   a stretch of time was not what was asked for, and may be asked for again
     │       ├── StreamDry      a stream ran dry (rig/board)
     │       └── SoundGap       a run on a sound card had a gap (rig/sound)

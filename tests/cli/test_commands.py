@@ -33,10 +33,9 @@ from tactuator.io.shipped import EXAMPLES
 from tactuator.measure.open_loop import CalibrationRequest
 from tactuator.report.tables import with_error
 from tactuator.rig.open import RIGS
-from tactuator.rig.streaming_check import INSTRUCTION_NS
 from tactuator.table import ResultTable
 from tactuator.verbs import table
-from tactuator.verbs.parameters import RIG_HELP, Fields, Option, constant, sentence_of
+from tactuator.verbs.parameters import RIG_HELP, Fields, Option, sentence_of
 from tactuator.verbs.result import Result, finite, watched, working
 from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tools.cli_reference import PAGE, reference, sorted_commands
@@ -72,7 +71,6 @@ def test_fields__read_from_the_source__are_those_of_the_dataclass(declared: type
     if declared is Asked:
         hints = get_type_hints(Asked, include_extras=True)
         assert {read.option(name).help for name in hints} == {get_args(hint)[1].description for hint in hints.values()}
-        assert constant("rig.streaming_check", "INSTRUCTION_NS") == INSTRUCTION_NS
 
 
 def test_parsing__help_and_a_missing_file__import_nothing_heavy(tmp_path: Path) -> None:
@@ -243,7 +241,7 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
 def test_main__version_no_arguments_or_no_part__are_told(run):
     assert run("--version") == (0, f"tactuator {__version__}\n", "")
     assert "\n  design " in run().out
-    run.refused("firmware", said="firmware: no part of it is named; allowed: program, verify, stream")
+    run.refused("sound", said="sound: no part of it is named; allowed: devices, latency, calibrate")
 
 
 @pytest.mark.parametrize(

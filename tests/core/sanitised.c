@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "arithmetic/noise.h"
-#include "display/closed_loop.h"
+#include "host/closed_loop.h"
 
 enum { LOOPS = 37, SAMPLES = 300 };
 

@@ -15,14 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
 SOURCES = ("stm32f405/bus.c", "stm32f405/watchdog.c", "stm32f405/usart.c", "stm32f405/silicon/ad5754.c",
            "stm32f405/silicon/ad7606.c", "stm32f405/silicon/clock.c", "stm32f405/silicon/converters.c",
-           "stm32f405/silicon/cycles.c", "cortex_m/systick.c")  # fmt: skip
-STUB = (
-    "#include <stdint.h>\n"
-    "void tact_sleep_unless(int (*reason)(void)) { (void)reason; }\n"
-    "uint32_t tact_interrupts_enter(void) { return 7; }\n"
-    "void tact_interrupts_leave(uint32_t before) { if (before != 7) __builtin_trap(); }\n"
-    "void tact_interrupts_come(void) {}\n"
-)
+           "cortex_m/systick.c")  # fmt: skip
+STUB = "#include <stdint.h>\nvoid tact_sleep_unless(int (*reason)(void)) { (void)reason; }\n"
 
 PORTS = {0x40020000: "A", 0x40020400: "B", 0x40020800: "C"}
 MODE, IN, SET, FUNCTION_HIGH = 0x00, 0x10, 0x18, 0x24

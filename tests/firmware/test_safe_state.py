@@ -17,8 +17,7 @@ import pytest
 
 from tactuator.rig.board.link import SILENT, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.boards import build_firmware
-from tactuator.rig.emulator import EmulatorUart
+from tests.firmware.emulator import MACHINES, Emulator
 from tests.rig.guard.guarded import designed
 
 R0, R1, LR, PC = 0, 1, 14, 15
@@ -30,7 +29,7 @@ BRANCH_TO_ITSELF = b"\xfe\xe7"
 def symbols(board: str) -> dict[str, int]:
     """Addresses of a program's functions and data."""
     said = subprocess.run(
-        ["arm-none-eabi-nm", str(build_firmware(board))], check=True, capture_output=True, text=True
+        ["arm-none-eabi-nm", str(MACHINES[board].program())], check=True, capture_output=True, text=True
     ).stdout
     rows = (line.split() for line in said.splitlines() if line[0] != " ")
     return {name: int(address, 16) for address, _, name in rows}
@@ -164,7 +163,7 @@ class Board:
     """A board in a run, with a debugger on it."""
 
     name: str
-    uart: EmulatorUart
+    uart: Emulator
     client: LinkClient
     debugger: Debugger
     log: Path
@@ -219,7 +218,7 @@ def running(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("emulator")
     more = ("-chardev", f"socket,path={folder}/gdb,server=on,wait=off,id=gdb", "-gdb", "chardev:gdb")
     more += ("-d", "unimp", "-D", str(folder / "log"))
-    uart = EmulatorUart(request.param, COUNTING, more)
+    uart = Emulator(MACHINES[request.param], COUNTING, uart=True, more=more)
     client = LinkClient(uart, 20.0)
     debugger = Debugger(folder / "gdb", request.param)
     yield Board(request.param, uart, client, debugger, folder / "log")
@@ -262,7 +261,7 @@ def board(running: Board) -> Board:
 
 def halt_in_an_endless_loop(board: Board) -> None:
     """The main loop goes on in a loop that the program has somewhere, and that calls nobody."""
-    content = build_firmware(board.name).read_bytes()
+    content = MACHINES[board.name].program().read_bytes()
     lowest = board.debugger.at["tact_halt_here"] & ~1
     code = bytes.fromhex(board.debugger.ask(f"m{lowest:x},40"))
     at = code.index(BRANCH_TO_ITSELF)

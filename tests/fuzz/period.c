@@ -2,18 +2,26 @@
  * transitions and swapped tables by the bytes of an input. Aborts where an invariant of what is put out does not hold.
  *
  *     input: | operation | its bytes | operation | ...          tables.h, written by test_period_fuzz.py: designed tables
+ *                                                               and drawn ones, and a display
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "board/drawn_display.h"
-#include "board/drawn_table.h"
 #include "board/period.h"
 #include "board/run.h"
+#include "display/simulated_board.h"
+
+typedef struct {
+    const uint8_t *bytes;
+    size_t size;
+    int32_t delay; /* samples, of an image */
+} file;
+
 #include "tables.h"
 
-enum { ROWS = 64, CHANNELS = 3, IMAGES = 3 };
+enum { ROWS = 64, CHANNELS = 3, USUAL = 3, IMAGES = sizeof IMAGE_FILES / sizeof *IMAGE_FILES };
+enum { SAFETIES = sizeof SAFETY_FILES / sizeof *SAFETY_FILES };
 enum { CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW };
 
 typedef struct {
@@ -22,10 +30,11 @@ typedef struct {
 } input;
 
 static tact_board board;
-static tact_drawn_display display;
+static tact_simulated_board display;
+static float force[ROWS * CHANNELS], felt_mm[ROWS * CHANNELS];
 static tact_noise noise;
-static tact_safety designed, safety;
-static tact_image images[IMAGES], image;
+static tact_safety safeties[SAFETIES];
+static tact_image images[IMAGES];
 static float stream[ROWS * CHANNELS];
 static int32_t trace[ROWS * CHANNELS * 2];
 static uint32_t resting, fading;
@@ -51,19 +60,23 @@ int LLVMFuzzerInitialize(int *count, char ***arguments)
 {
     (void)count;
     (void)arguments;
-    MUST(tact_safety_parse(&designed, SAFETY_TABLE, sizeof SAFETY_TABLE, CHANNELS) == TACT_SAFETY_GOOD);
-    static const struct {
-        const uint8_t *bytes;
-        size_t size;
-    } FILES[IMAGES] = {
-        {IMAGE_DESIGNED, sizeof IMAGE_DESIGNED},
-        {IMAGE_OTHER, sizeof IMAGE_OTHER},
-        {IMAGE_ADAPTIVE, sizeof IMAGE_ADAPTIVE},
-    };
-    for (int i = 0; i < IMAGES; i++)
-        MUST(tact_image_parse(&images[i], FILES[i].bytes, FILES[i].size, designed.rate_hz, 1, CHANNELS) == 0);
+    for (size_t i = 0; i < SAFETIES; i++)
+        MUST(tact_safety_parse(&safeties[i], SAFETY_FILES[i].bytes, SAFETY_FILES[i].size, CHANNELS) == TACT_SAFETY_GOOD);
+    for (size_t i = 0; i < IMAGES; i++)
+        MUST(tact_image_parse(&images[i], IMAGE_FILES[i].bytes, IMAGE_FILES[i].size, safeties[0].rate_hz,
+                              IMAGE_FILES[i].delay, CHANNELS) == 0);
     atexit(tell);
     return 0;
+}
+
+static uint32_t one_of(uint32_t count)
+{
+    return (tact_noise_bits(&noise) >> 8) % count;
+}
+
+static float share(void)
+{
+    return (float)(tact_noise_bits(&noise) >> 8) * (1.0f / 16777216.0f);
 }
 
 static uint8_t next(input *in)
@@ -119,8 +132,9 @@ static void tick(uint32_t lateness, int heard, int noisy)
     }
     tact_period_latch(&board, out);
     judge_codes(out);
-    if (board.safety.channels)
-        tact_drawn_codes(&display, &board.safety, out, in, &noise);
+    tact_simulated_board_latch(&display, out);
+    tact_simulated_board_read(&display, in);
+    tact_simulated_board_advance(&display);
     for (int c = 0; noisy && c < board.channels; c++)
         in[c] = (int32_t)tact_noise_bits(&noise) >> 16;
     tact_period_step(&board, in, lateness);
@@ -139,7 +153,7 @@ static void give_rows(input *in, int raw)
             uint32_t bits;
             float value;
         } any = {bits};
-        rows[i] = raw ? any.value : kind & 1 ? level : kind & 2 ? level * (tact_drawn_share(&noise) - 0.5f) : 0.0f;
+        rows[i] = raw ? any.value : kind & 1 ? level : kind & 2 ? level * (share() - 0.5f) : 0.0f;
     }
     const uint32_t first = kind & 4 ? board.tick + 1 : kind & 8 ? board.tick - 3 : board.stream_end;
     (void)tact_board_stream(&board, first, rows, 16);
@@ -183,17 +197,23 @@ static void ask(input *in, uint8_t operation)
     else if (operation == ACKNOWLEDGE)
         (void)tact_board_acknowledge(&board, board.sensor_faults + (byte & 1u));
     else if (operation == IMAGE) {
-        image = images[byte % IMAGES];
-        if (byte & 128)
-            tact_drawn_image(&image, &images[byte % IMAGES], &noise);
-        (void)(board.safety.channels && tact_board_take_image(&board, &image));
+        (void)(board.safety.channels && tact_board_take_image(&board, &images[byte & 128 ? one_of(IMAGES) : byte % USUAL]));
     } else if (operation == SAFETY) {
-        safety = designed;
-        if (byte & 1)
-            tact_drawn_safety(&safety, &designed, &noise);
-        if (tact_board_take_safety(&board, &safety))
+        if (tact_board_take_safety(&board, &safeties[byte & 1 ? one_of(SAFETIES) : 0]))
             resting = 0;
     }
+}
+
+/* A channel is touched, pressed or let go, or its sensor begins to lie or is mended. */
+static void happen(void)
+{
+    const uint32_t c = one_of(CHANNELS), kind = one_of(8);
+    if (kind < 4)
+        display.state[c].touched = (int32_t)(kind & 1);
+    else if (kind < 6)
+        display.force_v[c] = 4.0f * (share() - 0.5f);
+    else
+        tact_sensor_fault_set(&display.sensor[c], (int32_t)one_of(TACT_SENSOR_LAST + 1), share(), display.code[c]);
 }
 
 static void act(input *in, uint8_t operation)
@@ -204,7 +224,7 @@ static void act(input *in, uint8_t operation)
     else if (operation == TONES)
         give_tones(in);
     else if (operation == EVENT)
-        tact_drawn_event(&display, &designed, &noise);
+        happen();
     else if (operation == RUN || operation == NOISE || operation == SILENT)
         for (uint32_t k = 0; k < count; k++)
             tick(0, operation != SILENT, operation == NOISE);
@@ -219,12 +239,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     input in = {data, size};
     tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
     tact_noise_seed(&noise, 1u + next(&in), 0);
-    tact_drawn_rest(&display);
+    tact_simulated_board_reset(&display, force, felt_mm);
+    MUST(tact_simulated_board_parse(&display, DISPLAY, sizeof DISPLAY, CHANNELS));
     resting = fading = 0;
     board.allows_hold = 1;
     tick(0, 1, 0); /* without a table */
-    MUST(tact_board_take_safety(&board, &designed));
-    MUST(tact_board_take_image(&board, &images[next(&in) % IMAGES]));
+    MUST(tact_board_take_safety(&board, &safeties[0]));
+    MUST(tact_board_take_image(&board, &images[next(&in) % USUAL]));
     while (in.left)
         act(&in, next(&in) & 15);
     return 0;

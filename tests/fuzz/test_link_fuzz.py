@@ -86,13 +86,10 @@ def conversations() -> dict[str, bytes]:
             seeds[f"broken-{count}"] = (
                 ready + frame(Request.START, start.pack(1, link.SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
                 + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
-                + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
             )  # fmt: skip
-        check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))
-        seeds[f"checks-{count}"] = safety + image + check
         seeds[f"driven-{count}"] = (
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
-            + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
+            + stream(1, 0, count, True) + stop * 30 + status
         )  # fmt: skip
     hello, armed = (link.frame_bytes(link.Frame(*each, b"")) for each in ((Request.STATUS, 7), (Request.ARM, 8)))
     garbage = b"\xff\x00" + link.cobs_encode(b"\0" * 300) + hello + b"\xff" * 300

@@ -8,26 +8,33 @@ import pytest
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
+from tactuator.runtime.tables import simulated_board_bytes
+from tests.firmware.drawn import drawn
 from tests.fuzz.conftest import fuzz
 from tests.rig.guard.guarded import adaptive, designed, uncommon
 
+DRAWN = 24
+"""Cases of each kind of controller, whose tables are swapped in."""
 CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW = range(
     16
 )
 
 
 def write_tables(folder: Path) -> None:
-    controller = designed()
-    contents = {
-        "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
-        "IMAGE_DESIGNED": build_image(controller),
-        "IMAGE_OTHER": build_image(uncommon(controller)),
-        "IMAGE_ADAPTIVE": build_image(adaptive()),
-    }
-    arrays = (
-        f"static const uint8_t {name}[] = {{{','.join(map(str, content))}}};" for name, content in contents.items()
-    )
-    (folder / "tables.h").write_text("\n".join(arrays) + "\n")
+    usual = (designed(), uncommon(designed()), adaptive())
+    cases = [drawn(seed, of) for seed in range(DRAWN) for of in (designed(), adaptive())]
+    images = [(build_image(of), 1) for of in usual] + [(case.image, case.safety.delay_samples) for case in cases]
+    safeties = [(safety_bytes(table), 0) for table in (safety_table(designed().display), *(c.safety for c in cases))]
+    lines = [array("DISPLAY", simulated_board_bytes(designed().display, 1))]
+    for name, files in (("IMAGE", images), ("SAFETY", safeties)):
+        lines += [array(f"{name}_{at}", content) for at, (content, _) in enumerate(files)]
+        entries = (f"{{{name}_{at}, {len(content)}, {delay}}}" for at, (content, delay) in enumerate(files))
+        lines.append(f"static const file {name}_FILES[] = {{{', '.join(entries)}}};")
+    (folder / "tables.h").write_text("\n".join(lines) + "\n")
+
+
+def array(name: str, content: bytes) -> str:
+    return f"static const uint8_t {name}[] = {{{','.join(map(str, content))}}};"
 
 
 def conversations(drawn_seeds: int) -> dict[str, bytes]:

@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 import soundfile
 
+from firmware.build import read_boards
 from tactuator.errors import BadInput
 from tactuator.experiment.words import read_words
 from tactuator.io import columns, hdf5
@@ -27,7 +28,6 @@ from tactuator.io.response import read_responses
 from tactuator.io.shipped import EXAMPLES
 from tactuator.io.text import read_content
 from tactuator.model.plant_model import PlantModel
-from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
 from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech

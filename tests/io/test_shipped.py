@@ -214,7 +214,6 @@ VERBS = {
     "experiment information --matrix FILE": {"matrix"},
     "experiment simulate --procedure curve --truth FILE": {"loss"},
     "calibrate-display FILE": {"display"},
-    "firmware verify --controller FILE": {"controller"},
 }
 
 

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.boards import BOARDS, build_firmware
 from tools import wheel as maker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -105,22 +104,6 @@ def test_wheel__installed__has_the_pages_as_they_are(installation) -> None:
     here = {str(p.relative_to(package)): hashlib.sha256(p.read_bytes()).hexdigest() for p in package.glob("*/static/*")}
     assert {name: digest for digest, name in parts} == here
     assert len([name for name in here if name.startswith("console/static/")]) > 20
-
-
-@pytest.mark.slow
-def test_wheel__with_the_cross_compiler__builds_the_firmware_from_its_own_sources(installation, tmp_path) -> None:
-    for name in ("gcc", "objcopy", "size"):
-        (tmp_path / f"arm-none-eabi-{name}").symlink_to(shutil.which(f"arm-none-eabi-{name}") or "")
-    words = ["firmware", "program", "--board", "stm32f405", "--out", "f.bin", "--json"]
-    out = installation.run(str(installation.prefix / "bin" / "tactuator"), *words, path=tmp_path)
-    assert json.loads(out)["flash_bytes"] > 10_000
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("emulated", [True, False])
-def test_firmware__of_every_board__compiles_without_a_warning(emulated):
-    for name in [name for name, board in BOARDS.items() if emulated or board.is_real]:
-        assert build_firmware(name, emulated).with_suffix(".txt").read_text() == ""
 
 
 def test_wheel__platform_that_is_older_than_is_needed_or_that_is_none__is_refused(monkeypatch, tmp_path):

@@ -9,11 +9,12 @@ import numpy as np
 from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.open import emulated_rig, in_process_rig, open_rig
+from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tests.rig.board.emulated_ports import socket_board
+from tests.firmware.emulated_ports import socket_board
+from tests.firmware.emulator import emulated_rig
 from tests.rig.guard.guarded import designed
 from tests.rig.own_rig import installed_example
 

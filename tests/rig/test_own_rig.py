@@ -22,7 +22,7 @@ def test_example__of_the_page__has_at_most_60_lines() -> None:
 def test_open_rig__example_installed__is_found_by_its_name() -> None:
     with installed_example() as name:
         assert type(open_rig(name, DISPLAY)).__name__ == "ComputedRig"
-        with pytest.raises(BadInput, match=f"allowed: board, emulated, in-process, {name}, simulated, sound"):
+        with pytest.raises(BadInput, match=f"allowed: board, in-process, {name}, simulated, sound"):
             open_rig("toaster", DISPLAY)
 
 

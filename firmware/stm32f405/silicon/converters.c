@@ -1,9 +1,7 @@
-/* The converters of a real board: AD7606 in, AD5754R out. A reading that does not come is that of an open sensor.
- * Between reading and finishing the board makes its step: its cycles are counted here. */
+/* The converters of a real board: AD7606 in, AD5754R out. A reading that does not come is that of an open sensor. */
 
 #include "stm32f405/silicon/ad5754.h"
 #include "stm32f405/silicon/ad7606.h"
-#include "stm32f405/silicon/cycles.h"
 #include "stm32f405/bus.h"
 #include "stm32f405/chip.h"
 #include "cortex_m/interrupts.h"
@@ -14,11 +12,9 @@ enum { NO_READING = INT16_MAX, LOOK_EVERY = 64 };
 static int32_t channels;
 static volatile int32_t is_sound;
 
-int tact_chip_converters(tact_board *board, tact_link *link)
+int tact_chip_converters(int32_t count)
 {
-    link->bench = tact_cycles_count;
-    tact_cycles_start();
-    channels = board->channels_max;
+    channels = count;
     tact_ad7606_begin();
     is_sound = tact_ad5754_begin();
     return is_sound;
@@ -39,17 +35,6 @@ void tact_chip_read_in(int32_t *codes)
     for (int32_t c = 0; c < channels; c++)
         codes[c] = NO_READING;
     (void)tact_ad7606_read(codes, channels);
-    tact_cycles_from(); /* the board's step comes next */
-}
-
-void tact_chip_finish(void)
-{
-    tact_cycles_to();
-}
-
-int tact_chip_holds(void)
-{
-    return 0;
 }
 
 int tact_chip_is_sound(void)

@@ -22,9 +22,7 @@ _NICER = 5
 
 def console(
     display: Annotated[Place | None, Argument("Display file (TOML); without one: the examples.", file=True)] = None,
-    rig: Annotated[
-        str | None, Option("Rig of the scope: simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE.")
-    ] = None,
+    rig: Annotated[str | None, Option("Rig of the scope: simulated, in-process, board:URL, sound:DEVICE.")] = None,
     seed: Seed = 0,
     host: Host = "127.0.0.1",
     port: Annotated[int, Option("Port; 0: any that is free.")] = 8770,

@@ -1,4 +1,4 @@
-"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL", "sound:DEVICE", and those of other packages.
+"""Rigs by name: "simulated", "in-process", "board:URL", "sound:DEVICE", and those of other packages.
 
 A rig's name, up to a colon, is an entry point of the group `tactuator.rigs`: a function of what stands behind the
 colon, of the display and of a seed, which returns the rig (docs/rig.md). The project's own stand in pyproject.toml.
@@ -11,14 +11,12 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.emulator import emulator
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import SCHEME, InProcess, SerialPort, Transport, connect
 
 RIGS = "tactuator.rigs"
 """The group of the entry points."""
-_EMULATED_ANSWER_S = 10.0
 _SERIAL_ANSWER_S = 1.0
 
 
@@ -26,7 +24,7 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     """Return the rig of that name with `display` on it.
 
     spec: NAME or NAME:REST; for `board` REST is a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises
-    BadInput for another name, or for what is missing (the emulator, the cross-compiler, pyserial, PortAudio, the card),
+    BadInput for another name, or for what is missing (pyserial, PortAudio, the card),
     and DeviceFault where a port or a card cannot be opened.
 
     >>> with tt.open_rig("in-process", controller.display, seed=1) as board:
@@ -59,34 +57,10 @@ def _require_empty(rest: str, name: str) -> None:
         raise BadInput(f"rig {name}:{rest}", f"{name}, with nothing behind it")
 
 
-def emulated_rig(
-    board: str,
-    display: Display,
-    seed: int = 0,
-    counting: str | None = "shift=3,sleep=off",
-) -> BoardRig:
-    """Return a rig of a simulated `display` on an emulated board ("mps2-an500"). Raises BadInput without its tools."""
-    return simulated_board_rig(emulator(board, counting), display, seed)
-
-
 def in_process_rig(display: Display, seed: int = 0) -> BoardRig:
-    """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
-    return simulated_board_rig(InProcess(), display, seed)
-
-
-def simulated_board_rig(
-    transport: Transport, display: Display, seed: int, answer_s: float = _EMULATED_ANSWER_S
-) -> BoardRig:
-    """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
-    up. answer_s: how long an answer is waited for before the board is asked again.
-    """
-    client = LinkClient(transport, answer_s)
-    try:
-        rig = BoardRig(client, display)
-        rig.simulate(seed)
-    except BaseException:
-        client.close()
-        raise
+    """Return a rig with a board's own program and link in this very process."""
+    rig = BoardRig(LinkClient(InProcess()), display)
+    rig.simulate(seed)
     return rig
 
 

@@ -1,7 +1,4 @@
-"""Ways for bytes to a board and back: in this process, over a serial port (the extra `board`) or over a socket.
-
-An emulator's FIFOs are in `emulator`.
-"""
+"""Ways for bytes to a board and back: in this process, over a serial port (the extra `board`) or over a socket."""
 
 from __future__ import annotations
 
@@ -21,14 +18,12 @@ _UART_POLL_S = 0.02
 SCHEME = "socket://"
 _OPEN_TIMEOUT_S, _SEND_TIMEOUT_S = 5.0, 5.0
 _RECEIVE_BYTES = 1 << 16
-_SHORT_RUN_PERIODS = 32
-_LONG_RUN_PERIODS = 1 << 13
 _BUFFER_ROWS = 4096
 _ANSWER_BYTES = 1 << 16
 
 
 class LinkDown(DeviceFault):
-    """The board cannot be reached any more: the port has vanished, or the emulator has ended."""
+    """The board cannot be reached any more: the port has vanished."""
 
 
 class Transport(Protocol):
@@ -50,8 +45,7 @@ class Transport(Protocol):
 class InProcess:
     """A board with a simulated display, run by the core in this very process: no time passes but its own.
 
-    As an emulated one does, it goes on with a run until that waits for its stream, or for a short while, before each
-    look at what has been sent.
+    It goes on with a run until that waits for its stream, or for a short while, before each look at what has been sent.
     """
 
     def __init__(self, name: str = "in-process", channels: int = 3) -> None:
@@ -90,10 +84,7 @@ class InProcess:
         return int(lib.tact_simulated_board_run(self.simulated, self.board, ticks))
 
     def _let_run(self) -> None:
-        running = self.board.mode == lib.TACT_RUNNING or self.board.ending != lib.TACT_STAYS
-        if running and self.simulated.channels and not lib.tact_board_waits(self.board):
-            ending = self.board.ending != lib.TACT_STAYS
-            self.run(_LONG_RUN_PERIODS if self.board.holds and not ending else _SHORT_RUN_PERIODS)
+        lib.tact_simulated_board_go_on(self.simulated, self.board)
 
 
 class SerialPort:

@@ -1,4 +1,4 @@
-"""The core's tables, filled from a display and from a controller: structures, or bytes for an emulated board.
+"""The core's tables, filled from a display and from a controller: structures, or bytes for a simulated board.
 
 Each `..._table` returns a cffi struct, which is not written to; what it points to must be kept alive by the caller.
 
@@ -244,14 +244,14 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, Any]:
 
 
 def simulated_board_bytes(display: Display, seed: int) -> bytes:
-    """Return the display, for `seed`, as an emulated board takes it. Raises BadInput where it has no room for it."""
+    """Return the display, for `seed`, as a simulated board takes it. Raises BadInput where it has no room for it."""
     parts = []
     for channel in display.channels:
         table, _plants = display_table(channel, display.rate_hz)
         if len(channel.loads) >= lib.TACT_SIMULATED_BOARD_PLANTS_MAX:
             raise BadInput(
                 f"channel {channel.name!r}: {len(channel.loads)} loads",
-                f"at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1} on an emulated board",
+                f"at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1} on a simulated board",
             )
         converter = channel.converter
         parts.append(struct.pack("<iidd", converter.bits, converter.polarity, converter.range_v, converter.offset_v))
@@ -261,7 +261,7 @@ def simulated_board_bytes(display: Display, seed: int) -> bytes:
     content = sealed(head + body)
     if len(content) > lib.TACT_SIMULATED_BOARD_MAX:
         raise BadInput(
-            f"the display takes {len(content)} bytes", f"{lib.TACT_SIMULATED_BOARD_MAX} on an emulated board"
+            f"the display takes {len(content)} bytes", f"{lib.TACT_SIMULATED_BOARD_MAX} on a simulated board"
         )
     return content
 

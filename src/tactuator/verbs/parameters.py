@@ -62,7 +62,7 @@ class Argument(Option):
 
 DISPLAY_HELP = "Display file; a controller is designed for it if none is given."
 CONTROLLER_HELP = "Controller file that `design` wrote."
-RIG_HELP = "simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE."
+RIG_HELP = "simulated, in-process, board:URL, sound:DEVICE."
 
 Seed = Annotated[int, Option("Seed of all randomness; the same seed, the same result.", ge=0)]
 DisplayOption = Annotated["Display | Place | None", Option(DISPLAY_HELP, file=True)]
@@ -100,11 +100,6 @@ def sentence_of(place: str) -> str:
     module, _, name = place.partition(":")
     docstring = _source(module).partition(f"\ndef {name}(")[2].partition('    """')[2]
     return re.split(r"\.\s|\"\"\"", docstring, maxsplit=1)[0].removesuffix(".") + "."
-
-
-def constant(module: str, name: str) -> Any:
-    """Return a constant of a module."""
-    return ast.literal_eval(_source(module).partition(f"\n{name} = ")[2].partition("\n")[0])
 
 
 class Fields:

@@ -24,11 +24,7 @@ VERBS: Mapping[str, Mapping[str, str]] = {
         "wordlength": "verbs.controller:wordlength",
         "build": "verbs.controller:build",
         "image": "verbs.controller:image",
-        "firmware program": "verbs.firmware:program",
-        "firmware verify": "verbs.firmware:verify",
-        "firmware stream": "verbs.firmware:stream",
-        "firmware bench": "verbs.firmware:bench",
-        "firmware acknowledge": "verbs.firmware:acknowledge",
+        "acknowledge": "verbs.board:acknowledge",
     },
     "What the display does": {
         "noise": "verbs.response:noise",
@@ -68,7 +64,6 @@ VERBS: Mapping[str, Mapping[str, str]] = {
 """Functions of the verbs by name, in groups by title."""
 
 PARTS: Mapping[str, str] = {
-    "firmware": "Build programs for boards, compare bits, count cycles.",
     "sound": "List sound cards, measure their delay and volts.",
     "experiment": "Run, simulate, analyse and export experiments.",
 }

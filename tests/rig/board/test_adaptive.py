@@ -12,11 +12,12 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.requirements import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
-from tactuator.rig.open import emulated_rig, in_process_rig, simulated_board_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
 from tactuator.signals.decibels import db
+from tests.firmware.emulator import emulated_rig, rig_of
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display
 from tests.runtime.test_touch import SECOND, adaptive, tones
 from tests.strength import core, reshaped
@@ -40,7 +41,7 @@ def played(is_adaptive: bool = True) -> np.ndarray[tuple[int, ...], np.dtype[np.
 
 def test_board__asked_for_its_weights__tells_what_it_has_learnt() -> None:
     transport = InProcess()
-    rig = simulated_board_rig(transport, adaptive_display(), 5)
+    rig = rig_of(transport, adaptive_display(), 5)
     own = Controller(adaptive_display(), (adaptive(),))
     assert np.array_equal(rig.weights(), np.zeros((1, 2)))
     rig.load(own)

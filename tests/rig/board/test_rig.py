@@ -1,23 +1,17 @@
 """What every board does beyond every rig: bits, images, tables, faults; tones that it makes, against streamed ones."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import STIMULUS, Mode, RigFault
 from tactuator.rig.board.stream import TONES_MAX, BoardTone
-from tactuator.rig.emulator import Emulator
-from tactuator.rig.open import emulated_rig, in_process_rig, open_rig, simulated_board_rig
+from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.rig import join_traces
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime._core import lib
+from tests.firmware.emulator import emulated_rig
 from tests.rig.every_rig import BOARDS, begin, tones
 from tests.rig.guard.guarded import Guarded, designed
 
@@ -76,7 +70,7 @@ def test_rig__image_refused__changes_nothing_and_the_safety_table_stays(rig):
 def test_open__names__give_rigs_or_say_what_is_allowed():
     assert isinstance(open_rig("simulated", designed().display), SimulatedRig)
     for name, error, words in (
-        ("toaster", BadInput, "allowed: board, emulated, in-process, simulated, sound"),
+        ("toaster", BadInput, "allowed: board, in-process, simulated, sound"),
         ("simulated:x", BadInput, "simulated:x; allowed: simulated, with nothing behind it"),
         ("in-process:x", BadInput, "in-process:x; allowed: in-process, with nothing behind it"),
         ("board", BadInput, "board: without a port; allowed: board:PORT"),
@@ -86,40 +80,9 @@ def test_open__names__give_rigs_or_say_what_is_allowed():
         ("board:socket://nowhere", BadInput, "socket://host:port"),
         ("board:/dev/null@fast", BadInput, "baud rate 'fast'"),
         ("board:socket://127.0.0.1:1", LinkDown, "one where a board listens"),
-        ("emulated:x", BadInput, "board 'x' is not known"),
     ):
         with pytest.raises(error, match=words):
             open_rig(name, designed().display)
-
-
-def test_emulator__ends_on_its_own__is_told():
-    transport = Emulator("mps2-an500")
-    rig = simulated_board_rig(transport, designed().display, 1)
-    os.killpg(transport._process.pid, signal.SIGKILL)
-    transport._process.wait()
-    with pytest.raises(LinkDown, match="has ended"):
-        rig.status()
-    rig.close()
-
-
-OPENED = """
-import time
-from tactuator.rig.emulator import emulator
-print(emulator("mps2-an500")._process.pid, flush=True)
-time.sleep(60)
-"""
-
-
-def test_emulator__whoever_started_it_is_killed__ends_too() -> None:
-    with subprocess.Popen([sys.executable, "-c", OPENED], stdout=subprocess.PIPE) as child:
-        group = int(child.stdout.readline())
-        os.killpg(group, 0)
-        child.kill()
-    until = time.monotonic() + 20.0
-    with pytest.raises(ProcessLookupError):
-        while time.monotonic() < until:
-            os.killpg(group, 0)
-            time.sleep(0.05)
 
 
 TRIAL = {

@@ -10,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/drawn_table.h"
 #include "board/run.h"
 #include "display/simulated_board.h"
 #include "tables.h"
@@ -48,16 +47,26 @@ static void check(int holds, const char *what)
     }
 }
 
+static double part(void)
+{
+    return (double)(tact_noise_bits(&noise) >> 8) / 16777216.0;
+}
+
+static uint32_t one_of(uint32_t count)
+{
+    return (tact_noise_bits(&noise) >> 8) % count;
+}
+
 static double uniform(void)
 {
-    return 2.0 * (double)tact_drawn_share(&noise) - 1.0;
+    return 2.0 * part() - 1.0;
 }
 
 /* most, halved up to `halvings` times: as often small as large. */
 static double spread(double most, uint32_t halvings)
 {
-    const double share = 0.5 + 0.5 * (double)tact_drawn_share(&noise);
-    return most * share / (double)(1u << tact_drawn_of(&noise, halvings + 1));
+    const double share = 0.5 + 0.5 * part();
+    return most * share / (double)(1u << one_of(halvings + 1));
 }
 
 /* A rational point of the circle near that frequency. */
@@ -78,26 +87,26 @@ static double turn(rotation *r)
 
 static void draw_reference(player *p, float most)
 {
-    p->kind = (int)tact_drawn_of(&noise, LAST_KIND + 1);
+    p->kind = (int)one_of(LAST_KIND + 1);
     p->level = (float)spread(1.0, 10) * most;
     p->want = 0.0f;
     if (p->kind == 4) /* a step across all that is allowed, with a finger's force at the worst moment, may be too far */
         p->level *= 0.5f;
-    p->tones = p->kind < 3 ? 1 + (int)tact_drawn_of(&noise, TONES) : 0;
+    p->tones = p->kind < 3 ? 1 + (int)one_of(TONES) : 0;
     for (int i = 0; i < p->tones; i++)
         p->tone[i] = turning(spread(300.0, 9), p->level / (float)p->tones);
 }
 
 static void draw_finger(player *p)
 {
-    const uint32_t kind = tact_drawn_of(&noise, 8);
-    const double sign = tact_drawn_of(&noise, 2) ? 1.0 : -1.0;
+    const uint32_t kind = one_of(8);
+    const double sign = one_of(2) ? 1.0 : -1.0;
     p->push_v = kind < 3 ? 0.0 : sign * spread(0.7, 6);
     p->per_tick = 1.0 / spread(0.3 * (double)board.safety.rate_hz, 6); /* 2.5 to 300 ms, twice */
-    p->tremor = turning(8.0 + 4.0 * (double)tact_drawn_share(&noise), kind == 7 || kind == 2 ? spread(0.1, 4) : 0.0);
-    if (tact_drawn_of(&noise, 4) == 0) {
+    p->tremor = turning(8.0 + 4.0 * part(), kind == 7 || kind == 2 ? spread(0.1, 4) : 0.0);
+    if (one_of(4) == 0) {
         p->tap_v = sign * spread(0.7, 4);
-        p->tap_ticks = 12 + (int)tact_drawn_of(&noise, 80);
+        p->tap_ticks = 12 + (int)one_of(80);
         p->tap_at = 0;
     }
 }
@@ -110,7 +119,7 @@ static float reference(player *p)
     if (p->kind == 3)
         sum = p->level * uniform();
     if (p->kind == 4) /* from one side to the other, now and then */
-        sum = p->want = tact_drawn_of(&noise, 200) == 0 ? (p->want > 0.0f ? -p->level : p->level) : p->want;
+        sum = p->want = one_of(200) == 0 ? (p->want > 0.0f ? -p->level : p->level) : p->want;
     if (p->kind == 5) /* wandering */
         sum = p->want = 0.999f * p->want + 0.05f * p->level * (float)uniform();
     return (float)sum;
@@ -130,13 +139,13 @@ static float pressed(player *p)
 
 static void draw_event(void)
 {
-    const uint32_t c = tact_drawn_of(&noise, CHANNELS), kind = tact_drawn_of(&noise, 5);
+    const uint32_t c = one_of(CHANNELS), kind = one_of(5);
     if (kind < 2)
         draw_reference(&players[c], board.safety.channel[c].reference_max);
     else if (kind < 4)
         draw_finger(&players[c]);
     else
-        simulated.state[c].touched = (int32_t)tact_drawn_of(&noise, (uint32_t)simulated.table[c].plant_count);
+        simulated.state[c].touched = (int32_t)one_of((uint32_t)simulated.table[c].plant_count);
 }
 
 /* From whatever is, back to a run. */
@@ -211,9 +220,9 @@ int main(int count, char **arguments)
     while ((double)ticks < wanted) {
         if (board.mode != TACT_RUNNING)
             begin();
-        else if (tact_drawn_of(&noise, 600) == 0)
+        else if (one_of(600) == 0)
             (void)tact_board_stop(&board);
-        if (tact_drawn_of(&noise, 6) == 0)
+        if (one_of(6) == 0)
             draw_event();
         play_block();
     }

@@ -126,7 +126,7 @@ _MAINS_HZ = (50.0, 60.0)
 _FELT_RE_THRESHOLD_DB = -10.0
 _STEADY_VARIATION_MAX = 0.5
 """Largest standard deviation over mean of a hum's power from interval to interval; that of noise is 1."""
-_SIMULATED_RIGS = ("simulated", "in-process", "emulated")
+_SIMULATED_RIGS = ("simulated", "in-process")
 
 
 def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:

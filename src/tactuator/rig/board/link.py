@@ -46,10 +46,8 @@ class Request(IntEnum):
     STIMULUS = 0x21
     TRACE = 0x22
     WEIGHTS = 0x23
-    PERIOD_CHECK = 0x30
-    BENCH = 0x31
-    TOUCH = 0x32
-    BREAK = 0x33
+    TOUCH = 0x30
+    BREAK = 0x31
 
 
 class RequestOutcome(IntEnum):
@@ -173,7 +171,7 @@ class RigLocked(DeviceFault):
     def __init__(self, faults: int) -> None:
         super().__init__(
             f"the board is locked after {faults} sensor or travel faults",
-            "look at the sensor, then acknowledge them (`tactuator firmware acknowledge`)",
+            "look at the sensor, then acknowledge them (`tactuator acknowledge`)",
         )
 
 
@@ -198,7 +196,9 @@ def understood(request: Request) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Status:
-    """Status that a board reports (core/link/report.h)."""
+    """Status that a board reports (core/link/report.h). cycles: the most that a step of this run took; 0 where nothing
+    counts them.
+    """
 
     name: str
     channels: int
@@ -225,8 +225,9 @@ class Status:
     sensor_faults: int
     acknowledged: int
     locked_ticks: int
+    cycles: int
 
-    LAYOUT = struct.Struct("<16s7Bf16I")
+    LAYOUT = struct.Struct("<16s7Bf17I")
 
     def require_no_fault(self) -> None:
         """Raise RigFault where the guard has ended the run."""
@@ -274,23 +275,18 @@ class LinkClient:
         """Return the number of spoilt frames that came from the board."""
         return self._reader.dropped
 
-    @property
-    def begun(self) -> int:
-        """Return how often the board has said that it begins: one more than before, and it has started anew."""
-        return self._reader.begun
-
     def close(self) -> None:
         """Close the transport of the link."""
         self._transport.close()
 
-    def ask(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> tuple[RequestOutcome, bytes]:
+    def ask(self, request: Request, payload: bytes = b"") -> tuple[RequestOutcome, bytes]:
         """Send a request; return its outcome, and what the answer holds besides. Raises LinkDown if no answer comes."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         frame = frame_bytes(Frame(request, self._sequence, payload))
-        begun: int | None = self.begun
+        begun: int | None = self._reader.begun
         for _ in range(self._tries):
             self._transport.send(frame)
-            answer = self._answer(request, self._answer_s * patience, begun)
+            answer = self._answer(request, self._answer_s, begun)
             begun = None  # once: a port that chatters is no board that begins
             if answer is not None:
                 with understood(request):
@@ -307,12 +303,12 @@ class LinkClient:
             for frame in self._reader.feed(content):
                 if (frame.type, frame.sequence) == (request | ANSWER, self._sequence) and frame.payload:
                     return frame
-            if self._clock() > end_s or (begun is not None and self.begun > begun):
+            if self._clock() > end_s or (begun is not None and self._reader.begun > begun):
                 return None
 
-    def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:
+    def must(self, request: Request, payload: bytes = b"") -> bytes:
         """Send a request as `ask` does; raises RigFault or BadInput unless it was done."""
-        outcome, rest = self.ask(request, payload, patience)
+        outcome, rest = self.ask(request, payload)
         if outcome is RequestOutcome.DONE:
             return rest
         status = self.status()

@@ -10,7 +10,7 @@ import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactuator.rig.boards import ROOT, _command, find_board, sources
+from firmware.build import ROOT, Board, compile_command, sources
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,17 @@ def _names_any(text: str, names: set[str]) -> bool:
 class Bench:
     """A copy of the sources in `folder`, with the objects of a board's unaltered program."""
 
-    board: str
+    board: Board
     folder: Path
     flags: list[str] = field(default_factory=list)
     tail: list[str] = field(default_factory=list)
     read_by: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for part in ("core", "firmware"):
+        for part in ("core", "firmware", "tests/firmware/emulated"):
             shutil.copytree(ROOT / part, self.folder / part)
-        command = _command(find_board(self.board), sources(find_board(self.board)), "PROGRAM")
-        at = command.index("-T")
+        command = compile_command(self.board, sources(self.board), "PROGRAM")
+        at = next(at for at, word in enumerate(command) if word.startswith("-T"))
         self.flags = [word for word in command[:at] if not word.endswith(".c")]
         self.tail = command[at:-2]
         for path in (word for word in command if word.endswith(".c")):
@@ -143,8 +143,6 @@ _TOUCH = (
 MANY = (
     *(Mutant(*each, adaptive=True) for each in _TOUCH),
     # the period
-    Mutant("lateness one too strict", _PERIOD, "lateness > (uint32_t)board->safety.lateness_max",
-           "lateness >= (uint32_t)board->safety.lateness_max"),
     Mutant("no place of rest", _GUARD, "(moved + safety->stop_lead * next) + half", "moved + half"),
     Mutant("comfort fades slowly", _RUN, "fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT",
            "fault == TACT_FAULT_COMFORT ? TACT_FADES : TACT_CUT"),

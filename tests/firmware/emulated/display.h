@@ -18,11 +18,26 @@
 /* Registers the display with the link; the board may wait from now on. */
 void tact_emulated_begin(tact_board *board, tact_link *link);
 
-/* As in port.h. */
+/* The timer is to call tact_emulated_come: `tick`, after which the display goes on; while time stands still, the watchdog
+ * is fed and nothing else. by_leaps: it comes only where it is let. */
+void tact_emulated_ticks(void (*tick)(void), int by_leaps);
+void tact_emulated_come(void);
+
+/* By leaps: all ticks that pass before the host is heard, one with each call; 0 once they have passed. */
+int tact_emulated_leap(void);
+
+/* As in port.h. Cycles: of the timer, within a tick. */
 void tact_emulated_put_out(const int32_t *codes);
 void tact_emulated_read_in(int32_t *codes);
-void tact_emulated_finish(void);
+uint32_t tact_emulated_cycles(void);
+
+/* Whether time is to stand still: a board that rests or waits for its stream. */
 int tact_emulated_holds(void);
+
+/* The timer stands still, and goes on, once it has been started; whether it goes. Not by leaps. */
+void tact_emulated_stand(void);
+void tact_emulated_go_on(void);
+int tact_emulated_goes(void);
 
 /* A run whose time goes on, whatever the host does. */
 int tact_emulated_runs_freely(void);

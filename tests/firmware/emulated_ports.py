@@ -10,49 +10,59 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from unittest.mock import patch
 
 import pytest
 
+from tactuator.rig.board.link import RigFault
 from tactuator.rig.board.stream import StreamDry
-from tactuator.rig.boards import build_firmware
-from tactuator.rig.emulator import emulator_command
-from tactuator.rig.streaming_check import HostWatch, waited_s
 from tactuator.rig.transport import LinkDown
+from tests.firmware.emulator import MACHINES, emulator_command
 
 BOARD = "mps2-an500"
-COUNTING = "shift=3,sleep=off"
 ANSWER_S = 10.0
 """Of an emulator that shares this machine; a real board answers within one."""
+STARVED_SHARE = 0.05
+
+
+@contextmanager
+def judged(*processes: int) -> Iterator[None]:
+    """Skip the test where its board was too late and this thread, or a process, had waited for a processor."""
+    begun_s, waited_s = time.monotonic(), _waited_s(processes)
+    try:
+        yield
+    except (StreamDry, LinkDown, RigFault) as error:
+        share = (_waited_s(processes) - waited_s) / (time.monotonic() - begun_s)
+        if share < STARVED_SHARE:
+            raise
+        pytest.skip(f"not judged: {error}; host and emulator had waited {100.0 * share:.0f} %")
+
+
+def _waited_s(processes: tuple[int, ...]) -> float:
+    """Seconds in which the threads were ready and had no processor, as far as the system tells."""
+    waited_ns = 0
+    for thread in (Path("/proc/thread-self"), *(each for p in processes for each in Path(f"/proc/{p}/task").glob("*"))):
+        with suppress(OSError):  # it may have ended meanwhile
+            waited_ns += int((thread / "schedstat").read_text().split()[1])
+    return waited_ns / 1e9
 
 
 @contextmanager
 def _emulator(serial: str) -> Iterator[subprocess.Popen[str]]:
+    machine = MACHINES[BOARD]
     with tempfile.TemporaryDirectory() as folder:
-        command = emulator_command(BOARD, build_firmware(BOARD), COUNTING, serial)
         process = subprocess.Popen(
-            command, cwd=Path(folder), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True,
+            emulator_command(machine, machine.program(), serial=serial), cwd=Path(folder), stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
-        assert process.stdout
-        watch = HostWatch(1, waited=lambda: waited_s() + _emulator_waited_s(process))
         try:
-            with patch("tactuator.rig.open._SERIAL_ANSWER_S", ANSWER_S):
+            with patch("tactuator.rig.open._SERIAL_ANSWER_S", ANSWER_S), judged(process.pid):
                 yield process
-        except (StreamDry, LinkDown) as error:
-            if process.poll() is not None or not watch.is_starved():
-                raise
-            pytest.skip(f"not judged: {error}; host and emulator had waited {100.0 * watch.waited_share():.0f} %")
         finally:
             process.kill()
-            process.wait()
-            process.stdout.close()
-
-
-def _emulator_waited_s(process: subprocess.Popen[str]) -> float:
-    return sum(waited_s(thread / "schedstat") for thread in Path(f"/proc/{process.pid}/task").glob("*"))
+            process.communicate()
 
 
 @contextmanager

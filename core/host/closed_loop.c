@@ -1,4 +1,4 @@
-#include "display/closed_loop.h"
+#include "host/closed_loop.h"
 
 void tact_closed_loop_rest(tact_closed_loop *loop)
 {

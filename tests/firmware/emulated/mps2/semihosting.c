@@ -1,4 +1,4 @@
-#include "mps2/semihosting.h"
+#include "emulated/mps2/semihosting.h"
 
 enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT = 0x18, MODE_READ = 1, MODE_WRITE = 5 };
 enum { APPLICATION_EXIT = 0x20026 };

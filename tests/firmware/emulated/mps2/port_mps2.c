@@ -2,9 +2,8 @@
  * display in the place of converters. Between runs the display's time stands still, so that what a board plays does
  * not depend on how long the host takes.
  *
- * Over FIFOs a read waits for the host, and no time passes on the board: before it waits, a run goes on until it has
- * come to its end or is dry, for BREATH ticks if it never waits for its stream, or for SETTLE in a fault. Nobody looks
- * at a clock then, so time leaps from one interrupt of the timer to the next.
+ * Over FIFOs a read waits for the host, and no time passes on the board but in leaps from one interrupt of the timer to
+ * the next, before it waits: as many as pass on a board in the host's own process.
  *
  * Over the UART time goes on, as on a real board: the main loop looks for bytes while the interrupt comes and goes. The
  * timer stands still while the display is computed, which no real board does. Where the emulator's time follows the
@@ -13,12 +12,11 @@
 
 #include "cortex_m/interrupts.h"
 #include "cortex_m/systick.h"
-#include "emulated/bench.h"
 #include "emulated/display.h"
-#include "mps2/semihosting.h"
+#include "emulated/mps2/semihosting.h"
 #include "port.h"
 
-enum { CLOCK_HZ = 25000000, BREATH = 32, SETTLE = 256, LONGEST = 65536 };
+enum { CLOCK_HZ = 25000000 };
 enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
 enum { AN_EIGHTH = 8, DOZES = 2000, DOZES_WITH_ROWS = 20000 }; /* some milliseconds of the host's */
 enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
@@ -37,17 +35,11 @@ enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
 enum { UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
 enum { WATCHDOG_INTERRUPTS = 1, WATCHDOG_RESETS = 2, WATCHDOG_KEY = 0x1ACCE551, AMPLIFIER = 1 };
 
-static const volatile tact_board *the_board; /* as the interrupt changes it */
 static int from_host = -1, to_host = -1;
-
-static void bench(uint32_t samples, uint32_t *counts);
 
 void tact_port_begin(tact_board *board, tact_link *link)
 {
-    the_board = board;
     tact_emulated_begin(board, link);
-    tact_emulated_bench_begin(board);
-    link->bench = bench;
     from_host = tact_host_open("to-board", 0);
     if (from_host >= 0)
         to_host = tact_host_open("from-board", 1);
@@ -57,17 +49,15 @@ void tact_port_begin(tact_board *board, tact_link *link)
 
 void tact_port_start_timer(float rate_hz, void (*tick)(void))
 {
-    tact_systick_start((uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f), tick);
+    tact_emulated_ticks(tick, from_host >= 0);
+    tact_systick_start((uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f), tact_emulated_come);
+    if (from_host >= 0)
+        tact_emulated_stand();
 }
 
 uint32_t tact_port_lateness(void)
 {
     return tact_systick_lateness();
-}
-
-int tact_port_holds(void)
-{
-    return tact_emulated_holds();
 }
 
 void tact_port_put_out(const int32_t *codes)
@@ -80,32 +70,12 @@ void tact_port_read_in(int32_t *codes)
     tact_emulated_read_in(codes);
 }
 
-void tact_port_finish(void)
+uint32_t tact_port_cycles(void)
 {
-    tact_emulated_finish();
+    return tact_emulated_cycles();
 }
 
 /* -- link ----------------------------------------------------------------------------------------------------------- */
-
-/* Ticks that may pass before the host is waited for: in a fault the motor coasts to rest, and the guard finds back to a
- * sensor that has been mended. */
-static uint32_t breath(void)
-{
-    if (the_board->mode == TACT_FAULT)
-        return SETTLE;
-    return the_board->holds && the_board->ending == TACT_STAYS ? LONGEST : BREATH;
-}
-
-/* 1 while the run goes on before the host is waited for; the main loop comes by after each tick of it. */
-static int goes_on(void)
-{
-    static uint32_t begun;
-    static int32_t has_begun;
-    if (!has_begun)
-        begun = the_board->ticks;
-    has_begun = tact_systick_goes() && !tact_port_holds() && the_board->ticks - begun < breath();
-    return has_begun;
-}
 
 static void doze(void)
 {
@@ -116,13 +86,13 @@ static void doze(void)
  * watchdog's time stands still with it: bytes that come one by one would let it run out between two ticks. */
 static void wait_for_host(int dozes)
 {
-    tact_systick_stand();
+    tact_emulated_stand();
     const uint32_t clocks = WATCHDOG_LEFT;
     for (int left = dozes; left != 0 && !(UART_STATE & UART_HAS); left--)
         doze();
     if (clocks != 0)
         WATCHDOG_LOAD = clocks;
-    tact_systick_go_on();
+    tact_emulated_go_on();
     if (!(UART_STATE & UART_HAS))
         tact_sleep();
 }
@@ -134,7 +104,7 @@ static size_t look_at_uart(uint8_t *bytes, size_t most)
     while (size < most && UART_STATE & UART_HAS)
         bytes[size++] = (uint8_t)UART_DATA;
     looks = size ? 0 : looks + 1;
-    if (looks > PATIENCE && tact_systick_goes() && !tact_emulated_runs_freely()) {
+    if (looks > PATIENCE && tact_emulated_goes() && !tact_emulated_runs_freely()) {
         tact_sleep();
     } else if (size == 0) {
         const int behind = tact_emulated_is_behind(AN_EIGHTH);
@@ -150,13 +120,13 @@ size_t tact_port_receive(uint8_t *bytes, size_t most)
 {
     if (from_host < 0)
         return look_at_uart(bytes, most);
-    if (goes_on()) {
-        tact_systick_leap();
+    static int is_whole = 1; /* what has come ends a frame */
+    if (is_whole && tact_emulated_leap())
         return 0;
-    }
     const size_t size = tact_host_read(from_host, bytes, most);
     if (size == 0)
         tact_host_exit(); /* the host is gone for good */
+    is_whole = bytes[size - 1] == 0;
     return size;
 }
 
@@ -194,7 +164,7 @@ void tact_port_outputs_safe(void)
 /* After WATCHDOG_CLOCKS its interrupt (NMI: tact_halt) takes the outputs to rest, after as many again it resets. */
 void tact_port_outputs_on(void)
 {
-    if (!(WATCHDOG_CONTROL & WATCHDOG_RESETS)) {
+    if (from_host < 0 && !(WATCHDOG_CONTROL & WATCHDOG_RESETS)) {
         WATCHDOG_LOCK = WATCHDOG_KEY;
         WATCHDOG_LOAD = WATCHDOG_CLOCKS;
         WATCHDOG_CLEAR = 1; /* it counts before it may bark */
@@ -212,13 +182,4 @@ void tact_port_feed_watchdog(void)
 int tact_port_is_sound(void)
 {
     return 1;
-}
-
-/* Nobody feeds the watchdog while periods are counted, and the amplifier is off. */
-static void bench(uint32_t samples, uint32_t *counts)
-{
-    WATCHDOG_LOCK = WATCHDOG_KEY;
-    WATCHDOG_CONTROL = 0;
-    tact_port_outputs_safe();
-    tact_emulated_bench(samples, counts);
 }

@@ -1,0 +1,29 @@
+"""The verb `acknowledge`: a board that is locked after faults is told that they are known."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+from tactuator.errors import BadInput
+from tactuator.verbs.parameters import Option
+from tactuator.verbs.result import Result
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AcknowledgedResult(Result):
+    """Faults of a board that were acknowledged."""
+
+    rig: str
+    sensor_faults: int
+
+    def headline(self) -> Mapping[str, str]:
+        return {self.rig: f"{self.sensor_faults} sensor and travel faults acknowledged"}
+
+
+def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:
+    """Tell a board that its sensor faults are known. After three of them it stays off until then."""
+    from tactuator.rig.open import acknowledge_faults
+
+    if not rig.startswith("board:"):
+        raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
+    return AcknowledgedResult(rig, acknowledge_faults(rig.removeprefix("board:")))
