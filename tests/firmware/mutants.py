@@ -163,7 +163,6 @@ MANY = (
            "    board->cuts++;"),
     Mutant("mildest fault first", _RUN, "int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--",
            "int32_t fault = TACT_FAULT_NONE + 1; fault <= TACT_FAULT_LAST; fault++"),
-    Mutant("moved by hand is a fault", _RUN, "if (board->mode == TACT_ARMED) /* no command", "if (0) /* no command"),
     Mutant("controller goes on", _RUN,
            "tact_controller_reset(&board->image.controller[c], &board->channel[c].controller);", ";"),
     Mutant("reach without the offset", "core/board/safety.c", "- __builtin_fabsf(converter->offset_v_single);", ";"),

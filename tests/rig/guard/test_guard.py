@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.model.description import Display, Environment
+from tactuator.rig.board.link import Mode
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
 from tactuator.signals.discretise import bilinear
@@ -208,3 +209,15 @@ def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are(
     for c in range(3):
         for section in guarded.board.channel[c].controller.prefilter[0:2]:
             assert (section.s1, section.s2) == (0.0, 0.0)
+
+
+def test_guard__armed_and_moved_by_hand__is_no_fault_but_a_sensor_that_lies_is():
+    guarded = Guarded(designed())
+    guarded.leave()
+    guarded.run(np.zeros((1000, 3)))
+    assert guarded.mode is Mode.ARMED
+    by_hand = (Fault.TRAVEL, Fault.COMFORT, Fault.SENSOR_STUCK)
+    lib.tact_board_fail(guarded.board, sum(1 << fault for fault in by_hand), 0)
+    assert guarded.mode is Mode.ARMED
+    lib.tact_board_fail(guarded.board, 1 << Fault.SENSOR_OPEN, 0)
+    assert Fault(guarded.board.fault) is Fault.SENSOR_OPEN
