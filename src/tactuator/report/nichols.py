@@ -215,7 +215,7 @@ def _frequency_marks(axes: Axes, run: _Track) -> None:
     for mark in (mark for mark in _MARKS_HZ if run.frequency_hz[0] <= mark <= run.frequency_hz[-1]):
         at = run.at(mark)
         point = axes.transData.transform(at) * 72.0 / axes.figure.dpi
-        if low + 2.0 < at[1] < high - 2.0 and all(np.hypot(*(point - one)) >= _MARKS_APART_PT for one in written):
+        if low + 2.0 < at[1] < high - 2.0 and all(np.hypot(*(point - other)) >= _MARKS_APART_PT for other in written):
             axes.text(*at, f"{mark:g}", ha="center", va="center", fontsize=6.5, color=BLUE, bbox=box, zorder=6)
             written.append(point)
 
