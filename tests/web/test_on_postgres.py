@@ -1,6 +1,5 @@
 """A study at several stations, whose store is a PostgreSQL server's, from the command line to the rows."""
 
-import asyncio
 import random
 import threading
 import time
@@ -9,6 +8,7 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import pytest
+from anyio.from_thread import start_blocking_portal
 
 from tactuator.cli.main import main
 from tactuator.errors import BadInput, StoreFault
@@ -79,17 +79,17 @@ def test_simulated_people__store_on_a_server__answer_there(tmp_path, monkeypatch
 
 def test_visit__open_at_two_stations__is_stored_once(postgres) -> None:
     place, clock = postgres.database("visit"), ObedientClock()
-    with closing(Store(place)) as one, closing(Store(place)) as two:
+    with closing(Store(place)) as one, closing(Store(place)) as two, start_blocking_portal() as server:
         lab = Lab(opened_study(two, clock))
         row = lab.sessions[0]
-        asyncio.run(lab.presented(row))
+        server.call(lab.presented, row)
         first = begin(one, clock, trials=3)
-        second = asyncio.run(lab.presented(row))  # as it was before
+        second = server.call(lab.presented, row)  # as it was before
         second.session.give_consent()
         with pytest.raises(BadInput, match="the visit of subject S1 goes on at another station"):
             second.present(lambda interval, begins: None)
-        asyncio.run(lab.catch_up(row))
-        second = asyncio.run(lab.presented(row))
+        server.call(lab.catch_up, row)
+        second = server.call(lab.presented, row)
         assert [answer_one(at, clock) for at in (second, second)] == [(1, 1), (1, 2)]
         with pytest.raises(StoreFault, match="another station has gone on with this visit"):
             answer_one(first, clock)
