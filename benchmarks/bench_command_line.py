@@ -22,13 +22,13 @@ from numpy.typing import ArrayLike
 from timing import in_turn, of_program
 
 import tactuator
+from tactuator.api.parameters import paper_controller, paper_display
+from tactuator.api.table import top_verbs
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.plan import Plan, observers
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.verbs.parameters import paper_controller, paper_display
-from tactuator.verbs.table import top_verbs
 
 REPEATS = 5
 ALLOWED = {"help_s": 0.4, "help_goal_s": 0.15, "help_mb": 60.0, "refusal_s": 0.5, "import_s": 0.06}

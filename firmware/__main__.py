@@ -10,12 +10,12 @@ from typing import cast
 
 from firmware.build import build, find_board, memory_used, read_boards, write_program
 from firmware.verify import verify
+from tactuator.api.parameters import paper_display
 from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.controller import read_controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
 from tactuator.synthesis.design import design_controller
-from tactuator.verbs.parameters import paper_display
 
 
 def _program(asked: argparse.Namespace) -> int:

@@ -130,7 +130,7 @@ _INTEGRATION = (
 )
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
-_ROOMS = ("console", "core", "experiment", "identification", "measure", "report", "runtime", "synthesis", "verbs")
+_ROOMS = ("console", "core", "experiment", "identification", "measure", "report", "runtime", "synthesis", "api")
 _LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import soundfile
 from scipy import signal
 
+from tactuator.api.parameters import paper_display
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import EXAMPLES
 from tactuator.perception.curve import curve
@@ -19,7 +20,6 @@ from tactuator.signals.excitation import paper_mix
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.render import RenderJob, render_file
 from tactuator.synthesis.design import design_controller
-from tactuator.verbs.parameters import paper_display
 from tools.formant_synthesis import RATE_HZ, Sound, synthesise
 
 SEED = 1

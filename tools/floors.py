@@ -11,7 +11,7 @@ TASKS = {
     "cli": "asks, calls one verb, prints its result",
     "console": "a page on which a loop is shaped by dragging",
     "paper": "the paper's run; pages in a browser",
-    "verbs": "one function for each verb; one result for every face",
+    "api": "one function for each verb; one result for every face",
     "report": "figures and pages from results",
     "speech": "coding and limiting; protocol, session, store, result",
     "measure": "responses, noise, disturbance, felt levels",

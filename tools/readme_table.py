@@ -3,12 +3,12 @@
 import re
 from pathlib import Path
 
+from tactuator.api.parameters import paper_display
 from tactuator.paper.plan import LEVELS_DB_SL, Plan
 from tactuator.paper.report import plates
 from tactuator.paper.run import run_study
 from tactuator.paper.steps import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.summary import comparison, upper_db
-from tactuator.verbs.parameters import paper_display
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 PICTURES = {"fig02": "equality.svg", "default-finger": "felt-touched.svg"}

@@ -11,14 +11,14 @@ _ROOMS = {
     "paper.verb": ("reproduce",),
     "rig.open": ("open_rig",),
     "rig.simulated": ("SimulatedRig",),
-    "verbs.controller": ("build", "check", "design", "image"),
-    "verbs.experiment": ("thresholds",),
-    "verbs.items": ("waveforms",),
-    "verbs.model": ("calibrate", "identify", "record"),
-    "verbs.response": ("disturb", "finger", "measure_response", "noise"),
-    "verbs.sound": ("calibrate_display",),
-    "verbs.speech": ("play", "render"),
-    "verbs.start": (
+    "api.controller": ("build", "check", "design", "image"),
+    "api.experiment": ("thresholds",),
+    "api.items": ("waveforms",),
+    "api.model": ("calibrate", "identify", "record"),
+    "api.response": ("disturb", "finger", "measure_response", "noise"),
+    "api.sound": ("calibrate_display",),
+    "api.speech": ("play", "render"),
+    "api.start": (
         "examples", "init", "read_controller", "read_curve", "read_display", "read_model", "read_record",
     ),
 }  # fmt: skip
@@ -32,7 +32,7 @@ def __getattr__(name: str) -> object:
     elif name in _NAMES:
         value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
         if not isinstance(value, type):
-            types = import_module("tactuator.verbs.nouns").TYPES
+            types = import_module("tactuator.api.nouns").TYPES
             value = import_module("tactuator.parameters").checked(value, types)
     else:
         raise AttributeError(f"module 'tactuator' has no attribute {name!r}")

@@ -23,6 +23,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tactuator import __version__
+from tactuator.api import table
+from tactuator.api.parameters import RIG_HELP, Fields, Option, sentence_of
+from tactuator.api.result import Result, finite, watched, working
+from tactuator.api.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tactuator.cli.commands import Bars, answer, command_of, drawn
 from tactuator.cli.main import build_app
 from tactuator.entry_points import plugins
@@ -34,10 +38,6 @@ from tactuator.measure.open_loop import CalibrationRequest
 from tactuator.report.tables import with_error
 from tactuator.rig.open import RIGS
 from tactuator.table import ResultTable
-from tactuator.verbs import table
-from tactuator.verbs.parameters import RIG_HELP, Fields, Option, sentence_of
-from tactuator.verbs.result import Result, finite, watched, working
-from tactuator.verbs.table import FIRST, FUNCTIONS, top_verbs, verb_of
 from tools.cli_reference import PAGE, reference, sorted_commands
 
 HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi", "rich", "pydantic")
@@ -310,7 +310,7 @@ def trial():
 module = types.ModuleType("tactuator.trial")
 module.trial = trial
 sys.modules["tactuator.trial"] = module
-import_module("tactuator.verbs.table").FUNCTIONS["trial"] = "trial:trial"
+import_module("tactuator.api.table").FUNCTIONS["trial"] = "trial:trial"
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
 """
@@ -383,7 +383,7 @@ exec(open({program!r}).read())
         ("typing", "in_a_callback"),
         ("typer", "in_a_callback"),
         ("tactuator.cli.commands", "at_once"),
-        ("tactuator.verbs.controller", "turned_by_a_library"),
+        ("tactuator.api.controller", "turned_by_a_library"),
     ],
 )
 def test_program__ctrl_c_as_a_module_loads__one_line_and_130(module, how):

@@ -193,7 +193,7 @@ def test_init__every_kind__can_be_designed_and_meets_or_leaves_open_every_object
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A display, a record of it, and the paper's controller."""
-    place = tmp_path_factory.mktemp("verbs")
+    place = tmp_path_factory.mktemp("api")
     (place / "display.toml").write_text(DISPLAY)
     write_controller(place / "controller.json", controller(display()))
     words = ["record", str(place / "display.toml"), "--duration-s", "12", "--out", str(place / "r.h5"), "--json"]

@@ -2,7 +2,7 @@
 
 The checks of numbers that can hardly be: each by its bounds.
 
-The slips of whole files, and the right files beside them, are in `tests/verbs/test_slips.py`.
+The slips of whole files, and the right files beside them, are in `tests/api/test_slips.py`.
 """
 
 from dataclasses import replace

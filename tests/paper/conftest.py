@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from tactuator.api.parameters import paper_display
 from tactuator.cli import main
 from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.steps import check_speech
 from tactuator.report.plate import Plate
-from tactuator.verbs.parameters import paper_display
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

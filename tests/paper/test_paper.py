@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
 from tactuator.paper import report as publish
@@ -22,7 +23,6 @@ from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_d
 from tactuator.paper.summary import comparison, summary
 from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db, observers_at_work
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
-from tactuator.verbs.parameters import paper_controller, paper_display
 from tests.paper.conftest import Reproduced
 from tests.report.boxes import assert_texts_apart
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 import tactuator as tt
+from tactuator.api.nouns import RecordResult
 from tactuator.errors import BadInput
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.report.chart import chart_plate, draw
@@ -36,7 +37,6 @@ from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.table import Chart, ChartLine
-from tactuator.verbs.nouns import RecordResult
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 from tests.report.boxes import assert_texts_apart, boxes
 from tests.synthesis.displays import channel, paper_controller, three_finger_controller, three_fingers

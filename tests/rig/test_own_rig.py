@@ -4,11 +4,11 @@ import re
 
 import pytest
 
+from tactuator.api.parameters import paper_display
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.rig.open import RIGS, open_rig
-from tactuator.verbs.parameters import paper_display
 from tests.rig.guard.guarded import designed
 from tests.rig.own_rig import example, installed_example
 

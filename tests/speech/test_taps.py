@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactuator.api.parameters import paper_display
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.speech.limiter import Limiter
 from tactuator.speech.taps import CODES, Phoneme, alike, duration_s, taps_signal, usual_layout
 from tactuator.speech.textgrid import read_textgrid
 from tactuator.synthesis.design import design_controller
-from tactuator.verbs.parameters import paper_display
 
 HEAD = 'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactuator.api.controller import design
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, NoDesign
 from tactuator.io.display import read_display
@@ -30,7 +31,6 @@ from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_err
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, push_responses
 from tactuator.synthesis.verdict import AT_LOWEST, judge, judge_channel
 from tactuator.table import plain
-from tactuator.verbs.controller import design
 from tests.griffin import distance_db, griffin
 from tests.rig.guard import guarded
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display

@@ -12,7 +12,7 @@ FOLDER = ROOT / "docs" / "python"
 LISTED_IN = "docs/reference"  # two clicks from the start page
 #: What a program of a laboratory calls, or a package of its own builds on; the rest is read in the source.
 ROOMS = (
-    "verbs", "signals", "perception", "model", "io", "rig", "speech", "experiment.procedure", "experiment.task",
+    "api", "signals", "perception", "model", "io", "rig", "speech", "experiment.procedure", "experiment.task",
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
+from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -29,7 +30,6 @@ from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.verbs.parameters import paper_controller, paper_display
 
 CODES = [f"S{number}" for number in range(1, 61)]
 _ANSWERS = """

@@ -28,6 +28,7 @@ from playwright.sync_api import sync_playwright
 from rich.console import Console
 from rich.table import Table
 
+from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -36,7 +37,6 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store
 from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.verbs.parameters import paper_controller, paper_display
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app
 from tests.browser import ARGUMENTS, chromium

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 
 import tactuator as tt
+from tactuator.api.identified import IdentificationResult
 from tactuator.errors import BadInput
-from tactuator.verbs.identified import IdentificationResult
 
 Array = NDArray[np.float64]
 RATE_HZ = 4000.0

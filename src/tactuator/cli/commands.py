@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
+from tactuator.api.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
+from tactuator.api.result import Result, Step, finite, watched
+from tactuator.api.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 from tactuator.errors import BadInput, Interrupted
 from tactuator.table import ResultTable
-from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
-from tactuator.verbs.result import Result, Step, finite, watched
-from tactuator.verbs.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
 
 if TYPE_CHECKING:
     from rich.console import Console

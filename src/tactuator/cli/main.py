@@ -13,9 +13,9 @@ from typing import NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from tactuator.api.table import parts_of, top_verbs
 from tactuator.cli.commands import build_app
 from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
-from tactuator.verbs.table import parts_of, top_verbs
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 _AGAIN_S = 0.02

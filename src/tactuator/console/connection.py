@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from fastapi import WebSocket
 from pydantic import Field
 
+from tactuator.api.controller import check
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
 from tactuator.console.loop_chart import MARKS_HZ, frame, ground, settled_figures, verdict_rows
 from tactuator.console.loop_shape import LoopShape, drag_ranges, shape_of, with_point_at
@@ -31,7 +32,6 @@ from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
 from tactuator.table import picked
-from tactuator.verbs.controller import check
 from tactuator.web.sockets import first_to_end, send
 
 

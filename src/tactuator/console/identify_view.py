@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from tactuator.api.identified import IdentificationResult, ResponseModelResult
+from tactuator.api.model import identify
 from tactuator.arrays import FloatArray
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
 from tactuator.console.state import ConsoleState
@@ -22,8 +24,6 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import FrequencyResponse, Record
 from tactuator.signals.spectra import power_spectrum
 from tactuator.table import ResultTable, picked
-from tactuator.verbs.identified import IdentificationResult, ResponseModelResult
-from tactuator.verbs.model import identify
 
 _SPECTRUM_LINES = 700
 _LEAST = 1e-300

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from tactuator.api.controller import design
 from tactuator.console.loop_chart import verdict_rows
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
 from tactuator.console.state import ConsoleState
@@ -19,7 +20,6 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
-from tactuator.verbs.controller import design
 
 _LINES = 160
 _DRAWN_NAME, _DRAWN_FILE = "drawn", "curve.csv"

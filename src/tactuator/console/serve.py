@@ -6,8 +6,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from tactuator.api.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
 from tactuator.errors import BadInput
-from tactuator.verbs.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tactuator.api.speech import RenderResult, render
 from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line
 from tactuator.console.rig_session import expected_hum
 from tactuator.console.state import ConsoleState
@@ -16,7 +17,6 @@ from tactuator.perception.curve import check_level
 from tactuator.speech.coding import coding_names
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.speech.reading import scan_speech
-from tactuator.verbs.speech import RenderResult, render
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0

@@ -16,6 +16,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints
 
+from tactuator.api.experiment import export
 from tactuator.console import rig_orders as orders
 from tactuator.console.requests import (
     LOGGER,
@@ -42,7 +43,6 @@ from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Finger, Rig, Trace, join_traces
-from tactuator.verbs.experiment import export
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import send
 from tactuator.web.study_pages import StudyPages

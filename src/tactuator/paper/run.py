@@ -9,6 +9,11 @@ from functools import partial
 import numpy as np
 
 import tactuator as tt
+from tactuator.api.designed import ControllerResult
+from tactuator.api.identified import CalibrationResult
+from tactuator.api.parameters import paper_controller
+from tactuator.api.response import FeltLevels
+from tactuator.api.result import promoted
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.recursive import RecursiveEstimate, identify_recursively
 from tactuator.measure.noise import noise_verdict
@@ -37,11 +42,6 @@ from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in
 from tactuator.speech.reading import SpeechFile
 from tactuator.synthesis.verdict import RESONANCE, judge
-from tactuator.verbs.designed import ControllerResult
-from tactuator.verbs.identified import CalibrationResult
-from tactuator.verbs.parameters import paper_controller
-from tactuator.verbs.response import FeltLevels
-from tactuator.verbs.result import promoted
 from tactuator.wordlength.bits import Needed
 
 JUDGED_AT_DB_SL = 30.0

@@ -11,6 +11,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import tactuator as tt
+from tactuator.api.designed import ControllerResult
+from tactuator.api.parameters import paper_controller
+from tactuator.api.response import MeasuredResponses
+from tactuator.api.result import promoted
+from tactuator.api.speech import RenderResult
 from tactuator.arrays import FloatArray
 from tactuator.measure.felt import FeltReport
 from tactuator.model.description import Channel, Display
@@ -24,11 +29,6 @@ from tactuator.speech.limiter import FingerLimiting
 from tactuator.speech.reading import SpeechFile, sample_path, scan_speech
 from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
-from tactuator.verbs.designed import ControllerResult
-from tactuator.verbs.parameters import paper_controller
-from tactuator.verbs.response import MeasuredResponses
-from tactuator.verbs.result import promoted
-from tactuator.verbs.speech import RenderResult
 from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import tactuator as tt
+from tactuator.api.experiment import simulate
 from tactuator.arrays import FloatArray
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.store_results import group_curve
@@ -29,7 +30,6 @@ from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Weibull
 from tactuator.processors import begin_helper, helper_context
-from tactuator.verbs.experiment import simulate
 
 _PROTOCOL = """
 [study]

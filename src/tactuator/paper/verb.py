@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from tactuator.api.parameters import Option, Place, Seed
+from tactuator.api.result import Result, columns_of, working
 from tactuator.table import ResultTable
-from tactuator.verbs.parameters import Option, Place, Seed
-from tactuator.verbs.result import Result, columns_of, working
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,13 +52,13 @@ def reproduce(
     ...
     tactuator.errors.BadInput: nothing.wav: no such file; allowed: a sound file
     """
+    from tactuator.api.parameters import paper_display
     from tactuator.io.atomic import atomic_folder
     from tactuator.paper.plan import Plan
     from tactuator.paper.report import OWN_NAMES, publish
     from tactuator.paper.run import STEPS, run_study
     from tactuator.paper.steps import check_speech
     from tactuator.paper.summary import comparison, summary
-    from tactuator.verbs.parameters import paper_display
 
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
     file = check_speech(plan)

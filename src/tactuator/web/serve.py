@@ -6,9 +6,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tactuator.errors import BadInput, within
-from tactuator.verbs.experiment import ProtocolFile, StoreFile
-from tactuator.verbs.parameters import (
+from tactuator.api.experiment import ProtocolFile, StoreFile
+from tactuator.api.parameters import (
     AllowedHosts,
     ControllerOption,
     DisplayOption,
@@ -22,6 +21,7 @@ from tactuator.verbs.parameters import (
     TlsKey,
     opened_apparatus,
 )
+from tactuator.errors import BadInput, within
 
 if TYPE_CHECKING:
     from tactuator.web.lab import Lab

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactuator.api.strength import StoreContours, judged
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
 from tactuator.experiment.result.confusion import (
@@ -29,7 +30,6 @@ from tactuator.experiment.words import Words, difference, read_words, shipped_la
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.table import ResultTable
-from tactuator.verbs.strength import StoreContours, judged
 from tests.experiment.session.apparatuses import apparatus
 from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, Level
 

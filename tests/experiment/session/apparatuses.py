@@ -8,6 +8,7 @@ from typing import Any
 
 from sqlalchemy import select
 
+from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
@@ -19,7 +20,6 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.verbs.parameters import paper_controller, paper_display
 
 PROTOCOL = """
 [study]

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import inspect
 
+from tactuator.api.experiment import backup
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
-from tactuator.verbs.experiment import backup
 from tests.experiment.session.apparatuses import answer_one, begin, opened_study
 
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.api.parameters import paper_display
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.requirements import Touch
@@ -16,7 +17,6 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault
 from tactuator.synthesis.design import design_controller
-from tactuator.verbs.parameters import paper_display
 
 SENSORS = SENSOR_FAULTS[:5]
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactuator.api.parameters import Place
+from tactuator.api.result import Result, figure
 from tactuator.arrays import ComplexArray
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
@@ -23,8 +25,6 @@ from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.verdict import whole_verdict
 from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
-from tactuator.verbs.parameters import Place
-from tactuator.verbs.result import Result, figure
 
 
 def verdict_tables(verdict: Verdict) -> list[ResultTable | str]:

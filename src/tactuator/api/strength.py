@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.api.parameters import Argument, Figures, Option, Place
+from tactuator.api.result import Result, columns_of, finite, working
 from tactuator.errors import BadInput
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
-from tactuator.verbs.parameters import Argument, Figures, Option, Place
-from tactuator.verbs.result import Result, columns_of, finite, working
 
 if TYPE_CHECKING:
     from tactuator.arrays import FloatArray

@@ -6,20 +6,7 @@ from math import degrees, inf, isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tactuator.errors import BadInput
-from tactuator.measure.options import (
-    EXCURSION_MM,
-    FINGER_LEVEL_DB_SL,
-    FINGER_S,
-    LISTENED_S,
-    MAINS_HZ,
-    METHODS,
-    PROBED_GAINS,
-    REJECTION_HZ,
-    MeasurementOptions,
-)
-from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.parameters import (
+from tactuator.api.parameters import (
     Channels,
     ControllerOption,
     DisplayOption,
@@ -36,12 +23,26 @@ from tactuator.verbs.parameters import (
     put_on,
     require_stable,
 )
-from tactuator.verbs.result import Result, columns_of, say, working
+from tactuator.api.result import Result, columns_of, say, working
+from tactuator.errors import BadInput
+from tactuator.measure.options import (
+    EXCURSION_MM,
+    FINGER_LEVEL_DB_SL,
+    FINGER_S,
+    LISTENED_S,
+    MAINS_HZ,
+    METHODS,
+    PROBED_GAINS,
+    REJECTION_HZ,
+    MeasurementOptions,
+)
+from tactuator.table import Chart, ChartLine, ResultTable, picked
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from tactuator.api.crosstalk import CrosstalkResult
     from tactuator.measure.adaptive import Learnt
     from tactuator.measure.crosstalk import Crosstalk
     from tactuator.measure.disturbance import DisturbanceReport
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
     from tactuator.model.verdict import Verdict
     from tactuator.rig.rig import Rig
     from tactuator.signals.record import Response
-    from tactuator.verbs.crosstalk import CrosstalkResult
 
 _LEVEL = ("--level-db-sl", "--level")
 _LIFTED_S = 3.0
@@ -115,7 +115,7 @@ class FeltLevels(Result):
         return {"runs": runs, "not_played": self.not_played, "written": self.written, **self.verdict.document()}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.verbs.designed import verdict_tables
+        from tactuator.api.designed import verdict_tables
 
         columns = ("under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)")
         rows = tuple((name, *_felt_row(felt)) for name, channels in self.runs for felt in channels)
@@ -302,8 +302,8 @@ class MeasuredResponses(Result):
         return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
+        from tactuator.api.designed import verdict_tables
         from tactuator.perception.curve import AMPLITUDE_JND_DB
-        from tactuator.verbs.designed import verdict_tables
 
         cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
         heads = tuple(name for name in cells[0] if any(row[name] for row in cells))
@@ -426,8 +426,8 @@ def measure_response(
 
 
 def _crosstalk(rig: "Rig", frequency_hz: "NDArray[np.float64]", options: MeasurementOptions) -> "CrosstalkResult":
+    from tactuator.api.crosstalk import CrosstalkResult
     from tactuator.measure.crosstalk import measure_crosstalk
-    from tactuator.verbs.crosstalk import CrosstalkResult
 
     rows: list[Crosstalk] = []
     for name in options.channels or rig.channels:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.verbs.slips import RIGHT, SLIPS, Slip, Written, alarms, faults, said_of
+from tests.api.slips import RIGHT, SLIPS, Slip, Written, alarms, faults, said_of
 
 
 def wrong_in(slip: Slip) -> dict[str, object]:

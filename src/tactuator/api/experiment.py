@@ -7,9 +7,7 @@ from getpass import getuser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tactuator.errors import BadInput
-from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
-from tactuator.verbs.parameters import (
+from tactuator.api.parameters import (
     Argument,
     ControllerOption,
     DisplayOption,
@@ -22,7 +20,9 @@ from tactuator.verbs.parameters import (
     Seed,
     opened_apparatus,
 )
-from tactuator.verbs.result import Result, columns_of, finite, say, working
+from tactuator.api.result import Result, columns_of, finite, say, working
+from tactuator.errors import BadInput
+from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection

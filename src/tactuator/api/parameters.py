@@ -18,8 +18,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.api.result import say, working
 from tactuator.errors import BadInput, within
-from tactuator.verbs.result import say, working
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.api.parameters import Argument, Curve, Fields, MainsHz, Option, Place, Seed, chosen_display, numbers
+from tactuator.api.result import Result, columns_of, working
 from tactuator.errors import BadInput, NoDesign
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-from tactuator.verbs.parameters import Argument, Curve, Fields, MainsHz, Option, Place, Seed, chosen_display, numbers
-from tactuator.verbs.result import Result, columns_of, working
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -7,10 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tactuator.errors import BadInput
-from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
-from tactuator.verbs.experiment import StoreFile
-from tactuator.verbs.parameters import (
+from tactuator.api.experiment import StoreFile
+from tactuator.api.parameters import (
     Argument,
     ControllerOption,
     DisplayOption,
@@ -20,7 +18,9 @@ from tactuator.verbs.parameters import (
     Seed,
     opened_apparatus,
 )
-from tactuator.verbs.result import Result, working
+from tactuator.api.result import Result, working
+from tactuator.errors import BadInput
+from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
 
 if TYPE_CHECKING:
     from tactuator.experiment.result.confusion import AbxResult, SubjectResult

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
+from tactuator.api.parameters import Option
+from tactuator.api.result import Result
 from tactuator.errors import BadInput
-from tactuator.verbs.parameters import Option
-from tactuator.verbs.result import Result
 
 
 @dataclass(frozen=True, eq=False, repr=False)

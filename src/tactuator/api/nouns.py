@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tactuator.api.result import Result, coefficients, figure, response_chart
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display, display_document
 from tactuator.model.plant_model import PlantModel
@@ -14,7 +15,6 @@ from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.rig.rig import Rig
 from tactuator.signals.record import FrequencyResponse, Record
 from tactuator.table import FREQUENCY, Chart, ChartLine
-from tactuator.verbs.result import Result, coefficients, figure, response_chart
 
 TYPES: Mapping[str, Any] = {
     "ArrayLike": Any, "Controller": Controller, "Display": Display, "FrequencyResponse": FrequencyResponse,

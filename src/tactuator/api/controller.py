@@ -6,9 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from tactuator.errors import BadInput, within
-from tactuator.table import ResultTable
-from tactuator.verbs.parameters import (
+from tactuator.api.parameters import (
     CONTROLLER_HELP,
     Argument,
     Curve,
@@ -19,12 +17,14 @@ from tactuator.verbs.parameters import (
     chosen_display,
     read,
 )
-from tactuator.verbs.result import Result, promoted, say, working
+from tactuator.api.result import Result, promoted, say, working
+from tactuator.errors import BadInput, within
+from tactuator.table import ResultTable
 
 if TYPE_CHECKING:
+    from tactuator.api.designed import ControllerResult, VerdictResult
     from tactuator.model.controller import Controller
     from tactuator.model.description import Display
-    from tactuator.verbs.designed import ControllerResult, VerdictResult
     from tactuator.wordlength.bits import BitsNeeded
     from tactuator.wordlength.float32_check import Float32Check
 
@@ -52,8 +52,8 @@ def design(
     >>> tt.design("displays/voice-coil.toml").rate_hz
     8000.0
     """
+    from tactuator.api.designed import ControllerResult
     from tactuator.synthesis.design import design_controller
-    from tactuator.verbs.designed import ControllerResult
 
     described = chosen_display(display, curve)
     if poles is not None:
@@ -101,9 +101,9 @@ def check(
     """
     import numpy as np
 
+    from tactuator.api.designed import VerdictResult
     from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
     from tactuator.synthesis.verdict import whole_verdict
-    from tactuator.verbs.designed import VerdictResult
 
     judged, shown = read(controller), None if display is None else chosen_display(display)
     drawn: list[Any] = []

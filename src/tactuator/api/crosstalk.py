@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from tactuator.api.result import Result, columns_of
 from tactuator.measure.crosstalk import Crosstalk, FeltLevel
 from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
-from tactuator.verbs.result import Result, columns_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.api.parameters import Argument, Figures, Option, Place
+from tactuator.api.result import Result, promoted
 from tactuator.errors import BadInput
 from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS
 from tactuator.table import Chart, ChartLine, ResultTable
-from tactuator.verbs.parameters import Argument, Figures, Option, Place
-from tactuator.verbs.result import Result, promoted
 
 if TYPE_CHECKING:
+    from tactuator.api.designed import ControllerResult
+    from tactuator.api.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
     from tactuator.perception.curve import ThresholdCurve
-    from tactuator.verbs.designed import ControllerResult
-    from tactuator.verbs.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,8 +105,8 @@ def read_display(path: Place) -> "DisplayResult":
     >>> tt.read_display("display.toml")
     <Display name: three-finger tactuator, rate: 4000 Hz, channels: index, thumb, middle, curve: bolanowski-1988>
     """
+    from tactuator.api.nouns import DisplayResult
     from tactuator.io import display as file
-    from tactuator.verbs.nouns import DisplayResult
 
     return promoted(DisplayResult, file.read_display(Path(path)))
 
@@ -117,8 +117,8 @@ def read_record(path: Place, **columns: Any) -> "RecordResult":
     >>> tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t").duration_s
     8.0
     """
+    from tactuator.api.nouns import RecordResult
     from tactuator.io import record as file
-    from tactuator.verbs.nouns import RecordResult
 
     return promoted(RecordResult, file.read_record(Path(path), **columns))
 
@@ -129,8 +129,8 @@ def read_curve(name_or_path: Place) -> "CurveResult":
     >>> tt.read_curve("curve.csv")
     <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
     """
+    from tactuator.api.nouns import CurveResult
     from tactuator.io.csv_tables import resolve_curve
-    from tactuator.verbs.nouns import CurveResult
 
     return promoted(CurveResult, resolve_curve(str(name_or_path)))
 
@@ -143,8 +143,8 @@ def read_model(path: Place) -> "ModelResult":
     ...
     tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; allowed: a model
     """
+    from tactuator.api.nouns import ModelResult
     from tactuator.io import model as file
-    from tactuator.verbs.nouns import ModelResult
 
     return promoted(ModelResult, file.read_model(Path(path)))
 
@@ -156,8 +156,8 @@ def read_controller(path: Place) -> "ControllerResult":
     >>> tt.read_controller("controller.json").content_hash == controller.content_hash
     True
     """
+    from tactuator.api.designed import ControllerResult
     from tactuator.io import controller as file
-    from tactuator.verbs.designed import ControllerResult
 
     return promoted(ControllerResult, file.read_controller(Path(path)))
 

@@ -16,6 +16,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import tactuator as tt
+from tactuator.api.controller import wordlength
+from tactuator.api.result import Result, finite
+from tactuator.api.start import curves
 from tactuator.cli import main
 from tactuator.errors import BadInput
 from tactuator.io.csv_tables import write_curve
@@ -24,9 +27,6 @@ from tactuator.model.plant import Load
 from tactuator.paper.verb import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.signals.record import Record
-from tactuator.verbs.controller import wordlength
-from tactuator.verbs.result import Result, finite
-from tactuator.verbs.start import curves
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
 PROTOCOL = """

@@ -6,8 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from tactuator.errors import BadInput
-from tactuator.verbs.parameters import (
+from tactuator.api.parameters import (
     Argument,
     Fields,
     Figures,
@@ -22,15 +21,16 @@ from tactuator.verbs.parameters import (
     paths,
     put_load,
 )
-from tactuator.verbs.result import Result, promoted, working
+from tactuator.api.result import Result, promoted, working
+from tactuator.errors import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from tactuator.api.identified import CalibrationResult, IdentificationResult, ResponseModelResult
     from tactuator.model.description import Channel, Display
     from tactuator.signals.record import FrequencyResponse, Record
-    from tactuator.verbs.identified import CalibrationResult, IdentificationResult, ResponseModelResult
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
@@ -54,9 +54,9 @@ def calibrate(
     >>> tt.calibrate("pairs.csv")
     <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
     """
+    from tactuator.api.identified import CalibrationResult
     from tactuator.identification.calibration import fit_line
     from tactuator.io.csv_tables import read_pairs
-    from tactuator.verbs.identified import CalibrationResult
 
     if isinstance(pairs, tuple):
         line = fit_line(*(numbers(each, "pairs") for each in pairs), gauge_error_mm=gauge_error_mm)
@@ -291,12 +291,12 @@ def identify(
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
     2
     """
+    from tactuator.api.identified import IdentificationResult
     from tactuator.identification.asked import Asked, Fixed
     from tactuator.identification.identify import identify as identified
     from tactuator.identification.validation import validated
     from tactuator.io.record import read_measured, read_record
     from tactuator.signals.record import FrequencyResponse, Record
-    from tactuator.verbs.identified import IdentificationResult
 
     fixed = tuple(map(Fixed.parse, fix))
     asked = Asked(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
@@ -334,8 +334,8 @@ def identify(
 
 
 def _response_model(response: "FrequencyResponse", asked: Any, out: Place | None) -> "ResponseModelResult":
+    from tactuator.api.identified import ResponseModelResult
     from tactuator.identification.by_response import identify_response
-    from tactuator.verbs.identified import ResponseModelResult
 
     with working("identifying") as step:
         fit = identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))

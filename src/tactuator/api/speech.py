@@ -13,11 +13,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tactuator.errors import BadInput
-from tactuator.speech.options import CODING, LEVEL_DB_SL
-from tactuator.table import Chart, ChartLine, ResultTable
-from tactuator.verbs.items import LAYOUT_HELP
-from tactuator.verbs.parameters import (
+from tactuator.api.items import LAYOUT_HELP
+from tactuator.api.parameters import (
     Argument,
     ControllerOption,
     DisplayOption,
@@ -29,7 +26,10 @@ from tactuator.verbs.parameters import (
     chosen_controller,
     opened,
 )
-from tactuator.verbs.result import Result, columns_of, figure, working
+from tactuator.api.result import Result, columns_of, figure, working
+from tactuator.errors import BadInput
+from tactuator.speech.options import CODING, LEVEL_DB_SL
+from tactuator.table import Chart, ChartLine, ResultTable
 
 if TYPE_CHECKING:
     from tactuator.rig.player import Played, Wish

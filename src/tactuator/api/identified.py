@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tactuator.api.parameters import Place
+from tactuator.api.result import Result, coefficients, figure, response_chart
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.distortion import Distortion
@@ -20,8 +22,6 @@ from tactuator.model.plausibility import pairs_doubts
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
 from tactuator.signals.decibels import db
 from tactuator.table import Chart, ChartLine, ResultTable, picked, plain
-from tactuator.verbs.parameters import Place
-from tactuator.verbs.result import Result, coefficients, figure, response_chart
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "

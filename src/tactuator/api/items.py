@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tactuator.api.parameters import ControllerOption, DisplayOption, Option, Place, Seed, chosen_controller
+from tactuator.api.result import Result, working
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.table import ResultTable
-from tactuator.verbs.parameters import ControllerOption, DisplayOption, Option, Place, Seed, chosen_controller
-from tactuator.verbs.result import Result, working
 
 if TYPE_CHECKING:
     from tactuator.speech.items import WrittenItem
