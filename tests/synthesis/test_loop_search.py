@@ -16,7 +16,6 @@ from tactuator.synthesis.loop_synthesis import diagnosis, judged, synthesise
 from tactuator.synthesis.problem import LoopProblem, hops, is_sound, starts
 from tactuator.synthesis.task import Task
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
-from witnesses.loops.lower_gain import BROKEN_SOS, Drawn, grows_at, run
 
 KINDS = ("resonator", "integrator with a mode", "mode and antiresonance", "motor with dead time")
 
@@ -103,15 +102,6 @@ PIEZO = resonator(400.0, 20.0)
 def test_design__plants_people_own__whole_controller(plant: ContinuousSystem) -> None:
     own = design_controller(of(plant, 8, RATE_HZ, feedback=DEFAULTS)).channels[0]
     assert keeps(plant, own.feedback(RATE_HZ))
-
-
-def test_design__drawn_plants__no_loop_grows_at_a_lower_gain() -> None:
-    """A sample of the witness."""
-    for plant, grows, left, _ in run(2, seed=1):
-        assert grows == 0.0, plant
-        assert left < 0.01, plant
-    broken = Drawn("integrator", (0.0, -50.0), 35530.0, 0.0, 8000.0, 1)
-    assert grows_at(broken, BROKEN_SOS) == pytest.approx(0.048, rel=0.1)
 
 
 @pytest.mark.parametrize(

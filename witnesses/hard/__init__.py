@@ -1,1 +1,0 @@
-"""What is done to the store and to files: kills, power cuts, full disks, interrupts and hostile files."""
