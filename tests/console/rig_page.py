@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 from websockets.sync.client import connect
 
-from tactuator.console import rig_orders
+from tactuator.console.rig_calls import RigStatus
 from tactuator.console.rig_worker import RigWorker
 from tactuator.console.scope import HEADER
 from tests.console.pages import TOKEN, dropped
@@ -113,46 +113,51 @@ def rows(path):
         connection.close()
 
 
-class Ordered:
-    """A worker of the rig on a thread of this process, and all that it has told: the server's side of its process."""
+class Host:
+    """A worker of the rig on a thread of this process, and all that it has sent: the server's side of its process."""
 
     def __init__(self, display, spec="simulated"):
-        self.display, self.status, self.told, self.news = display, rig_orders.RigStatus(), [], threading.Condition()
-        self.presented = lambda told: None
-        self.worker = RigWorker(spec, display, 5, self._tell)
+        self.display, self.status, self.sent, self.news = display, RigStatus(), [], threading.Condition()
+        self.presented = lambda piece: None
+        self.worker = RigWorker(spec, display, 5, self._take)
+        self.call = self.worker.call
         self.thread = threading.Thread(target=self.worker.run, daemon=True)
         self.thread.start()
-        self.until(lambda: self.of(rig_orders.RigStatus))
+        self.until(lambda: self.of("take_status"))
 
-    def _tell(self, told):
+    def _take(self, name, *arguments):
         with self.news:
-            self.told.append(told)
-            if isinstance(told, rig_orders.RigStatus):
-                self.status = told
-            elif isinstance(told, rig_orders.Presented):
-                self.presented(told)
+            self.sent.append((name, arguments))
+            if name == "take_status":
+                (self.status,) = arguments
+            elif name == "take_presented":
+                self.presented(*arguments)
             self.news.notify_all()
-
-    def order(self, *given):
-        for each in given:
-            self.worker.order(each)
 
     def until(self, reached):
         with self.news:
             assert self.news.wait_for(reached, timeout=20.0), self.status
 
-    def of(self, kind):
-        return [each for each in self.told if isinstance(each, kind)]
+    def of(self, name):
+        return [arguments for of, arguments in self.sent if of == name]
+
+    @property
+    def refusals(self):
+        return [text for (text,) in self.of("take_refusal")]
+
+    @property
+    def points(self):
+        return [points for (points,) in self.of("take_points")]
 
     @property
     def rows(self):
         width = 3 * len(self.display.channels)
-        pieces = self.of(rig_orders.Piece)
-        rows = [np.frombuffer(each.content, np.float32).reshape(-1, width) for each in pieces]
-        assert [each.first for each in pieces] == np.cumsum([0, *map(len, rows)])[:-1].tolist()
+        pieces = self.of("take_samples")
+        rows = [np.frombuffer(content, np.float32).reshape(-1, width) for _, content, _ in pieces]
+        assert [first for first, _, _ in pieces] == np.cumsum([0, *map(len, rows)])[:-1].tolist()
         return np.concatenate(rows) if rows else np.zeros((0, width), np.float32)
 
     def quit(self):
-        self.order(rig_orders.QuitOrder())
+        self.call("quit")
         self.thread.join(timeout=20.0)
         assert not self.thread.is_alive()

@@ -21,18 +21,16 @@ from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin,
 from tests.web.labs import until
 from tests.web.server import served
 
-LOOK = {"do": "look", "span_s": 0.1, "columns": 100}
+LOOK = {"span_s": 0.1, "columns": 100}
 
 
 @pytest.fixture
 def live(console, controller):
-    from tactuator.console import rig_orders
-
     page = Page(console)
     if page.standing["controls"] != "you":
         page.ask("take")
     if page.standing["mode"] != "live":
-        console.host.order(rig_orders.LoadOrder(controller))
+        console.host.call("load", controller)
         page.ask("live")
     page.until(lambda: page.standing["mode"] == "live")
     yield page
@@ -40,9 +38,9 @@ def live(console, controller):
 
 
 def test_frames__come_as_the_page_draws_them_and_hold_every_sample(live):
-    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"], frequency_hz=50.0)
+    live.ask("wave", wave={"kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0})
     live.until(lambda: live.standing["wave"])
-    live.ask(**{**LOOK, "span_s": 0.5, "columns": 2000})
+    live.ask("look", look={"span_s": 0.5, "columns": 2000})
     del live.frames[:]
     live.until(lambda: len(live.frames) >= 12)
     held = {}
@@ -56,9 +54,9 @@ def test_frames__come_as_the_page_draws_them_and_hold_every_sample(live):
 
 def test_page__that_draws_nothing__gets_two_frames_and_the_rig_goes_on(console, live):
     slow = Page(console, draws=False)
-    slow.ask(**LOOK)
+    slow.ask("look", look=LOOK)
     before = console.host.samples.end
-    live.ask(**LOOK)
+    live.ask("look", look=LOOK)
     live.until(lambda: console.host.samples.end > before + 2000)
     slow.ask("save", channel="index", span_s=0.01, end=before)
     assert len(slow.frames) == 2
@@ -72,7 +70,10 @@ def test_page__that_draws_nothing__gets_two_frames_and_the_rig_goes_on(console, 
 def test_controls__are_one_pages_and_can_be_taken_and_given(console, live):
     other = Page(console)
     assert other.standing["controls"] == "another"
-    assert "this page watches" in other.ask("wave", kind="tone", level_db_sl=1.0, channels=["index"])["error"]
+    assert (
+        "this page watches"
+        in other.ask("wave", wave={"kind": "tone", "level_db_sl": 1.0, "channels": ["index"]})["error"]
+    )
     assert "error" not in other.ask("stop")
     other.ask("take")
     other.until(lambda: other.standing["controls"] == "you")
@@ -81,7 +82,7 @@ def test_controls__are_one_pages_and_can_be_taken_and_given(console, live):
     other.ask("give")
     live.until(lambda: live.standing["controls"] == "nobody")
     live.ask("take")
-    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"])
+    live.ask("wave", wave={"kind": "tone", "level_db_sl": 20.0, "channels": ["index"]})
     other.until(lambda: other.standing["wave"])
     live.open.close()  # whoever had the controls has gone: the generator goes silent
     other.until(lambda: other.standing["wave"] is None and other.standing["controls"] == "nobody")
@@ -89,8 +90,8 @@ def test_controls__are_one_pages_and_can_be_taken_and_given(console, live):
 
 
 def test_single_shot__waits_for_the_trigger_and_then_stands(live):
-    live.ask(**LOOK, mode="single", channel="index", signal="reference", level=5.0)
-    live.ask("wave", kind="tone", level_db_sl=20.0, channels=["index"], frequency_hz=50.0)
+    live.ask("look", look={**LOOK, "mode": "single", "channel": "index", "signal": "reference", "level": 5.0})
+    live.ask("wave", wave={"kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0})
     del live.frames[:]
     live.until(lambda: live.frames)
     head, data = live.frames[0]
@@ -104,12 +105,12 @@ def test_single_shot__waits_for_the_trigger_and_then_stands(live):
 
 
 def test_request__that_cannot_be_met__is_refused_in_words(live):
-    wave = {"do": "wave", "level_db_sl": 1.0, "channels": ["index"]}
+    loud = {"kind": "tone", "level_db_sl": 99.0, "channels": ["index"]}
     for asked, words in (
         ("no json", "allowed: a request of the console's page"),
-        ({"do": "look", "span_s": 0.0, "columns": 10}, "span_s"),
-        ({"do": "look", "span_s": 1.0, "columns": 10**6}, "columns"),
-        ({**wave, "kind": "tone", "level_db_sl": 99.0}, "-60 to 55 dB SL"),  # by the rig itself
+        ({"do": "look", "look": {"span_s": 0.0, "columns": 10}}, "span_s"),
+        ({"do": "look", "look": {"span_s": 1.0, "columns": 10**6}}, "columns"),
+        ({"do": "wave", "wave": loud}, "-60 to 55 dB SL"),  # by the rig itself
         ({"do": "touch", "channel": "index", "load": "elbow"}, "'elbow' is not described"),
         ({"do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
         ({"do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactuator.console import rig_orders, rig_worker
+from tactuator.console import rig_worker
+from tactuator.console.console_rig import ConsoleRig
 from tactuator.console.generator import GeneratorWave
-from tactuator.console.rig_orders import WAITING_MAX, WaitingOrders
+from tactuator.console.rig_calls import WAITING_MAX, MeasureSettings, RigStatus, WaitingCalls
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import Controls, Page
 from tactuator.console.rig_worker import RigWorker, points_of
-from tactuator.console.study import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.presenter import Halted, Presenter
 from tactuator.experiment.session.task import Apparatus
@@ -23,7 +23,7 @@ from tactuator.rig.board.link import Mode
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import LinkDown
-from tests.console.rig_page import Ordered
+from tests.console.rig_page import Host
 from tests.rig.sound.turned_card import OVERFLOW, flat_controller, sound_display, turned_rig
 
 TONE = GeneratorWave("tone", 30.0, ("index",), 80.0)
@@ -31,19 +31,22 @@ TONE = GeneratorWave("tone", 30.0, ("index",), 80.0)
 
 @pytest.fixture
 def ordered(controller):
-    worker = Ordered(controller.display)
+    worker = Host(controller.display)
     yield worker
     worker.quit()
 
 
 def live(worker, controller, *more, rows=80):
-    worker.order(rig_orders.LoadOrder(controller), rig_orders.LiveOrder(), *more)
+    worker.call("load", controller)
+    worker.call("live")
+    for call in more:
+        worker.call(*call)
     worker.until(lambda: len(worker.rows) >= rows)
 
 
 def test_live__with_a_tone_touch_and_press__tells_what_the_rig_alone_would(ordered, controller):
-    touched = rig_orders.TouchOrder("index", "finger"), rig_orders.PressOrder("index", 0.2)
-    live(ordered, controller, *touched, rig_orders.GenerateOrder(TONE), rows=1600)
+    touched = ("touch", "index", "finger"), ("press", "index", 0.2)
+    live(ordered, controller, *touched, ("generate", TONE), rows=1600)
     ordered.quit()
     rows = ordered.rows
     assert ordered.status.given_back == ordered.status.fed == len(rows)
@@ -59,24 +62,24 @@ def test_live__with_a_tone_touch_and_press__tells_what_the_rig_alone_would(order
 
 
 def test_stop_and_rest__go_silent_and_idle_and_live_goes_on_with_the_next_number(ordered, controller):
-    live(ordered, controller, rig_orders.GenerateOrder(TONE), rows=800)
-    ordered.order(rig_orders.GenerateOrder(None))
+    live(ordered, controller, ("generate", TONE), rows=800)
+    ordered.call("generate", None)
     ordered.until(lambda: ordered.status.wave is None)
     stopped = len(ordered.rows)
     ordered.until(lambda: len(ordered.rows) >= stopped + 900)
     assert ordered.status.mode == "live"
     assert not np.any(ordered.rows[-300:, :3])
-    ordered.order(rig_orders.RestOrder())
+    ordered.call("rest")
     ordered.until(lambda: ordered.status.mode == "idle")
     before = len(ordered.rows)
-    ordered.order(rig_orders.LiveOrder())
+    ordered.call("live")
     ordered.until(lambda: len(ordered.rows) > before)
 
 
 def test_measure__point_by_point__is_felt_less_asked_and_what_the_model_expects(ordered, controller):
-    ordered.order(order_of(controller, 30.0, (40.0, 100.0, 250.0), load="finger"))
-    ordered.until(lambda: any(each.over for each in ordered.of(rig_orders.Points)))
-    points = ordered.of(rig_orders.Points)
+    ordered.call("measure", *order_of(controller, 30.0, (40.0, 100.0, 250.0), load="finger"))
+    ordered.until(lambda: any(each.over for each in ordered.points))
+    points = ordered.points
     assert [each.done for each in points] == [1, 2, 3, 3]
     assert [len(each.document["responses"][0]["frequency_hz"]) for each in points] == [1, 2, 3, 3]
     assert len(points[-1].csv.splitlines()) == 4
@@ -90,30 +93,30 @@ def test_measure__point_by_point__is_felt_less_asked_and_what_the_model_expects(
 
 
 def test_measurement__that_is_stopped__ends_within_a_point_and_leaves_what_it_has(ordered, controller):
-    ordered.order(order_of(controller, 10.0, tuple(range(20, 50)), confidence_db=0.001, longest_s=600.0))
+    ordered.call("measure", *order_of(controller, 10.0, tuple(range(20, 50)), confidence_db=0.001, longest_s=600.0))
     ordered.until(lambda: ordered.status.mode == "measuring")
-    ordered.order(rig_orders.RestOrder())
+    ordered.call("rest")
     ordered.until(lambda: ordered.status.mode == "idle")
-    assert not any(each.over for each in ordered.of(rig_orders.Points))
+    assert not any(each.over for each in ordered.points)
 
 
 def test_order__that_cannot_be_obeyed__is_refused_in_words_and_what_goes_on_goes_on(ordered, controller):
-    loud = rig_orders.GenerateOrder(GeneratorWave("tone", 80.0, ("index",)))
-    for order, words in (
-        (rig_orders.LiveOrder(), "no controller is loaded"),
-        (rig_orders.GenerateOrder(TONE), "the rig is not live"),
-        (rig_orders.TouchOrder("index", "elbow"), "load 'elbow' is not described"),
-        (rig_orders.TouchOrder("toe", None), "channel 'toe' is not there"),
-        (rig_orders.PressOrder("toe", 1.0), "channel 'toe' is not there"),
+    loud = ("generate", GeneratorWave("tone", 80.0, ("index",)))
+    for call, words in (
+        (("live",), "no controller is loaded"),
+        (("generate", TONE), "the rig is not live"),
+        (("touch", "index", "elbow"), "load 'elbow' is not described"),
+        (("touch", "toe", None), "channel 'toe' is not there"),
+        (("press", "toe", 1.0), "channel 'toe' is not there"),
         (loud, "allowed: -60 to 55 dB SL for tone"),
     ):
-        if order is loud:
+        if call is loud:
             assert ordered.status.mode == "idle"
             live(ordered, controller)
-        before = len(ordered.of(rig_orders.Refused))
-        ordered.order(order)
-        ordered.until(lambda count=before: len(ordered.of(rig_orders.Refused)) > count)
-        assert words in ordered.of(rig_orders.Refused)[-1].text
+        before = len(ordered.refusals)
+        ordered.call(*call)
+        ordered.until(lambda count=before: len(ordered.refusals) > count)
+        assert words in ordered.refusals[-1]
     rows = len(ordered.rows)
     ordered.until(lambda: len(ordered.rows) > rows)
 
@@ -142,9 +145,10 @@ def test_rig__that_fails_in_mid_stream__is_told_and_can_be_used_again(ordered, c
         ordered.until(lambda: ordered.status.mode == mode)
     assert str(error) in ordered.status.fault
     if mode == "gone":
-        ordered.order(rig_orders.ReopenOrder(), rig_orders.LoadOrder(controller))
+        ordered.call("reopen")
+        ordered.call("load", controller)
     before = len(ordered.rows)
-    ordered.order(rig_orders.LiveOrder())
+    ordered.call("live")
     ordered.until(lambda: len(ordered.rows) > before)
 
 
@@ -158,8 +162,8 @@ def on_card(monkeypatch):
 
     card, flat = SimpleNamespace(flags=0), flat_controller(sound_display())
     monkeypatch.setattr(rig_worker, "open_rig", opened)
-    card.worker = Ordered(flat.display, "sound:card")
-    card.worker.order(rig_orders.LoadOrder(flat))
+    card.worker = Host(flat.display, "sound:card")
+    card.worker.call("load", flat)
     yield card
     card.worker.quit()
 
@@ -168,24 +172,24 @@ def test_sound_card__gaps__are_counted_and_spoil_a_trial_alone(on_card):
     worker = on_card.worker
     on_card.flags = OVERFLOW
     for number, fault in ((1, "the sound card told of a gap"), (2, "")):
-        worker.order(rig_orders.PresentOrder(number, (np.ones((4000, 2)),)))
-        worker.until(lambda count=number: sum(each.over for each in worker.of(rig_orders.Presented)) == count)
-        end = worker.of(rig_orders.Presented)[-1]
+        worker.call("present", number, (np.ones((4000, 2)),))
+        worker.until(lambda count=number: sum(each.over for (each,) in worker.of("take_presented")) == count)
+        (end,) = worker.of("take_presented")[-1]
         assert (end.missed, fault in end.fault, end.fault == "") == (bool(fault), True, not fault)
         on_card.flags = 0
     before = len(worker.rows)
-    worker.order(rig_orders.LiveOrder())
+    worker.call("live")
     worker.until(lambda: len(worker.rows) > before + 8000)
     on_card.flags = OVERFLOW
     worker.until(lambda: worker.status.gaps > 0 or on_card.rig._rows.gaps > 0)
     on_card.flags, before = 0, len(worker.rows)
     worker.until(lambda: len(worker.rows) > before + 8000)
     assert worker.status.mode == "live"
-    worker.order(rig_orders.RestOrder())
+    worker.call("rest")
     worker.until(lambda: worker.status.mode == "idle")
     assert worker.status.gaps > 0
     before = len(worker.rows)
-    worker.order(rig_orders.LiveOrder())
+    worker.call("live")
     worker.until(lambda: len(worker.rows) > before)
     on_card.turned.stops_at = on_card.turned.calls
     worker.until(lambda: worker.status.mode == "gone")
@@ -195,8 +199,8 @@ def test_sound_card__gaps__are_counted_and_spoil_a_trial_alone(on_card):
 
 
 def test_board__told_of_its_guard__and_at_rest_when_the_worker_ends(controller, monkeypatch):
-    worker = Ordered(controller.display, "in-process")
-    live(worker, controller, rig_orders.GenerateOrder(TONE), rows=400)
+    worker = Host(controller.display, "in-process")
+    live(worker, controller, ("generate", TONE), rows=400)
     worker.until(lambda: worker.status.guard.get("mode") == "running")
     board, ends = type(worker.worker._opened), []
     close = board.close
@@ -213,48 +217,47 @@ def test_board__told_of_its_guard__and_at_rest_when_the_worker_ends(controller, 
 
 def order_of(controller, level_db_sl, frequency_hz=(100.0,), load="none", confidence_db=1.0, longest_s=4.0):
     more = {"mains_hz": 0.0, "band_hz": (0.4, 300.0), "frequency_hz": frequency_hz}
-    settings = rig_orders.MeasureSettings(level_db_sl, ("index",), load, confidence_db, longest_s, **more)
-    return rig_orders.MeasureOrder(controller, settings)
+    return controller, MeasureSettings(level_db_sl, ("index",), load, confidence_db, longest_s, **more)
 
 
 def test_measured__sensor_that_stands_still__has_no_level(controller, tmp_path):
-    rig, order = SimulatedRig(controller.display, 3), order_of(controller, 30.0, longest_s=0.5)
+    rig, (_, settings) = SimulatedRig(controller.display, 3), order_of(controller, 30.0, longest_s=0.5)
     rig.load(controller)
-    (response,) = stepped_sine(rig, order.settings.frequency_hz, order.settings)
+    (response,) = stepped_sine(rig, settings.frequency_hz, settings)
     still = replace(response, amplitude_v=np.zeros(1, dtype=complex))
-    shown = points_of((still,), order, tmp_path, over=True).document
+    shown = points_of((still,), controller, settings, tmp_path, over=True).document
     assert json.loads(json.dumps(shown, allow_nan=False))["responses"][0]["level_db_sl"] == [None]
     with pytest.raises(BadInput, match="-60 to 55 dB SL"):  # an amplitude of zero: a page was sent Infinity
-        stepped_sine(rig, [100.0], order_of(controller, -(2.0**63)).settings)
+        stepped_sine(rig, [100.0], replace(settings, level_db_sl=-(2.0**63)))
 
 
 def test_orders__beyond_the_limit__are_refused_but_those_that_end_are_taken(controller):
-    press, rest, quits = rig_orders.PressOrder("index", 0.1), rig_orders.RestOrder(), rig_orders.QuitOrder()
-    waited = rig_orders.PresentOrder(3, (np.zeros((1, 3)),)), rig_orders.AwaitedRestOrder(2), quits
-    plain, silence = (press, rig_orders.LiveOrder()), rig_orders.GenerateOrder(None)
-    for order in (*plain, silence, rest, *waited):
-        waiting = WaitingOrders()
+    press, rest, silence = ("press", ("index", 0.1)), ("rest", ()), ("generate", (None,))
+    waited = ("present", (3, ())), ("rest", (2,)), ("quit", ())
+    plain = press, ("live", ())
+    for call in (*plain, silence, rest, *waited):
+        waiting = WaitingCalls()
         assert [waiting.put(press) for _ in range(WAITING_MAX)] == [""] * WAITING_MAX
-        said = waiting.put(order)
-        if order in waited:
+        said = waiting.put(call)
+        if call in waited:
             assert (said, bool(waiting.put(rest))) == ("", True)
         held = list(iter(waiting.get_nowait, None))
-        if order in plain:
-            assert (held, "allowed" in said, waiting.put(order)) == ([press] * WAITING_MAX, True, "")
-        elif order in waited:
-            assert held == [order, rest]
+        if call in plain:
+            assert (held, "allowed" in said, waiting.put(call)) == ([press] * WAITING_MAX, True, "")
+        elif call in waited:
+            assert held == [call, rest]
         else:  # it takes the place of all that were before it
-            assert (held, f"{WAITING_MAX} orders" in said) == ([order], True)
-    told = []
-    worker = RigWorker("simulated", controller.display, 1, told.append)
+            assert (held, f"{WAITING_MAX} orders" in said) == ([call], True)
+    sent = []
+    worker = RigWorker("simulated", controller.display, 1, lambda name, *_: sent.append(name))
     for _ in range(WAITING_MAX + 3):
-        worker.order(press)
-    assert [type(each) for each in told] == [rig_orders.Refused] * 3
+        worker.call("press", "index", 0.1)
+    assert sent == ["take_refusal"] * 3
 
 
 @pytest.fixture
 def host(controller):
-    worker = Ordered(controller.display)
+    worker = Host(controller.display)
     worker.until(lambda: worker.status.touch)
     yield worker
     worker.quit()
@@ -320,7 +323,7 @@ def test_console_rig__whose_rig_fails__says_why_and_plays_on_once_it_can(host, c
             assert type(raised.value) is type(error)
             host.until(lambda: host.status.mode == "fault")
         assert len(rig.play(wave(10))) == 10
-    host.status = rig_orders.RigStatus(mode="gone", fault="nobody is there")
+    host.status = RigStatus(mode="gone", fault="nobody is there")
     with pytest.raises(DeviceFault, match="nobody is there"):
         rig.play(wave(10))
     for refused in (lambda: rig.drive(wave(10)), lambda: rig.finger("index")):
@@ -329,13 +332,13 @@ def test_console_rig__whose_rig_fails__says_why_and_plays_on_once_it_can(host, c
 
 
 def test_console_rig__whose_process_ends__is_a_fault(controller):
-    host = SimpleNamespace(display=controller.display, status=rig_orders.RigStatus(loaded=controller.content_hash))
+    host = SimpleNamespace(display=controller.display, status=RigStatus(loaded=controller.content_hash))
     rig = ConsoleRig(host)
-    host.order = lambda order: host.presented(None)
+    host.call = lambda *call: host.presented(None)
     rig.load(controller)
     with pytest.raises(DeviceFault, match="has ended"):
         rig.play(wave(10))
-    host.status = rig_orders.RigStatus(mode="gone")
+    host.status = RigStatus(mode="gone")
     rig.rest()
     controls, page, other = Controls(), Page(), Page()
     controls.enter(page)

@@ -23,8 +23,8 @@ from fastapi import FastAPI
 
 from tactuator.console import app as console
 from tactuator.console.app import build_console, static_file
-from tactuator.console.connection import REQUESTS as KINDS
-from tactuator.console.requests import checked
+from tactuator.console.connection import REQUESTS as FUNCTIONS
+from tactuator.console.requests import bound, requested
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
@@ -85,7 +85,7 @@ def test_draw__is_answered_and_its_figures_follow_but_those_of_an_unstable_loop(
         for number, gain_db, unstable in ((7, 16.0, []), (8, 60.0, ["none", "finger"])):
             socket.send_json({"id": number, **DRAW, "shape": {**SHAPE, "gain_db": gain_db}})
             drawn, figures = socket.receive_json(), socket.receive_json()
-            assert (drawn["id"], drawn["frame"]["unstable"], figures["of"]) == (number, unstable, number)
+            assert (drawn["id"], drawn["frame"]["unstable"], figures["of"]) == (number, unstable, drawn["drawing"])
             if unstable:
                 assert "unstable" in figures["figures"]["refused"]
             else:
@@ -139,18 +139,18 @@ def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(state, 
     for name, content in FILES.items():
         (tmp_path / name).write_bytes(content)
         key = dropped(state, tmp_path / name)
-        request = checked(KINDS, {"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}})
+        functions = bound(FUNCTIONS, state)
+        request = requested(functions, {"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}})
         answer, said = {}, ""
         try:
             with state.uploads.named_plainly():
-                answer = request.answer(state)
+                answer = request()
         except BadInput as refusal:
             said = str(refusal)
         assert ("\n" in said, str(state.uploads.folder()) in said) == (False, False), name
         if not said:  # a display that can be read is shown as it is, and its fault told
             assert view == "display", name
-            judge = checked(KINDS, {"id": 2, "do": "display.judge", "text": answer["text"][:60_000]})
-            assert judge.answer(state)["fault"], name
+            assert functions["display.judge"](text=answer["text"][:60_000])["fault"], name
 
 
 def test_dropped_file__of_any_name_or_on_a_full_disk__stays_in_its_folder(monkeypatch):
@@ -284,15 +284,24 @@ def requests_of(path: str, file: dict[str, str]) -> list[dict]:
         "/ws/rig": [
             *({"do": name} for name in ("take", "give", "live", "stop", "rest", "reopen")),
             {"do": "controller", "source": "file", "file": file["controller"], "shapes": {}},
-            {"do": "wave", "kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0},
-            {"do": "wave", "kind": "sweep", "level_db_sl": 20.0, "channels": ["index"], "to_hz": 300.0, "sweep_s": 1.0},
-            {"do": "wave", "kind": "file", "level_db_sl": 20.0, "channels": ["index"], "file": file["curve"]},
+            {"do": "wave", "wave": {"kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0}},
+            {
+                "do": "wave",
+                "wave": {"kind": "sweep", "level_db_sl": 20.0, "channels": ["index"], "to_hz": 300.0, "sweep_s": 1.0},
+            },
+            {"do": "wave", "wave": {"kind": "file", "level_db_sl": 20.0, "channels": ["index"], "file": file["curve"]}},
             {"do": "touch", "channel": "index", "load": "finger"},
             {"do": "press", "channel": "index", "force_v": 0.1},
-            {"do": "measure", "channels": ["index"], "level_db_sl": 20.0, "load": "none", "frequency_hz": [50.0]},
+            {
+                "do": "measure",
+                "settings": {"channels": ["index"], "level_db_sl": 20.0, "load": "none", "frequency_hz": [50.0]},
+            },
             {"do": "expected", "level_db_sl": 20.0},
             {"do": "peaks", "file": file["curve"]},
-            {"do": "look", "span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
+            {
+                "do": "look",
+                "look": {"span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
+            },
             {"do": "drawn", "frame": 1},
             {"do": "save", "channel": "index", "span_s": 0.01, "end": 100},
         ],
@@ -325,7 +334,7 @@ def goes_on(console, opened):
 
 
 def test_fuzz__defect_in_one_message_of_many__is_noticed(files, caplog, monkeypatch, opened, goes_on) -> None:
-    fails_once(monkeypatch, "tactuator.console.requests.checked", 70)
+    fails_once(monkeypatch, "tactuator.console.requests.requested", 70)
     with pytest.raises(AssertionError, match="a request of the console failed"):
         fuzz(lambda: opened("/ws/rig"), requests_of("/ws/rig", files), FEW, (caplog, monkeypatch), goes_on, KEPT)
 

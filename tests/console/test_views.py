@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.cli.main import main
+from tactuator.console import display_view, identify_view, prefilter_view, speech_view
 from tactuator.console.app import build_console
-from tactuator.console.display_view import DisplayJudge, DisplaySet, with_literal
-from tactuator.console.identify_view import IdentifyLook, IdentifyModel
+from tactuator.console.display_view import with_literal
 from tactuator.console.loop_chart import channel_figures
 from tactuator.console.loop_shape import LoopShape
-from tactuator.console.prefilter_view import PrefilterFitted, PrefilterSaved
-from tactuator.console.speech_view import SpeechRendered
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
@@ -42,7 +40,7 @@ def state(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plain(state):
-    return PrefilterFitted(**FIT).answer(state)
+    return prefilter_view.fit(state, **FIT)
 
 
 def moved(found, by_db):
@@ -58,7 +56,7 @@ def test_fit__of_the_displays_own_curve__has_the_designs_error(state, plain):
 def test_fit__of_a_moved_point__follows_it_and_more_poles_follow_better(state, plain):
     assert 20.0 in [hz for hz, _ in plain["curve"]["points"]]
     points = moved(plain, -3.0)
-    few, many = (PrefilterFitted(**FIT, points=points, poles=poles).answer(state) for poles in (4, 8))
+    few, many = (prefilter_view.fit(state, **FIT, points=points, poles=poles) for poles in (4, 8))
     at = int(np.argmin(np.abs(np.array(few["frequency_hz"]) - 20.0)))
     assert few["wanted_db"][at] == pytest.approx(plain["wanted_db"][at] - 3.0, abs=0.3)
     assert many["poles"] == 8
@@ -66,8 +64,7 @@ def test_fit__of_a_moved_point__follows_it_and_more_poles_follow_better(state, p
 
 
 def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain, tmp_path, monkeypatch, run):
-    asked = PrefilterSaved(display=FILE, points=moved(plain, 1.5), poles=5)
-    found = asked.answer(state)
+    found = prefilter_view.save(state, FILE, points=moved(plain, 1.5), poles=5)
     (tmp_path / "curve.csv").write_text(found["curve"])
     monkeypatch.chdir(tmp_path)
     assert "--curve curve.csv --poles 5 --out personal.json" in found["command"]
@@ -89,7 +86,7 @@ def test_fit__of_a_curve_that_is_none__is_refused_in_words(state):
         ([[10.0, 0.0], [20.0, 0.0], [30.0, 0.0]], "covers"),
     ):
         with pytest.raises(BadInput, match=words):
-            PrefilterFitted(**FIT, points=points).answer(state)
+            prefilter_view.fit(state, **FIT, points=points)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +94,7 @@ def rendered(state):
     folder = state.path(FILE).parent
     shutil.copy(EXAMPLES / "speech.wav", folder / "speech.wav")
     key = dropped(state, folder / "speech.wav")
-    found = SpeechRendered(display=FILE, file=key, level=30.0).answer(state)
+    found = speech_view.rendered(state, display=FILE, file=key, level=30.0)
     return folder, found
 
 
@@ -124,7 +121,7 @@ def test_render__figures__are_lists_of_numbers_or_refused(rendered, state):
         (speech, "../../secret.toml", "is not known"),
     ):
         with pytest.raises(BadInput, match=words):
-            SpeechRendered(display=FILE, file=file, coding=coding).answer(state)
+            speech_view.rendered(state, display=FILE, file=file, coding=coding)
     with served(build_console(state, TOKEN)) as client:
         for key in (answer["key"], "0123"):
             assert client.get(f"/made/{key}/reference.wav").status == 403
@@ -149,9 +146,8 @@ def record(tmp_path_factory):
 def found(record):
     state = ConsoleState()
     key, other = dropped(state, record), dropped(state, record, "unseen.csv")
-    look = IdentifyLook(record=key).answer(state)
-    request = IdentifyModel(record=key, order=2, hold="zero-order", validate_on=(other,))
-    return look, request.answer(state)
+    look = identify_view.look(state, record=key)
+    return look, identify_view.model(state, key, order=2, hold="zero-order", validate_on=(other,))
 
 
 def test_record__of_a_simulated_motor__gives_its_truth_as_its_command_does(found, record, tmp_path, monkeypatch, run):
@@ -179,10 +175,10 @@ def test_record__of_a_simulated_motor__gives_its_truth_as_its_command_does(found
 def test_record__with_names_of_its_own__is_said_until_each_is_named(record, tmp_path):
     (foreign := tmp_path / "fremd.csv").write_text(record.read_text().replace("time_s", "Zeit", 1))
     key = dropped(state := ConsoleState(), foreign)
-    said = IdentifyLook(record=key).answer(state)["said"]
+    said = identify_view.look(state, record=key)["said"]
     assert said.startswith("record fremd.csv: which column is which")
     assert "--" not in said  # the page has fields
-    look = IdentifyLook(record=key, input="drive", output="encoder", time="Zeit").answer(state)
+    look = identify_view.look(state, record=key, input="drive", output="encoder", time="Zeit")
     assert (look["said"], look["rate_hz"]) == (None, pytest.approx(1000.0))
 
 
@@ -199,8 +195,8 @@ def test_response__dropped__gives_the_model_that_the_command_writes(tmp_path, mo
     hz, truth = response_file(path)
     state = ConsoleState()
     key = dropped(state, path)
-    assert IdentifyLook(record=key).answer(state)["points"] == 60
-    found = IdentifyModel(record=key, order=2, zeros=0).answer(state)
+    assert identify_view.look(state, record=key)["points"] == 60
+    found = identify_view.model(state, record=key, order=2, zeros=0)
     assert max(map(abs, found["departure"]["db"])) < 0.05
     near = np.interp(hz, found["response"]["frequency_hz"], found["response"]["magnitude_db"])
     assert near == pytest.approx(20.0 * np.log10(np.abs(truth)), abs=0.1)
@@ -213,16 +209,16 @@ def test_response__dropped__gives_the_model_that_the_command_writes(tmp_path, mo
     assert (tmp_path / "model.json").read_text() == found["text"]
     assert all(value in printed for _, value, _ in found["rows"])
     with pytest.raises(BadInput, match="one response by itself"):
-        IdentifyModel(record=key, validate_on=(key,)).answer(state)
+        identify_view.model(state, record=key, validate_on=(key,))
     with pytest.raises(BadInput, match="drop it again"):
-        IdentifyModel(record="no such key").answer(state)
+        identify_view.model(state, record="no such key")
 
 
 EXAMPLE = (EXAMPLES / "display.toml").read_text("utf-8")
 
 
 def judged(text, state=None):
-    return DisplayJudge(text=text, display="example:display.toml").answer(state or ConsoleState())
+    return display_view.judge(state or ConsoleState(), text, "example:display.toml")
 
 
 def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_channel():
@@ -247,8 +243,7 @@ def test_judge__of_a_faulty_or_doubtful_text__names_the_line_or_channel():
 
 
 def test_set__of_a_value_or_none__changes_that_line_alone_or_is_refused():
-    asked = DisplaySet(text=EXAMPLE, table="channel", place=1, key="travel_mm", value="9.5")
-    text = asked.answer(ConsoleState())["text"]
+    text = display_view.set_value(ConsoleState(), EXAMPLE, "channel", 1, "travel_mm", "9.5")["text"]
     changed = [(a, b) for a, b in zip(EXAMPLE.splitlines(), text.splitlines(), strict=True) if a != b]
     assert changed == [("travel_mm = 12.5", "travel_mm = 9.5")]
     assert tomllib.loads(text)["channel"][1]["travel_mm"] == 9.5

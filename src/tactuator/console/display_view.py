@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field, StringConstraints
 from pydantic.fields import FieldInfo
 
-from tactuator.console.requests import Answer, Name, ViewRequest
+from tactuator.console.fields import Name
+from tactuator.console.requests import Answer, Functions
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.display import where_of
@@ -126,72 +126,58 @@ def _parted(line: str) -> tuple[str, str, str]:
     return parts[1], rest.rstrip(), ""
 
 
-@dataclass(frozen=True)
-class DisplayRead(ViewRequest):
-    """Request for the text of a display, or of a file that was dropped."""
-
-    display: Name | None = None
-    file: Name | None = None
-    model: Name | None = None
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the text; without a display or a file that of a display to begin with, as `init` writes it, with the
-        model that was dropped if there is one.
-        """
-        if self.model is not None:
-            path = state.uploads.path(self.model)
-            return {"text": with_model(display_template("tactuator"), read_model(path), path.name)}
-        if self.file is not None:
-            return {"text": read_text(state.uploads.path(self.file))}
-        if self.display is not None:
-            return {"text": state.text(self.display)}
-        return {"text": display_template("tactuator")}
+def read(
+    state: ConsoleState, display: Name | None = None, file: Name | None = None, model: Name | None = None
+) -> Answer:
+    """Return the text of a display, or of a file that was dropped; without either that of a display to begin with, as
+    `init` writes it, with the model that was dropped if there is one.
+    """
+    if model is not None:
+        path = state.uploads.path(model)
+        return {"text": with_model(display_template("tactuator"), read_model(path), path.name)}
+    if file is not None:
+        return {"text": read_text(state.uploads.path(file))}
+    return {"text": display_template("tactuator") if display is None else state.text(display)}
 
 
-@dataclass(frozen=True)
-class DisplayJudge(ViewRequest):
-    """Request to judge a text; display, model: the one whose folder its relative paths start at."""
+def judge(state: ConsoleState, text: Text, display: Name | None = None, model: Name | None = None) -> Answer:
+    """Return the form of a text, with a sketch and the key of the display, or with the refusal and its line.
 
-    text: Text
-    display: Name | None = None
-    model: Name | None = None
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the form, with a sketch and the key of the display, or with the refusal and its line."""
-        judged: Answer = {"form": _form(self.text), "fault": None, "line": None, "doubts": []}
-        try:
-            beside = None if self.model is None else state.uploads.path(self.model).parent
-            key = state.take_text(self.text, self.display if beside is None else beside)
-        except TactuatorError as error:
-            return judged | {"fault": str(error), "line": line_of(self.text, error)}
-        display = state.display(key)
-        sketch = {
-            **picked(display, "name", "rate_hz", "delay_samples"),
-            "channels": [_channel(channel) for channel in display.channels],
-        }
-        reasons = {channel.name: channel_reasons(channel, display.rate_hz) for channel in display.channels}
-        doubts = [f"{name}: {reason}" for name, said in reasons.items() for reason in said]
-        return judged | {"key": key, "sketch": sketch, "doubts": doubts}
+    display, model: the one whose folder its relative paths start at.
+    """
+    judged: Answer = {"form": _form(text), "fault": None, "line": None, "doubts": []}
+    try:
+        beside = None if model is None else state.uploads.path(model).parent
+        key = state.take_text(text, display if beside is None else beside)
+    except TactuatorError as error:
+        return judged | {"fault": str(error), "line": line_of(text, error)}
+    described = state.display(key)
+    sketch = {
+        **picked(described, "name", "rate_hz", "delay_samples"),
+        "channels": [_channel(channel) for channel in described.channels],
+    }
+    reasons = {channel.name: channel_reasons(channel, described.rate_hz) for channel in described.channels}
+    doubts = [f"{name}: {reason}" for name, said in reasons.items() for reason in said]
+    return judged | {"key": key, "sketch": sketch, "doubts": doubts}
 
 
-@dataclass(frozen=True)
-class DisplaySet(ViewRequest):
-    """Request to change one value in a text; place: which of several tables of that name."""
+def set_value(
+    state: ConsoleState,
+    text: Text,
+    table: Name,
+    place: Annotated[int, Field(ge=0, le=1000)],
+    key: Annotated[str, StringConstraints(pattern=r"^\w{1,60}$")],
+    value: Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\n\r]+$")],
+    words: bool = False,
+) -> Answer:
+    """Return a text with another value of a key in the `place`-th table of that name; words are put in quotes, unless
+    they are a list or a table.
+    """
+    written = json.dumps(value, ensure_ascii=False) if words and value[0] not in "[{" else value
+    return {"text": with_literal(text, table, place, key, written)}
 
-    text: Text
-    table: Name
-    place: Annotated[int, Field(ge=0, le=1000)]
-    key: Annotated[str, StringConstraints(pattern=r"^\w{1,60}$")]
-    value: Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\n\r]+$")]
-    words: bool = False
 
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the text with the value; words are put in quotes, unless they are a list or a table."""
-        value = json.dumps(self.value, ensure_ascii=False) if self.words and self.value[0] not in "[{" else self.value
-        return {"text": with_literal(self.text, self.table, self.place, self.key, value)}
-
-
-REQUESTS = {"display.read": DisplayRead, "display.judge": DisplayJudge, "display.set": DisplaySet}
+REQUESTS: Functions = {"display.read": read, "display.judge": judge, "display.set": set_value}
 
 
 def _form(text: str) -> list[Answer]:

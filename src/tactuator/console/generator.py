@@ -12,7 +12,7 @@ import scipy
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
-from tactuator.console.requests import CHANNELS_MAX, Finite, Name, PageRequest
+from tactuator.console.fields import CHANNELS_MAX, Finite, Name, PageSetting
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceFile, open_reference
 from tactuator.model.description import Display
@@ -28,7 +28,7 @@ _ORDER = 4
 
 
 @dataclass(frozen=True)
-class GeneratorWave(PageRequest):
+class GeneratorWave(PageSetting):
     """Setting of the generator. level_db_sl: of the sinusoid; of noise, the sinusoid of equal power; of a file, its
     greatest sample. frequency_hz: of the tone, or where a sweep begins; to_hz and sweep_s: where it turns, and when.
     file: path of the reference, or its key as a page names it.

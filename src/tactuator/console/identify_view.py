@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,11 +11,11 @@ from pydantic import Field
 from tactuator.api.identified import IdentificationResult, ResponseModelResult
 from tactuator.api.model import identify
 from tactuator.arrays import FloatArray
-from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line, digits
+from tactuator.console.fields import Finite, Name
+from tactuator.console.requests import Answer, Functions, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.io.columns import Columns
 from tactuator.io.model import identified_text
 from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
@@ -29,85 +27,85 @@ _SPECTRUM_LINES = 700
 _LEAST = 1e-300
 
 
-@dataclass(frozen=True)
-class _OfRecord(ViewRequest):
-    record: Name
-    input: Name | None = None
-    output: Name | None = None
-    time: Name | None = None
-    rate_hz: Annotated[Finite, Field(gt=0.0)] | None = None
-
-    def read(self, path: Path, columns: Columns) -> Record | FrequencyResponse:
-        names = {"input_name": self.input, "output_name": self.output, "time_name": self.time}
-        return measured_of(path, columns, **names, rate_hz=self.rate_hz)
+RateHz = Annotated[Finite, Field(gt=0.0)]
 
 
-@dataclass(frozen=True)
-class IdentifyLook(_OfRecord):
-    """Request for the columns of a record, and which of them are taken for command and position."""
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the columns; where they cannot be guessed, the reason instead of a guess."""
-        path = state.uploads.path(self.record)
-        read = measured_columns(path)
-        columns: Answer = {"name": path.name, "columns": list(read.values), "said": None}
-        try:
-            record = self.read(path, read)
-        except BadInput as error:
-            return columns | {"said": state.uploads.plain(str(error))}
-        if isinstance(record, FrequencyResponse):
-            return columns | {"points": record.magnitude.size}
-        return columns | {
-            "input": record.about["input"],
-            "output": record.about["output"],
-            "units": [record.command_unit, record.position_unit],
-            "rate_hz": record.rate_hz,
-            "duration_s": record.duration_s,
-            "remarks": list(record.remarks),
-        }
-
-
-@dataclass(frozen=True)
-class IdentifyModel(_OfRecord):
-    """Request for the model of a record, and how it stands on others that its fit does not see."""
-
-    order: int | None = Asked.order
-    zeros: int | None = Asked.zeros
-    hold: Name = Asked.hold
-    validate_on: Annotated[tuple[Name, ...], Field(max_length=8)] = ()
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
-        path, unseen = state.uploads.path(self.record), [state.uploads.path(key) for key in self.validate_on]
-        measured = self.read(path, measured_columns(path))
-        options = picked(self, "rate_hz", "order", "zeros", "hold")
-        fit = identify(measured, self.input, self.output, time_name=self.time, validate=unseen, **options)
-        table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
-        command = command_line(
-            "identify",
-            path.name,
-            input=self.input,
-            output=self.output,
-            time=self.time,
-            **options | {"hold": None if self.hold == Asked.hold else self.hold},
-            validate=[other.name for other in unseen],
-            out="model.json",
-        )
-        return {
-            "rows": [[state.uploads.plain(cell) for cell in (*row, "")[:3]] for row in table.rows],
-            "trust": [[state.uploads.plain(cell) for cell in row] for row in trust.rows],
-            "trusted": not fit.distrust,
-            "distrust": list(fit.distrust),
-            "remarks": list(fit.remarks),
-            "order": fit.order,
-            "zeros": fit.model.num.size - 1,
-            "text": identified_text(fit.model),
-            "command": command,
-            **_told(fit, measured),
-        }
+def look(
+    state: ConsoleState,
+    record: Name,
+    input: Name | None = None,
+    output: Name | None = None,
+    time: Name | None = None,
+    rate_hz: RateHz | None = None,
+) -> Answer:
+    """Return the columns of a record and which of them are taken for command and position; where they cannot be
+    guessed, the reason instead of a guess.
+    """
+    path = state.uploads.path(record)
+    read = measured_columns(path)
+    columns: Answer = {"name": path.name, "columns": list(read.values), "said": None}
+    try:
+        measured = measured_of(path, read, input_name=input, output_name=output, time_name=time, rate_hz=rate_hz)
+    except BadInput as error:
+        return columns | {"said": state.uploads.plain(str(error))}
+    if isinstance(measured, FrequencyResponse):
+        return columns | {"points": measured.magnitude.size}
+    return columns | {
+        "input": measured.about["input"],
+        "output": measured.about["output"],
+        "units": [measured.command_unit, measured.position_unit],
+        "rate_hz": measured.rate_hz,
+        "duration_s": measured.duration_s,
+        "remarks": list(measured.remarks),
+    }
 
 
-REQUESTS = {"identify.look": IdentifyLook, "identify.model": IdentifyModel}
+def model(
+    state: ConsoleState,
+    record: Name,
+    input: Name | None = None,
+    output: Name | None = None,
+    time: Name | None = None,
+    rate_hz: RateHz | None = None,
+    order: int | None = Asked.order,
+    zeros: int | None = Asked.zeros,
+    hold: Name = Asked.hold,
+    validate_on: Annotated[tuple[Name, ...], Field(max_length=8)] = (),
+) -> Answer:
+    """Return the model of a record, its curves and tables, how it stands on others that its fit does not see, the text
+    of model.json, and the command that does the same.
+    """
+    path, unseen = state.uploads.path(record), [state.uploads.path(key) for key in validate_on]
+    names = {"input_name": input, "output_name": output, "time_name": time}
+    measured = measured_of(path, measured_columns(path), **names, rate_hz=rate_hz)
+    options: dict[str, Any] = {"rate_hz": rate_hz, "order": order, "zeros": zeros, "hold": hold}
+    fit = identify(measured, input, output, time_name=time, validate=unseen, **options)
+    table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
+    command = command_line(
+        "identify",
+        path.name,
+        input=input,
+        output=output,
+        time=time,
+        **options | {"hold": None if hold == Asked.hold else hold},
+        validate=[other.name for other in unseen],
+        out="model.json",
+    )
+    return {
+        "rows": [[state.uploads.plain(cell) for cell in (*row, "")[:3]] for row in table.rows],
+        "trust": [[state.uploads.plain(cell) for cell in row] for row in trust.rows],
+        "trusted": not fit.distrust,
+        "distrust": list(fit.distrust),
+        "remarks": list(fit.remarks),
+        "order": fit.order,
+        "zeros": fit.model.num.size - 1,
+        "text": identified_text(fit.model),
+        "command": command,
+        **_told(fit, measured),
+    }
+
+
+REQUESTS: Functions = {"identify.look": look, "identify.model": model}
 
 
 def _told(fit: IdentificationResult | ResponseModelResult, measured: Record | FrequencyResponse) -> Answer:

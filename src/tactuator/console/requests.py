@@ -1,101 +1,74 @@
-"""Requests of the console's pages, checked before they are used, and answered in turn.
+"""Requests of the console's pages: a request is a function, called by its name with checked arguments.
 
-A message is `{"id": number, "do": name, ...}`; the rest are the fields of the dataclass that stands for that name in
-the table of its connection. The answer bears the number, and an `error` with its place where the request is refused.
+A message is `{"id": number, "do": name, ...}`; the rest are the arguments of the function of that name, checked by its
+annotations. The answer bears the number, and an `error` with its place where the request is refused.
 """
 
 from __future__ import annotations
 
 import asyncio
+import inspect
 import logging
 import shlex
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Any
 
-from pydantic import ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from fastapi import WebSocket, WebSocketDisconnect
+from pydantic import ConfigDict, ValidationError, validate_call
 from pydantic_core import from_json
 
 from tactuator.arrays import FloatArray
+from tactuator.console.fields import COUNT_MAX
+from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput, TactuatorError
+from tactuator.web.messages import refusal
+from tactuator.web.sockets import receive_text, send
 
-if TYPE_CHECKING:  # and what only a server needs is imported where it serves: the rig's process reads this as well
-    from fastapi import WebSocket
-
-    from tactuator.console.state import ConsoleState
-
-CHANNELS_MAX = 64
-COUNT_MAX = 2**53
-"""The numbers that a page can count to."""
-Count = Annotated[int, Field(ge=0, lt=COUNT_MAX, strict=True)]
-Name = Annotated[str, StringConstraints(max_length=200)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Answer = dict[str, Any]
-Asked = TypeVar("Asked")
-Requests = Mapping[str, type[Asked]]
+Functions = Mapping[str, Callable[..., Any]]
 
 DEFECT = "a defect of the console; the server's log has it. What is in the page is still there"
 LOGGER = logging.getLogger("tactuator.web.lab")
 _OF_PAGE = "a request of the console's page"
 
 
-@dataclass(frozen=True)
-class PageRequest:
-    """A request; other keys than its fields are refused."""
-
-    __pydantic_config__ = ConfigDict(extra="forbid")
-
-
-class ViewRequest(PageRequest):
-    """A request that is answered beside the loop's: it may take seconds, and runs on a thread of its own."""
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return what the page is to show, plain JSON. Raises TactuatorError in words for what cannot be done."""
-        raise NotImplementedError
-
-
-def checked(requests: Requests[Asked], message: Mapping[str, Any]) -> Asked:
-    """Return the request that a message holds. Raises BadInput with the key for anything else."""
-    fields = dict(message)
-    number, name = fields.pop("id", None), fields.pop("do", None)
-    if _number(number) is None:
-        raise BadInput("no number", "0 to 2^53", where=("message",), key="id")
-    if not isinstance(name, str) or name not in requests:
-        raise BadInput("not known", _OF_PAGE, where=("message",), key="do")
-    try:
-        kind: Any = requests[name]
-        request: Asked = _adapter(kind).validate_python(fields)
-    except ValidationError as error:
-        from tactuator.web.messages import refusal
-
-        raise refusal(error, "message", _OF_PAGE) from None
-    return request
+def bound(functions: Functions, context: object) -> dict[str, Callable[..., Any]]:
+    """Return the functions with `context` as their first argument; the others are checked at every call."""
+    return {name: partial(_checked(function), context) for name, function in functions.items()}
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
+    checked: Callable[..., Any] = validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function)
+    return checked
 
 
-async def serve_requests(
-    socket: WebSocket, requests: Requests[Asked], answer: Callable[[int, Asked], Awaitable[Answer | None]]
-) -> None:
-    """Answer a page's requests, one after another, until it goes. answer: called with the number and the request; what
-    it returns is sent, and None where nothing is.
+def requested(functions: Functions, message: Mapping[str, Any]) -> Callable[[], Any]:
+    """Return the call that a message asks for. Raises BadInput with the key where it asks for none."""
+    arguments = dict(message)
+    number, name = arguments.pop("id", None), arguments.pop("do", None)
+    if _number(number) is None:
+        raise BadInput("no number", "0 to 2^53", where=("message",), key="id")
+    if not isinstance(name, str) or name not in functions:
+        raise BadInput("not known", _OF_PAGE, where=("message",), key="do")
+    return partial(functions[name], **arguments)
+
+
+async def serve_requests(socket: WebSocket, functions: Functions, uploads: UploadedFiles) -> None:
+    """Answer a page's requests, one after another, until it goes.
+
+    A coroutine function is awaited, any other may take seconds and is called on a thread. What it returns is sent; None
+    is no answer.
     """
-    from fastapi import WebSocketDisconnect
-
-    from tactuator.web.sockets import receive_text, send
-
     while True:
         number: int | None = None
         answered: Answer | None
         try:
             message = _message(await receive_text(socket))
             number = _number(message.get("id"))
-            request = checked(requests, message)
-            answered = await answer(number or 0, request)
+            with uploads.named_plainly():
+                answered = await _answer(requested(functions, message))
         except TactuatorError as error:
             answered = {"error": str(error), "at": error.document()}
         except (WebSocketDisconnect, asyncio.CancelledError):
@@ -107,13 +80,22 @@ async def serve_requests(
             await send(socket, {"id": number, **answered})
 
 
+async def _answer(call: Callable[[], Any]) -> Answer | None:
+    try:
+        answer: Answer | None
+        answer = await (call() if inspect.iscoroutinefunction(call) else asyncio.to_thread(call))
+    except ValidationError as error:
+        raise refusal(error, "message", _OF_PAGE) from None
+    return answer
+
+
 def digits(values: FloatArray) -> list[float]:
     """Return numbers to the six digits that a drawing needs."""
     return [float(f"{value:.6g}") for value in values.tolist()]
 
 
 def command_line(verb: str, *given: str, **options: Any) -> str:
-    """Return the command line of a verb with what it is given and its options; of a list each value has its own, True
+    """Return the command line of a subcommand with its arguments and options; of a list each value has its own, True
     is a flag, and None and False are left out.
     """
     words = ["tactuator", *verb.split(), *given]

@@ -1,4 +1,4 @@
-"""The process that holds the rig: it obeys orders, tells every sample, and leaves the rig at rest however it ends."""
+"""The process that holds the rig: it obeys calls, sends every sample, and leaves the rig at rest however it ends."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.console import rig_orders as orders
-from tactuator.console.generator import Generator
-from tactuator.console.rig_orders import WaitingOrders
+from tactuator.console.generator import Generator, GeneratorWave
+from tactuator.console.rig_calls import (
+    QUIT,
+    Call,
+    MeasureSettings,
+    Mode,
+    Points,
+    Presented,
+    RigStatus,
+    WaitingCalls,
+)
 from tactuator.errors import BadInput, DeviceFault, TactuatorError, TimingMissed
 from tactuator.io.response import write_responses
 from tactuator.measure.error import ResponseLevels, as_read
@@ -45,15 +53,17 @@ _GUARD_S = 0.5
 _PATIENCE_S = 5.0
 """Time in which the rig has to be at rest after the end of whoever orders; then the process ends without it."""
 _LAST_S = 1.0
+_WHILE_LIVE = ("generate", "touch", "press")
+"""Calls that are served while samples flow."""
 _ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
-    """Hold the rig of that name with `display`, and obey the orders that come through the pipe until it ends."""
+    """Hold the rig of that name with `display`, and obey the calls that come through the pipe until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then ends the pipe
     sender = Sender(pipe)
     worker = RigWorker(spec, display, seed, sender.tell)
-    signal.signal(signal.SIGTERM, lambda number, frame: worker.order(orders.QuitOrder()))
+    signal.signal(signal.SIGTERM, lambda number, frame: worker.call("quit"))
     threading.Thread(target=_reader, args=(pipe, worker), daemon=True).start()
     worker.run()
     sender.close()
@@ -62,45 +72,50 @@ def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
 def _reader(pipe: Connection, worker: RigWorker) -> None:
     with suppress(OSError, EOFError):
         while True:
-            worker.order(pipe.recv())
-    worker.order(orders.QuitOrder())
+            name, arguments = pipe.recv()
+            worker.call(name, *arguments)
+    worker.call("quit")
     threading.Timer(_PATIENCE_S, os._exit, args=(1,)).start()
 
 
 class RigWorker:
-    """Obeys orders one after another; what goes on is ended by the next order that it does not serve.
+    """Holder of the rig, whose public methods are called one after another; what goes on is ended by the next call that
+    cannot be served meanwhile.
 
-    tell: called with everything that is to be told; it must not wait.
+    tell: calls a method of RigProcess by name; it must not wait.
     """
 
-    def __init__(self, spec: str, display: Display, seed: int, tell: Callable[[orders.News], None]) -> None:
+    def __init__(self, spec: str, display: Display, seed: int, tell: Callable[..., None]) -> None:
         self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
-        self._orders = WaitingOrders()
+        self._calls = WaitingCalls()
         self._halt = threading.Event()
         self._generator = Generator(display, np.random.default_rng(seed))
-        self._status = orders.RigStatus(press_v={channel.name: 0.0 for channel in display.channels})
+        self._status = RigStatus(press_v={channel.name: 0.0 for channel in display.channels})
         self._rig: Rig | None = None
         self._opened: Rig | None = None
         self._controller: Controller | None = None
-        self._after: orders.Order | None = None
+        self._after: Call | None = None
 
-    def order(self, order: orders.Order) -> None:
-        """Take an order, from any thread; what ends a measurement ends it at once."""
-        if isinstance(order, orders.RestOrder | orders.QuitOrder):
+    def call(self, name: str, *arguments: Any) -> None:
+        """Take a call of a method, from any thread; what ends a measurement ends it at once."""
+        if name in ("rest", "quit"):
             self._halt.set()
-        if warning := self._orders.put(order):
-            self._tell(orders.Refused(warning))
+        if warning := self._calls.put((name, arguments)):
+            self._tell("take_refusal", warning)
 
     def run(self) -> None:
-        """Open the rig and obey until the order to quit; then leave the rig at rest."""
+        """Open the rig and obey until the call to quit; then leave the rig at rest."""
         self._guarded(self._open)
-        order: orders.Order = orders.RestOrder()
         try:
-            while not isinstance(order, orders.QuitOrder):
-                order, self._after = self._after or self._orders.get(), None
-                self._guarded(partial(self._obey, order))
+            while (call := self._after or self._calls.get()) != QUIT:
+                self._after = None
+                self._obey(call)
         finally:
             self._let_go()
+
+    def _obey(self, call: Call) -> None:
+        name, arguments = call
+        self._guarded(partial(getattr(self, name), *arguments))
 
     def _guarded(self, job: Callable[[], None]) -> None:
         try:
@@ -111,12 +126,12 @@ class RigWorker:
             else:
                 self._rest()
                 self._end_as("idle")
-            self._tell(orders.Refused(str(error)))
+            self._tell("take_refusal", str(error))
         except (LinkDown, CardGone) as error:
             self._let_go()
             self._end_as("gone", str(error))
             if isinstance(error, CardGone):  # PortAudio finds a card again in another process alone
-                self._orders.put(orders.QuitOrder())
+                self._calls.put(QUIT)
         except TactuatorError as error:
             self._rest()
             self._end_as("fault", str(error))
@@ -124,34 +139,22 @@ class RigWorker:
             self._rest()
             self._end_as("fault", f"{type(error).__name__}: {error}")
 
-    def _end_as(self, mode: orders.Mode, fault: str = "") -> None:
+    def _end_as(self, mode: Mode, fault: str = "") -> None:
         self._say(mode=mode, fault=fault, guard=self._guard() if mode in ("idle", "fault") else {})
 
-    def _obey(self, order: orders.Order) -> None:
-        match order:
-            case orders.LoadOrder():
-                self._open()
-                self._load(order)
-            case orders.LiveOrder():
-                self._live()
-            case orders.MeasureOrder():
-                self._measure(order)
-            case orders.RestOrder():
-                self._halt.clear()
-                self._rest()
-                if self._rig is not None:
-                    self._end_as("idle")
-                if isinstance(order, orders.AwaitedRestOrder):
-                    self._tell(orders.Presented(order.number, over=True))
-            case orders.PresentOrder():
-                self._present(order)
-            case orders.ReopenOrder():
-                self._let_go()
-                self._open()
-            case orders.QuitOrder():
-                pass
-            case _:
-                self._serve(order)
+    def reopen(self) -> None:
+        """Open the rig anew after it has gone."""
+        self._let_go()
+        self._open()
+
+    def rest(self, number: int | None = None) -> None:
+        """End what goes on, and bring the rig to rest; where a number is given, the end is told with it."""
+        self._halt.clear()
+        self._rest()
+        if self._rig is not None:
+            self._end_as("idle")
+        if number is not None:
+            self._tell("take_presented", Presented(number, over=True))
 
     def _open(self) -> None:
         """Open the rig, if it is not open; simulated ones take their own time."""
@@ -164,20 +167,22 @@ class RigWorker:
         nothing: dict[str, str | None] = dict.fromkeys(opened.channels) if touchable else {}
         self._say(mode="idle", fault="", loaded="", touchable=touchable, touch=nothing, guard=self._guard())
 
-    def _load(self, order: orders.LoadOrder) -> None:
+    def load(self, controller: Controller) -> None:
+        """Make a controller the one that runs."""
+        self._open()
         assert self._rig is not None
-        self._rig.load(order.controller)
-        self._controller = order.controller
+        self._rig.load(controller)
+        self._controller = controller
         self._end_as("idle")
-        self._say(loaded=order.controller.content_hash)
+        self._say(loaded=controller.content_hash)
 
-    def _live(self) -> None:
+    def live(self) -> None:
+        """Play the generator and tell every sample, until something else is called for."""
         if self._rig is None:
             raise BadInput("the rig has gone", "open it again")
         if not self._status.loaded:
             raise BadInput("no controller is loaded", "load one before playing a reference")
-        if self._status.mode == "fault" and self._controller is not None:
-            self._load(orders.LoadOrder(self._controller))
+        self._load_again()
         self._halt.clear()
         self._say(mode="live", fault="")
         looked = self._status.given_back
@@ -201,10 +206,10 @@ class RigWorker:
             self._opened.allow_gaps = allowed
 
     def _blocks(self) -> Iterator[FloatArray]:
-        """Yield what the generator plays, the fingers pressed, until it is silent and something else is ordered."""
+        """Yield what the generator plays, the fingers pressed, until it is silent and something else is called for."""
         count = max(1, round(BLOCK_S * self._display.rate_hz))
         while True:
-            self._take_orders()
+            self._take_calls()
             if self._after is not None and self._generator.silent:
                 return
             for name, force_v in self._status.press_v.items():
@@ -216,33 +221,42 @@ class RigWorker:
             self._status = replace(self._status, fed=self._status.fed + count)
             yield block
 
-    def _take_orders(self) -> None:
+    def _take_calls(self) -> None:
         """Do what can be done while samples flow; anything else ends that, once the generator is silent."""
         while self._after is None:
-            if (order := self._orders.get_nowait()) is None:
+            if (call := self._calls.get_nowait()) is None:
                 return
-            if isinstance(order, orders.GenerateOrder | orders.TouchOrder | orders.PressOrder):
+            name, arguments = call
+            if name in _WHILE_LIVE:
                 try:
-                    self._serve(order)
+                    getattr(self, name)(*arguments)
                 except BadInput as error:
-                    self._tell(orders.Refused(str(error)))
-            elif not isinstance(order, orders.LiveOrder):
-                self._after = order
+                    self._tell("take_refusal", str(error))
+            elif name != "live":
+                self._after = call
                 self._generator.ask(None)
 
-    def _serve(self, order: orders.Order) -> None:
-        match order:
-            case orders.GenerateOrder():
-                if self._status.mode != "live" and order.wave is not None:
-                    raise BadInput("the rig is not live", "start it before the generator")
-                self._generator.ask(order.wave)
-                self._say(wave=order.wave)
-            case orders.TouchOrder():
-                self._finger(order.channel).touch(order.load)
-                self._say(touch=self._status.touch | {order.channel: order.load})
-            case orders.PressOrder():
-                self._finger(order.channel)
-                self._say(press_v=self._status.press_v | {order.channel: order.force_v})
+    def generate(self, wave: GeneratorWave | None) -> None:
+        """Play that from now on (None: silence)."""
+        if self._status.mode != "live" and wave is not None:
+            raise BadInput("the rig is not live", "start it before the generator")
+        self._generator.ask(wave)
+        self._say(wave=wave)
+
+    def touch(self, channel: str, load: str | None) -> None:
+        """Put a load of the display file on a channel's simulated finger port; None takes it off."""
+        self._finger(channel).touch(load)
+        self._say(touch=self._status.touch | {channel: load})
+
+    def press(self, channel: str, force_v: float) -> None:
+        """Press on a channel's simulated finger port with a force, volts of command, from now on."""
+        self._finger(channel)
+        self._say(press_v=self._status.press_v | {channel: force_v})
+
+    def _load_again(self) -> None:
+        """Load the controller again after a fault."""
+        if self._status.mode == "fault" and self._controller is not None:
+            self.load(self._controller)
 
     def _finger(self, channel: str) -> Any:
         if not isinstance(self._rig, PacedRig):
@@ -254,44 +268,44 @@ class RigWorker:
             return
         rows = np.concatenate((trace.reference, trace.command_v, trace.position_v), axis=1).astype(np.float32)
         limited = int(trace.saturated.any(axis=1).sum())
-        self._tell(orders.Piece(self._status.given_back, rows.tobytes(), limited))
+        self._tell("take_samples", self._status.given_back, rows.tobytes(), limited)
         self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
-    def _present(self, order: orders.PresentOrder) -> None:
-        """Play what an experiment asks for; a halt that was ordered before it began counts."""
+    def present(self, number: int, blocks: tuple[FloatArray, ...]) -> None:
+        """Play blocks of reference (n, channels), threshold units, as one stream, for an experiment; a halt that was
+        ordered before it began counts.
+        """
         if self._rig is None:
-            self._tell(
-                orders.Presented(order.number, over=True, fault=str(DeviceFault("the rig has gone", "open it again")))
-            )
+            fault = str(DeviceFault("the rig has gone", "open it again"))
+            self._tell("take_presented", Presented(number, over=True, fault=fault))
             return
-        if self._status.mode == "fault" and self._controller is not None:
-            self._load(orders.LoadOrder(self._controller))
+        self._load_again()
         self._say(mode="presenting", fault="")
-        for trace in presented(self._rig, order, self._halt.is_set, self._tell):
+        tell = partial(self._tell, "take_presented")
+        for trace in presented(self._rig, number, blocks, self._halt.is_set, tell):
             self._tell_samples(trace)
         self._end_as("idle")
 
-    def _measure(self, order: orders.MeasureOrder) -> None:
-        """Measure at the rig opened anew, so that it is what the command would measure; tell it point by point."""
+    def measure(self, controller: Controller, settings: MeasureSettings) -> None:
+        """Measure the response, as `measure` does, at the rig opened anew; tell it point by point."""
         self._halt.clear()
-        self._let_go()
-        self._open()
+        self.reopen()
         assert self._opened is not None
         self._say(mode="measuring", fault="")
         measured_so_far: tuple[Response, ...] = ()
         try:
-            touch_all(self._opened, self._display.channels, order.settings.load)
-            self._load(orders.LoadOrder(order.controller))
+            touch_all(self._opened, self._display.channels, settings.load)
+            self.load(controller)
             self._say(mode="measuring")
             with TemporaryDirectory() as folder:
 
                 def tell(responses: tuple[Response, ...], over: bool = False) -> None:
                     nonlocal measured_so_far
                     measured_so_far = responses
-                    read = tuple(as_read(each, order.controller, settings.confidence_db) for each in responses)
-                    self._tell(points_of(read, order, Path(folder), over))
+                    read = tuple(as_read(each, controller, settings.confidence_db) for each in responses)
+                    self._tell("take_points", points_of(read, controller, settings, Path(folder), over))
 
-                watched, settings = WatchedRig(self._opened, self._halt.is_set), order.settings
+                watched = WatchedRig(self._opened, self._halt.is_set)
                 stepped_sine(watched, np.array(settings.frequency_hz), settings, so_far=tell)
                 tell(measured_so_far, over=True)
         except RigHalted:
@@ -324,21 +338,21 @@ class RigWorker:
     def _say(self, **changed: Any) -> None:
         gaps = self._opened.gaps if self._rig is not None and isinstance(self._opened, SoundRig) else 0
         self._status = replace(self._status, gaps=gaps, **changed)
-        self._tell(self._status)
+        self._tell("take_status", self._status)
 
 
 class Sender:
     """Sends through `pipe` in a thread of its own: a slow server holds nothing up, and no sample is dropped."""
 
     def __init__(self, pipe: Connection) -> None:
-        self._waiting: queue.SimpleQueue[orders.News | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[Call | None] = queue.SimpleQueue()
         self._pipe = pipe
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def tell(self, news: orders.News) -> None:
-        """Send it after all that came before; return at once."""
-        self._waiting.put(news)
+    def tell(self, name: str, *arguments: Any) -> None:
+        """Call a method of the server's RigProcess, after all that came before; return at once."""
+        self._waiting.put((name, arguments))
 
     def close(self) -> None:
         """Wait until everything is sent, a second at most."""
@@ -347,8 +361,8 @@ class Sender:
 
     def _work(self) -> None:
         with suppress(OSError):
-            while (news := self._waiting.get()) is not None:
-                self._pipe.send(news)
+            while (call := self._waiting.get()) is not None:
+                self._pipe.send(call)
 
 
 class RigHalted(Exception):
@@ -385,9 +399,13 @@ class WatchedRig(WrappedRig):
 
 
 def presented(
-    rig: Rig, order: orders.PresentOrder, halted: Callable[[], bool], tell: Callable[[orders.Presented], None]
+    rig: Rig,
+    number: int,
+    blocks: tuple[FloatArray, ...],
+    halted: Callable[[], bool],
+    tell: Callable[[Presented], None],
 ) -> Iterator[Trace]:
-    """Play the blocks of an order as one stream, tell each trace with the rig's own count of rows, and yield it.
+    """Play blocks as one stream, tell each trace with the rig's own count of rows, and yield it.
 
     The end is told in every case, with the reason where it was not the last row: that the rig was halted, or its fault,
     which is then raised.
@@ -395,10 +413,10 @@ def presented(
 
     def say(trace: Trace | None, **end: Any) -> None:
         played = None if rig.began_at is None else rig.rows_played
-        tell(orders.Presented(order.number, trace, rig.began_at, played, **end))
+        tell(Presented(number, trace, rig.began_at, played, **end))
 
     try:
-        for trace in WatchedRig(rig, halted).stream(order.blocks):
+        for trace in WatchedRig(rig, halted).stream(blocks):
             say(trace)
             yield trace
     except RigHalted:
@@ -414,12 +432,14 @@ def presented(
         say(None, over=True)
 
 
-def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folder: Path, over: bool) -> orders.Points:
+def points_of(
+    responses: tuple[Response, ...], controller: Controller, settings: MeasureSettings, folder: Path, over: bool
+) -> Points:
     """Return what a page shows of a measurement, and the file that `measure --out response.csv` would write of it."""
     path = folder / "response.csv"
     write_responses(path, responses)
-    levels = [ResponseLevels.of(response, order.controller) for response in responses]
-    channels = [order.controller.display.channel(response.channel) for response in responses]
+    levels = [ResponseLevels.of(response, controller) for response in responses]
+    channels = [controller.display.channel(response.channel) for response in responses]
     shown = [
         {
             **picked(response, "channel", "load", asked_db_sl="level_db_sl"),
@@ -433,7 +453,7 @@ def points_of(responses: tuple[Response, ...], order: orders.MeasureOrder, folde
         for response, level, channel in zip(responses, levels, channels, strict=True)
     ]
     done = len(responses[0].frequency_hz) if responses else 0
-    return orders.Points({"responses": shown}, done, len(order.settings.frequency_hz), path.read_text("utf-8"), over)
+    return Points({"responses": shown}, done, len(settings.frequency_hz), path.read_text("utf-8"), over)
 
 
 def _within(response: Response, levels: ResponseLevels) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tactuator.console.requests import Count, Finite, Name, PageRequest
+from tactuator.console.fields import Count, Finite, Name, PageSetting
 from tactuator.errors import BadInput
 
 KEPT_S = 60.0
@@ -149,7 +149,7 @@ def newest_crossing(samples: ScopeSamples, trigger: Trigger, start: int, stop: i
 
 
 @dataclass(frozen=True)
-class Look(PageRequest):
+class Look(PageSetting):
     """Setting of the page's picture: what its width can show of which stretch, and where that stands.
 
     mode: "roll" follows the newest row, "auto" a trigger where there is one, "normal" a trigger alone, "single" the

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactuator.api.speech import RenderResult, render
-from tactuator.console.requests import Answer, Finite, Name, ViewRequest, command_line
+from tactuator.console.fields import Finite, Name
+from tactuator.console.requests import Answer, Functions, command_line
 from tactuator.console.rig_session import expected_hum
 from tactuator.console.state import ConsoleState
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
@@ -22,71 +22,62 @@ _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0
 
 
-@dataclass(frozen=True)
-class SpeechRendered(ViewRequest):
-    """Request to code a speech file onto the fingers of a display, and to feel it on the simulated one."""
-
-    display: Name
-    file: Name
-    coding: Name = CODING
-    level: Finite = LEVEL_DB_SL
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return levels asked and felt in bands, by finger and over time, the limiter's figures, and the files' key."""
-        speech = state.uploads.path(self.file)
-        scan_speech(speech)  # what is no sound or no level is told before a controller is designed
-        check_level(self.level)
-        controller = state.file_controller(self.display)
-        coding = self.coding if self.coding in coding_names() else "?"  # a file of the server is none of the page's
-        key, folder = state.uploads.new_folder()
-        result = render(speech, controller, folder / _REFERENCE, coding, self.level, felt=folder / _FELT)
-        state.uploads.keep(key, folder / _REFERENCE)
-        assert isinstance(result, RenderResult)
-        rendered = result.rendered
-        assert rendered.felt is not None
-        figures = rendered.felt.figures()
-        hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
-        return {
-            "key": key,
-            "files": [_REFERENCE, Path(_REFERENCE).with_suffix(".json").name, _FELT],
-            "duration_s": rendered.frames / rendered.rate_hz,
-            "shown_s": _SHOWN_S,
-            "peak_db_sl": max(rendered.peak_db_sl.values()),
-            "notes": list(rendered.notes),
-            "fingers": [_finger(finger) | {"hum": hum[finger.finger]} for finger in rendered.felt.fingers],
-            "hum": _hum_said([line for lines in hum.values() for line in zip(*lines.values(), strict=True)]),
-            "rows": [
-                [
-                    limiting.finger,
-                    f"{rendered.peak_db_sl[limiting.finger]:.1f}",
-                    f"{limiting.max_reduction_db:.1f}",
-                    *(f"{figures[limiting.finger][name]:.2f}" for name in ("rms_db", "median_db_all", "p95_db_all")),
-                ]
-                for limiting in rendered.limiting
-            ],
-            "command": command_line(
-                "render",
-                speech.name,
-                display=state.command_name(self.display),
-                coding=self.coding,
-                level=self.level,
-                out=_REFERENCE,
-                felt=_FELT,
-            ),
-            "play": command_line("play", _REFERENCE, display=state.command_name(self.display)),
-        }
+def rendered(
+    state: ConsoleState, display: Name, file: Name, coding: Name = CODING, level: Finite = LEVEL_DB_SL
+) -> Answer:
+    """Code a speech file onto the fingers of a display, and feel it on the simulated one; return levels asked and felt
+    in bands, by finger and over time, the limiter's figures, and the files' key.
+    """
+    speech = state.uploads.path(file)
+    scan_speech(speech)  # what is no sound or no level is told before a controller is designed
+    check_level(level)
+    controller = state.file_controller(display)
+    known = coding if coding in coding_names() else "?"  # a file of the server is none of the page's
+    key, folder = state.uploads.new_folder()
+    result = render(speech, controller, folder / _REFERENCE, known, level, felt=folder / _FELT)
+    state.uploads.keep(key, folder / _REFERENCE)
+    assert isinstance(result, RenderResult)
+    made = result.rendered
+    assert made.felt is not None
+    figures = made.felt.figures()
+    hum = {channel.name: expected_hum(controller, channel) for channel in controller.display.channels}
+    return {
+        "key": key,
+        "files": [_REFERENCE, Path(_REFERENCE).with_suffix(".json").name, _FELT],
+        "duration_s": made.frames / made.rate_hz,
+        "shown_s": _SHOWN_S,
+        "peak_db_sl": max(made.peak_db_sl.values()),
+        "notes": list(made.notes),
+        "fingers": [_finger(finger) | {"hum": hum[finger.finger]} for finger in made.felt.fingers],
+        "hum": _hum_said([line for lines in hum.values() for line in zip(*lines.values(), strict=True)]),
+        "rows": [
+            [
+                limiting.finger,
+                f"{made.peak_db_sl[limiting.finger]:.1f}",
+                f"{limiting.max_reduction_db:.1f}",
+                *(f"{figures[limiting.finger][name]:.2f}" for name in ("rms_db", "median_db_all", "p95_db_all")),
+            ]
+            for limiting in made.limiting
+        ],
+        "command": command_line(
+            "render",
+            speech.name,
+            display=state.command_name(display),
+            coding=coding,
+            level=level,
+            out=_REFERENCE,
+            felt=_FELT,
+        ),
+        "play": command_line("play", _REFERENCE, display=state.command_name(display)),
+    }
 
 
-@dataclass(frozen=True)
-class SpeechCodings(ViewRequest):
-    """Request for the names of the codings, and the level that is usual."""
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the names, and the level in dB SL."""
-        return {"codings": list(coding_names()), "level": LEVEL_DB_SL}
+def codings(state: ConsoleState) -> Answer:
+    """Return the names of the codings, and the level that is usual, dB SL."""
+    return {"codings": list(coding_names()), "level": LEVEL_DB_SL}
 
 
-REQUESTS = {"speech.render": SpeechRendered, "speech.codings": SpeechCodings}
+REQUESTS: Functions = {"speech.render": rendered, "speech.codings": codings}
 
 
 def _hum_said(lines: list[tuple[float, float]]) -> str:

@@ -1,38 +1,24 @@
 """The view Experiment: protocols and stores to begin from, and the study that is open at the console's rig."""
 
 import asyncio
-import itertools
-import queue
 import shlex
 import shutil
-from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from fastapi import WebSocket, WebSocketDisconnect
-from numpy.typing import ArrayLike
 from pydantic import Field, StringConstraints
 
 from tactuator.api.experiment import export
-from tactuator.console import rig_orders as orders
-from tactuator.console.requests import (
-    LOGGER,
-    Answer,
-    Name,
-    PageRequest,
-    Requests,
-    ViewRequest,
-    command_line,
-    serve_requests,
-)
-from tactuator.console.rig_process import RigProcess
+from tactuator.console.console_rig import ConsoleRig
+from tactuator.console.fields import Name
+from tactuator.console.requests import LOGGER, Answer, Functions, bound, command_line, serve_requests
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import UploadedFiles
-from tactuator.errors import BadInput, DeviceFault, TimingMissed
+from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS
 from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
@@ -42,118 +28,9 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.model.controller import Controller
-from tactuator.rig.rig import Finger, Rig, Trace, join_traces
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import send
 from tactuator.web.study_pages import StudyPages
-
-_SILENT_S = 30.0
-"""Time after which a process that tells nothing counts as gone."""
-_REST_S = 8.0
-
-
-class ConsoleRig(Rig):
-    """The rig that `process` holds, for one experiment at a time; it stays with the console when this is closed."""
-
-    def __init__(self, process: RigProcess) -> None:
-        super().__init__(process.display)
-        self._process = process
-        self._controller: Controller | None = None
-        self._told: queue.SimpleQueue[orders.Presented | None] = queue.SimpleQueue()
-        self._numbers = itertools.count(1)
-        process.presented = self._told.put
-
-    @property
-    def speed(self) -> float | None:
-        """Return 1 for a simulated display, which is played in real time; None for one with a time of its own."""
-        return 1.0 if self.has_finger_ports else None
-
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True where the display is simulated."""
-        return self._process.status.touchable
-
-    def finger(self, channel: str) -> Finger:
-        """Raise BadInput: the finger ports are those of another process."""
-        raise BadInput(f"the finger port of {channel} is the console's", "a touch in the scope")
-
-    def load(self, controller: Controller) -> None:
-        """Make the controller the one that runs. Raises BadInput if it is not for this rig."""
-        controller.require_runs(self.display)
-        self._controller = controller
-        if self._process.status.loaded != controller.content_hash:
-            self._process.order(orders.LoadOrder(controller))
-
-    def play(self, reference: ArrayLike) -> Trace:
-        """Play a reference (n, channels), threshold units."""
-        return join_traces(self.stream([reference]), self.rate_hz, self.channels)
-
-    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Play blocks of reference as one stream; yield the traces as they come. The blocks are handed over at once.
-
-        Raises DeviceFault with its reason where the rig stopped, or has gone; TimingMissed where it may be tried again.
-        """
-        if self._controller is None:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
-        if self._process.status.loaded != self._controller.content_hash:
-            self._process.order(orders.LoadOrder(self._controller))  # the rig was opened anew
-        number = next(self._numbers)
-        while not self._told.empty():  # of before
-            self._told.get()
-        self._began_at, self._rows_played = None, 0
-        self._order(orders.PresentOrder(number, tuple(np.asarray(block, dtype=np.float64) for block in blocks)))
-        for piece in self._answers(number, _SILENT_S):
-            if piece.fault:
-                raise (TimingMissed if piece.missed else DeviceFault)(piece.fault)
-            if piece.began_at is not None:
-                self._began_at = piece.began_at
-            if piece.trace is not None:
-                count = self._rows_played + len(piece.trace)
-                self._rows_played = count if piece.rows_played is None else piece.rows_played
-                yield piece.trace
-
-    def drive(self, command_v: ArrayLike) -> Trace:
-        """Raise BadInput: an experiment plays through the controller only."""
-        raise BadInput("the console's rig is not driven without its controller", "playing a reference")
-
-    def rest(self) -> None:
-        """End what plays, and return when the output is at rest, or the rig has gone. Raises DeviceFault where its
-        process does not answer.
-        """
-        number = next(self._numbers)
-        self._process.order(orders.AwaitedRestOrder(number))
-        try:
-            for _ in self._answers(number, _REST_S):
-                pass
-        except DeviceFault:
-            if self._process.status.mode != "gone":  # a process that has ended has brought it to rest
-                raise
-
-    def close(self) -> None:
-        """Bring the output to rest; the console goes on holding the rig."""
-        self.rest()
-        self._process.presented = lambda piece: None
-
-    def _order(self, order: orders.Order) -> None:
-        if self._process.status.mode == "gone":
-            fault = self._process.status.fault
-            raise DeviceFault(fault) if fault else DeviceFault("the rig has gone", "open it again")
-        self._process.order(order)
-
-    def _answers(self, number: int, patience_s: float) -> Iterator[orders.Presented]:
-        """Yield what is told of the order of that number, to its end; what is told of others came late."""
-        while True:
-            try:
-                piece = self._told.get(timeout=patience_s)
-            except queue.Empty:
-                raise DeviceFault(f"the rig's process has told nothing for {patience_s:g} s") from None
-            if piece is None:
-                raise DeviceFault("the process that holds the rig has ended", "open the rig again")
-            if piece.number == number:
-                yield piece
-                if piece.over:
-                    return
-
 
 STORE = "lab.db"
 _EXAMPLE = "example:"
@@ -162,37 +39,32 @@ StoreName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9.
 """Name of a store in the folder of the console: a plain file name."""
 
 
-class ExperimentStart(ViewRequest):
-    """Request for what a study can begin from."""
+def offered(state: ConsoleState) -> Answer:
+    """Return what a study can begin from: the protocols that come with the package, the stores of the console's folder,
+    and export formats.
+    """
+    return {
+        "protocols": [f"{_EXAMPLE}{name}" for name in _shipped()],
+        "stores": sorted(path.name for path in state.folder.glob("*.db")),
+        "store": STORE,
+        "forms": list(FORMS),
+    }
 
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return the protocols that come with the package, the stores of the console's folder, and export formats."""
-        return {
-            "protocols": [f"{_EXAMPLE}{name}" for name in _shipped()],
-            "stores": sorted(path.name for path in state.folder.glob("*.db")),
-            "store": STORE,
-            "forms": list(FORMS),
-        }
 
-
-@dataclass(frozen=True)
-class ExperimentLook(ViewRequest):
-    """Request for what a protocol says, before a study begins from it."""
-
-    protocol: Name
-
-    def answer(self, state: ConsoleState) -> Answer:
-        """Return what the study is, and what its results will lack. Raises BadInput, naming the key, for none."""
-        protocol, _ = read_protocol(protocol_path(state.uploads, self.protocol), StudyProtocol)
-        items = [item.file for item in protocol.item] if isinstance(protocol, RecognitionProtocol) else []
-        return {
-            "study": protocol.study.name,
-            "kind": _kind(protocol),
-            "language": protocol.study.language,
-            "subjects": [subject.code for subject in protocol.subject],
-            "files": [*items, *filter(None, [protocol.study.language_file])],
-            "warning": protocol.warning,
-        }
+def look(state: ConsoleState, protocol: Name) -> Answer:
+    """Return what the study of a protocol is, and what its results will lack. Raises BadInput, naming the key, for a
+    file that is no protocol.
+    """
+    read, _ = read_protocol(protocol_path(state.uploads, protocol), StudyProtocol)
+    items = [item.file for item in read.item] if isinstance(read, RecognitionProtocol) else []
+    return {
+        "study": read.study.name,
+        "kind": _kind(read),
+        "language": read.study.language,
+        "subjects": [subject.code for subject in read.subject],
+        "files": [*items, *filter(None, [read.study.language_file])],
+        "warning": read.warning,
+    }
 
 
 def _kind(protocol: StudyProtocol) -> str:
@@ -201,32 +73,8 @@ def _kind(protocol: StudyProtocol) -> str:
     return "recognition" if isinstance(protocol, RecognitionProtocol) else "detection"
 
 
-@dataclass(frozen=True)
-class BeginStudy(PageRequest):
-    """Request to begin or resume a study. files: keys of what its protocol names. amend: why the protocol changed."""
-
-    protocol: Name
-    store: StoreName
-    files: Annotated[tuple[Name, ...], Field(max_length=20)] = ()
-    auto_start: bool = False
-    amend: Annotated[str, StringConstraints(max_length=400, strip_whitespace=True)] = ""
-
-
-class EndStudy(PageRequest):
-    """Request to end the study: nothing plays any more, its store is closed, and the rig is free."""
-
-
-@dataclass(frozen=True)
-class ExportStudy(PageRequest):
-    """Request for the store's trials in an open format, as one file (ZIP), or for its curve across subjects."""
-
-    store: StoreName
-    form: Name
-
-
-REQUESTS = {"experiment.start": ExperimentStart, "experiment.look": ExperimentLook}
-"""Requests of the view before a study is open, on the page's own connection."""
-_STUDY_REQUESTS: Requests[PageRequest] = {"begin": BeginStudy, "end": EndStudy, "export": ExportStudy}
+REQUESTS: Functions = {"experiment.start": offered, "experiment.look": look}
+"""Functions of ConsoleState, on the page's own connection."""
 
 
 @dataclass(frozen=True)
@@ -254,30 +102,19 @@ class StudyAtRig:
         self._listening.add(socket)
         try:
             await send(socket, {"study": self.standing()})
-            await serve_requests(socket, _STUDY_REQUESTS, self._answer)
+            await serve_requests(socket, bound(_STUDY_REQUESTS, self), self._state.uploads)
         except WebSocketDisconnect:
             return
         finally:
             self._listening.discard(socket)
 
-    async def _answer(self, number: int, request: PageRequest) -> Answer:
-        answer: Answer = {}
-        try:
-            with self._state.uploads.named_plainly():
-                match request:
-                    case BeginStudy():
-                        await self.begin(request)
-                    case EndStudy():
-                        await self.end()
-                    case ExportStudy():
-                        answer = await asyncio.to_thread(self.exported, request)
-        finally:
-            for socket in tuple(self._listening):
-                try:
-                    await send(socket, {"study": self.standing()})
-                except (WebSocketDisconnect, RuntimeError):
-                    self._listening.discard(socket)
-        return answer
+    async def _tell(self) -> None:
+        """Tell every page what study is open."""
+        for socket in tuple(self._listening):
+            try:
+                await send(socket, {"study": self.standing()})
+            except (WebSocketDisconnect, RuntimeError):
+                self._listening.discard(socket)
 
     def standing(self) -> Answer:
         """Return the study that is open, as a page shows it; `open` is None where there is none."""
@@ -286,57 +123,83 @@ class StudyAtRig:
             return {"open": None}
         return {"open": {"study": running.name, "store": running.store, "commands": _commands(running)}}
 
-    async def begin(self, request: BeginStudy) -> None:
-        """Begin or resume a study with the controller that is loaded. Raises BadInput as `experiment serve` refuses."""
-        async with self._changing:
-            if self._running is not None:
-                raise BadInput(f"the study {self._running.name!r} is open", "end it first")
-            controller = self._session.loaded_controller()
-            self._session.controls.reserve(self._stop)
-            try:
-                self._pages.lab, self._running = await asyncio.to_thread(self._begun, request, controller)
-            except BaseException:
-                self._session.controls.free()
-                raise
+    async def begin(
+        self,
+        protocol: Name,
+        store: StoreName,
+        files: Annotated[tuple[Name, ...], Field(max_length=20)] = (),
+        auto_start: bool = False,
+        amend: Annotated[str, StringConstraints(max_length=400, strip_whitespace=True)] = "",
+    ) -> Answer:
+        """Begin or resume a study with the controller that is loaded. Raises BadInput as `experiment serve` refuses.
 
-    def _begun(self, request: BeginStudy, controller: Controller) -> tuple[Lab, _Running]:
+        files: keys of what its protocol names. amend: why the protocol changed.
+        """
+        try:
+            async with self._changing:
+                if self._running is not None:
+                    raise BadInput(f"the study {self._running.name!r} is open", "end it first")
+                controller = self._session.loaded_controller()
+                self._session.controls.reserve(self._stop)
+                try:
+                    path = await asyncio.to_thread(together, self._state.uploads, protocol, files)
+                    begun = await asyncio.to_thread(self._begun, controller, path, store, auto_start, amend or None)
+                    self._pages.lab, self._running = begun
+                except BaseException:
+                    self._session.controls.free()
+                    raise
+        finally:
+            await self._tell()
+        return {}
+
+    def _begun(
+        self, controller: Controller, path: Path, store: str, auto_start: bool, amend: str | None
+    ) -> tuple[Lab, _Running]:
         with ExitStack() as stack:
-            store = self._state.folder / request.store
-            path = together(self._state.uploads, request.protocol, request.files)
             protocol, text = read_protocol(path, StudyProtocol)
-            stack.enter_context(sessions_of(store))
-            rig = stack.enter_context(ConsoleRig(self._session.rig))
+            stack.enter_context(sessions_of(self._state.folder / store))
+            process = self._session.rig
+            rig = stack.enter_context(ConsoleRig(process))
             rig.rest()  # a page may have left it live
             rig.load(controller)
-            place = Apparatus(rig, controller, self._session.rig.spec)
+            place = Apparatus(rig, controller, process.spec)
             task = task_of(protocol, path.parent, place)
-            database = stack.enter_context(opened_store(store))
-            amend = request.amend or None
+            database = stack.enter_context(opened_store(self._state.folder / store))
             study = open_study(database, task, text, SystemClock(), fresh_token, amend, path.parent)
-            lab = Lab(study, request.auto_start, _SHOWN if place.simulated else "")
+            lab = Lab(study, auto_start, _SHOWN if place.simulated else "")
             stack.callback(lab.close)
-            command = self._command(request, path.name)
-            return lab, _Running(protocol.study.name, request.store, command, stack.pop_all())
+            command = command_line(
+                "experiment serve",
+                path.name,
+                store=store,
+                rig=process.spec,
+                controller="controller.json",
+                seed=process.seed or None,
+                auto_start=auto_start,
+                amend=amend,
+            )
+            return lab, _Running(protocol.study.name, store, command, stack.pop_all())
 
-    async def end(self) -> None:
+    async def end(self) -> Answer:
         """End the study, if one is open: its pages are told, nothing plays any more, and the rig is free."""
         async with self._changing:
             running, self._running = self._running, None
-            if running is None:
-                return
-            await self._pages.close()
-            try:
-                await asyncio.to_thread(running.held.close)
-            finally:
-                self._session.controls.free()
+            if running is not None:
+                await self._pages.close()
+                try:
+                    await asyncio.to_thread(running.held.close)
+                finally:
+                    self._session.controls.free()
+        await self._tell()
+        return {}
 
-    def exported(self, request: ExportStudy) -> Answer:
-        """Return the key of a file with the store's trials in that format."""
+    def export(self, store: StoreName, form: Name) -> Answer:
+        """Return the key of a file with the store's trials in an open format (ZIP)."""
         key, folder = self._state.uploads.new_folder()
-        result = export(self._state.folder / request.store, folder / request.form, request.form)
-        archive = Path(shutil.make_archive(str(folder / request.form), "zip", folder, request.form))
+        result = export(self._state.folder / store, folder / form, form)
+        archive = Path(shutil.make_archive(str(folder / form), "zip", folder, form))
         self._state.uploads.keep(key, archive)
-        command = command_line("experiment export", store=request.store, out=request.form, format=request.form)
+        command = command_line("experiment export", store=store, out=form, format=form)
         return {"key": key, "name": archive.name, "trials": result.trials, "command": command}
 
     def _stop(self) -> None:
@@ -349,18 +212,9 @@ class StudyAtRig:
             except Exception:
                 LOGGER.exception("a stop of the experiment failed")
 
-    def _command(self, request: BeginStudy, protocol: str) -> str:
-        rig = self._session.rig
-        return command_line(
-            "experiment serve",
-            protocol,
-            store=request.store,
-            rig=rig.spec,
-            controller="controller.json",
-            seed=rig.seed or None,
-            auto_start=request.auto_start,
-            amend=request.amend or None,
-        )
+
+_STUDY_REQUESTS: Functions = {"begin": StudyAtRig.begin, "end": StudyAtRig.end, "export": StudyAtRig.export}
+"""Methods that a page may call once it is connected to the study."""
 
 
 def _commands(running: _Running) -> list[list[str]]:

@@ -66,7 +66,7 @@ export class GeneratorPanel {
     const { frequency, to, seconds } = this.inputs, kind = this.kind.value, names = { level_db_sl: this.level, ...(FIELDS[kind].includes("frequency") ? { frequency_hz: frequency } : {}), ...(kind === "sweep" ? { to_hz: to, sweep_s: seconds } : {}) };
     const numbers = Object.fromEntries(Object.entries(names).map(([name, field]) => [name, numberIn(field)]));
     if (Object.values(numbers).some(Number.isNaN)) return null;
-    return this.rig.do("wave", { kind, ...numbers, channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), file: kind === "file" ? kept.key : "" });
+    return this.rig.do("wave", { wave: { kind, ...numbers, channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), file: kind === "file" ? kept.key : "" } });
   }
 
   standing() {

@@ -108,9 +108,9 @@ export default class Loop {
     const { display, channel } = this.state, { what, more } = this.next, since = this.since;
     this.next = null; this.since = null; this.waiting = true;
     try {
-      const { id, frame, shape } = await this.link.ask(what, { display, channel, shape: this.shape(), ...more });
+      const { drawing, frame, shape } = await this.link.ask(what, { display, channel, shape: this.shape(), ...more });
       if (channel !== this.state.channel) return;
-      this.newest = id;
+      this.newest = drawing;
       if (this.next?.what !== "draw") this.state.shapes[channel] = shape;
       this.good = copied(shape);
       this.frame = frame;

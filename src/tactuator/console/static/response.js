@@ -59,7 +59,7 @@ export default class Response {
     const live = this.rig.standing.mode === "live", frequency_hz = this.frequencies();
     const numbers = { level_db_sl: this.value("level"), confidence_db: this.value("confidence"), longest_s: this.value("longest"), mains_hz: this.value("mains") };
     if (frequency_hz === null || Object.values(numbers).some(Number.isNaN)) return;
-    const answer = await this.rig.do("measure", { channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), load: this.load.value, frequency_hz, ...numbers });
+    const answer = await this.rig.do("measure", { settings: { channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), load: this.load.value, frequency_hz, ...numbers } });
     if (!answer) return;
     this.asking = true;
     line = answer.command;

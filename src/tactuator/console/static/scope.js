@@ -24,7 +24,7 @@ export default class Scope {
   }
 
   close() {
-    if (this.wanted && this.rig.open) this.rig.link.ask("look", { ...this.wanted, mode: "off" }).catch(() => {});
+    if (this.wanted && this.rig.open) this.rig.link.ask("look", { look: { ...this.wanted, mode: "off" } }).catch(() => {});
     this.rig?.close();
   }
 
@@ -77,7 +77,7 @@ export default class Scope {
     const hold = this.held !== null, mode = hold ? "hold" : this.mode.value, level = numberIn(this.level);
     if (!this.rig.open || Number.isNaN(level)) return;
     this.wanted = { span_s: this.seconds, columns: this.traces.columns, mode, channel: this.source.value, signal: this.signal.value, level, edge: this.edge.value, share: 0.2, end: hold ? this.held : 0 };
-    this.rig.link.ask("look", this.wanted).catch(refusal);
+    this.rig.link.ask("look", { look: this.wanted }).catch(refusal);
   }
 
   pause() {

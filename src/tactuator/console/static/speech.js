@@ -56,7 +56,7 @@ export default class Speech {
     this.busy = true;
     this.standing();
     const loaded = rig.standing.loaded || await rig.do("controller", { source: "design" });
-    if (loaded && await rig.do("live")) rig.forFile = Boolean(await rig.do("wave", { kind: "file", file: made.key, level_db_sl: made.peak_db_sl, channels: rig.standing.channels.map((one) => one.name) }));
+    if (loaded && await rig.do("live")) rig.forFile = Boolean(await rig.do("wave", { wave: { kind: "file", file: made.key, level_db_sl: made.peak_db_sl, channels: rig.standing.channels.map((one) => one.name) } }));
     this.busy = false;
     this.standing();
   }
