@@ -1,8 +1,8 @@
 """The glossary, `docs/glossary.md`: which words are in it, and how they are found in a text.
 
-It has a heading of the third level for each word, and other forms of it in a comment beneath,
-`<!-- also: thresholds -->`. A word that has other senses as well is found in some forms alone,
-`<!-- only as: finger load -->`.
+It has a heading of the third level for each term, and other forms of it in a comment beneath,
+`<!-- also: threshold -->`; plurals in -s are found too. A term that has other senses as well is found in some forms
+alone, `<!-- only as: finger load -->`.
 """
 
 import re
@@ -15,7 +15,9 @@ def glossary(text):
         head, _, body = part.partition("\n")
         more = re.search(r"<!-- (also|only as): (.*?) -->", body, re.DOTALL)
         forms_here = re.split(r",\s*", more[2]) if more else []
-        forms_here += [] if more and more[1] == "only as" else [head.strip()]
+        if not (more and more[1] == "only as"):
+            forms_here.append(head.strip())
+            forms_here += [f"{form}s" for form in forms_here]
         words = re.sub(r"<!--.*?-->", "", body, flags=re.DOTALL).split()
         told = re.match(r".*?[.;:](?=\s|$)|.*", " ".join(words))[0]
         forms.update({form: (head.strip(), told) for form in forms_here})
