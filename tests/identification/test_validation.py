@@ -17,8 +17,9 @@ from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.trust import CLIPPED, KNOCK
 from tactuator.identification.validation import validate
-from tactuator.io.record import is_response, read_foreign_response, read_record, write_record
-from tactuator.signals.record import Record
+from tactuator.io.columns import read_columns
+from tactuator.io.record import are_of_response, read_record, response_of, write_record
+from tactuator.signals.record import FrequencyResponse, Record
 from tests.identification.others import Plant, band_limited
 
 PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.0)
@@ -216,13 +217,16 @@ def test_read_foreign_response__columns_of_others__are_read_or_refused(tmp_path:
         path.write_text("\n".join([f"frequency_hz,{head}", *rows]) + "\n")
         return path
 
+    def foreign(file: Path) -> FrequencyResponse:
+        return response_of(file, read_columns(file))
+
     with pytest.raises(BadInput, match="or with real and imag"):
-        read_foreign_response(sheet("response", lambda _, c: f"{c.real:g}{c.imag:+g}j"))
-    assert is_response(sheet("real,imag", lambda _, c: f"{c.real:.9g},{c.imag:.9g}"))
-    np.testing.assert_allclose(read_foreign_response(path).value(), value, rtol=1e-7)
+        foreign(sheet("response", lambda _, c: f"{c.real:g}{c.imag:+g}j"))
+    assert are_of_response(read_columns(sheet("real,imag", lambda _, c: f"{c.real:.9g},{c.imag:.9g}")))
+    np.testing.assert_allclose(foreign(path).value(), value, rtol=1e-7)
     with pytest.raises(BadInput, match="phase is missing"):
-        read_foreign_response(sheet("magnitude_db,phase_deg", lambda k, _: f"1.0,{'nan' if k % 3 else '0'}"))
-    halved = read_foreign_response(
+        foreign(sheet("magnitude_db,phase_deg", lambda k, _: f"1.0,{'nan' if k % 3 else '0'}"))
+    halved = foreign(
         sheet("magnitude,phase_deg", lambda k, c: f"{abs(c):g},{np.degrees(np.angle(c)) if k % 2 else ''}")
     )
     assert halved.frequency_hz.size == 15

@@ -14,7 +14,8 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.io.csv_tables import read_pairs
-from tactuator.io.display import parse_display, read_display, with_curve, write_environment
+from tactuator.io.display import parse_display, read_display, with_curve
+from tactuator.io.environment import write_environment
 from tactuator.io.model import read_model, write_model
 from tactuator.io.response import read_responses, write_responses
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits

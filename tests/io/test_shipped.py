@@ -31,10 +31,11 @@ from tactuator.io.csv_tables import (
     write_contours,
     write_curve,
 )
-from tactuator.io.display import parse_display, read_display, write_environment
+from tactuator.io.display import parse_display, read_display
+from tactuator.io.environment import write_environment
 from tactuator.io.kinds import KINDS, kind_of
 from tactuator.io.model import write_model
-from tactuator.io.record import is_response, read_foreign_response, read_record, write_record
+from tactuator.io.record import are_of_response, read_measured, read_record, write_record
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.io.response import write_responses
 from tactuator.io.shipped import (
@@ -73,7 +74,7 @@ READERS = {
     "protocols/*.toml": lambda path: read_protocol(path, StudyProtocol),
     "protocols/*.wav": open_reference,
     "bench.csv": lambda path: read_record(path, input_name="drive", output_name="encoder", time_name="t"),
-    "sheet.csv": read_foreign_response,
+    "sheet.csv": read_measured,
     "pairs.csv": read_pairs,
     "curve.csv": read_curve,
     "loss.csv": read_relative_curve,
@@ -95,8 +96,8 @@ def test_examples__each__is_read_by_its_reader(name):
 def test_examples__each__is_what_the_others_take_it_for():
     with pytest.raises(BadInput, match=r"model\.json"):  # it is identified first
         read_display(EXAMPLES / "bench.toml")
-    assert is_response(EXAMPLES / "sheet.csv")
-    assert not is_response(EXAMPLES / "bench.csv")
+    assert are_of_response(read_columns(EXAMPLES / "sheet.csv"))
+    assert not are_of_response(read_columns(EXAMPLES / "bench.csv"))
     display = read_display(EXAMPLES / "display.toml")
     head = open_reference(EXAMPLES / "protocols" / "a.wav").head
     assert (head.rate_hz, head.channels) == (display.rate_hz, tuple(channel.name for channel in display.channels))

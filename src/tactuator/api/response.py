@@ -169,7 +169,7 @@ def noise(
     >>> sorted(tt.noise(rig, controller, duration_s=4.0).headline())
     ['index', 'middle', 'thumb']
     """
-    from tactuator.io.display import write_environment
+    from tactuator.io.environment import write_environment
     from tactuator.measure.noise import felt_noise, noise_verdict
 
     loop = chosen_controller(display, controller)

@@ -143,23 +143,17 @@ _TYPICAL = 0.01
 """Relative error of a magnitude that comes without one: a tenth of a decibel."""
 
 
-def is_response(path: Path) -> bool:
-    """Return true where a file's columns are a frequency and a magnitude (or real and imaginary part), and no time."""
-    try:
-        return _are_of_response(read_columns(path))
-    except BadInput:
-        return False
-
-
-def _are_of_response(columns: Columns) -> bool:
+def are_of_response(columns: Columns) -> bool:
+    """Return whether columns are a frequency and a magnitude (or real and imaginary part)."""
     names = {name.lower() for name in columns.values}
     parts = bool(names & set(REAL_NAMES)) and bool(names & set(IMAGINARY_NAMES))
     return bool(names & set(FREQUENCY_NAMES)) and (parts or bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES}))
 
 
-def read_foreign_response(path: Path) -> FrequencyResponse:
-    """Return the response in a file; points that are no number are left out and told. Raises BadInput."""
-    columns = read_columns(path)
+def response_of(path: Path, columns: Columns) -> FrequencyResponse:
+    """Return the response in a file's columns; points that are no number are left out, with a remark. Raises
+    BadInput.
+    """
     with within(f"response {path}"):
         return _assembled(path, columns)
 
@@ -251,9 +245,8 @@ def read_measured(path: Path, **names: Any) -> Record | FrequencyResponse:
 
 def measured_of(path: Path, columns: Columns, **names: Any) -> Record | FrequencyResponse:
     """Return what `read_measured` reads in a file whose columns are read already."""
-    if _are_of_response(columns):
-        with within(f"response {path}"):
-            return _assembled(path, columns)
+    if are_of_response(columns):
+        return response_of(path, columns)
     with within(f"record {path}"):
         return _assemble(path, columns, **names)
 
