@@ -65,7 +65,7 @@ def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlan
 
 def _of_model(path: Path, where: str) -> GivenPlant:
     document = _model_document(path, where)
-    table = {key: document[key] for key in ("num", "den", "delay_s") if key in document}
+    table: Mapping[str, Any] = {key: document[key] for key in ("num", "den", "delay_s") if key in document}
     system = system_of(table, where, f"plant {path}")
     covariance = document.get("covariance") or ()
     keys = {
