@@ -16,7 +16,7 @@ import numpy as np
 from paper_loop import paper_controller, paper_display
 from timing import in_turn, of_program
 
-from tactuator.experiment.procedure.quest_plus import QuestPlusRule, Tables
+from tactuator.experiment.procedure.quest_plus import QuestPlus, Tables
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
@@ -60,8 +60,8 @@ INTERVALS = "select trial_id, stimulus, commanded_db_sl, measured_db_sl, saturat
 
 def plain_quest_plus(runs: int) -> float:
     """Return the rms error of as many runs of QUEST+, about truths that scatter by 5 dB."""
-    rule, rng = QuestPlusRule(), np.random.default_rng(0)
-    table, model = Tables(rule), Psychometric(Weibull(2.5))
+    rule, rng = QuestPlus(), np.random.default_rng(0)
+    table, model = Tables(rule, 1.0 / 3.0), Psychometric(Weibull(2.5))
     errors = []
     for first in range(0, runs, 1000):
         truth = rng.normal(0.0, 5.0, min(1000, runs - first))
@@ -135,10 +135,8 @@ def own_process(work: str) -> list[str]:
 
 
 def run() -> dict[str, object]:
-    spent = in_turn(
-        {"own": lambda: simulate(QuestPlusRule(), Setting(RUNS)), "plain": lambda: plain_quest_plus(RUNS)}, 2
-    )
-    _, _, memory_mb = of_program(own_process(f"b.simulate(b.QuestPlusRule(), b.Setting({RUNS}))"))
+    spent = in_turn({"own": lambda: simulate(QuestPlus(), Setting(RUNS)), "plain": lambda: plain_quest_plus(RUNS)}, 2)
+    _, _, memory_mb = of_program(own_process(f"b.simulate(b.QuestPlus(), b.Setting({RUNS}))"))
     figures: dict[str, object] = {
         "quest_plus": {
             "own_s": spent["own"],

@@ -16,10 +16,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.procedure import Answering
+from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.procedure.run_flags import unseen_notch
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurve
 from witnesses.curve.people import GUESS, POPULATIONS, Floats, People, Population
 
 LEAST_COVERAGE, MOST_RMS_DB = 0.93, 1.8
@@ -64,14 +63,15 @@ def _rms(error: Floats) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def measured(rule: WholeCurveRule, people: People, narrow: bool) -> Judged:
+def measured(rule: WholeCurve, people: People, narrow: bool) -> Judged:
     """Run the procedure on some people."""
-    hertz, count = rule.prior.frequency_hz, people.count
-    belief, truth = CurveBelief(rule.prior, Answering(guess=GUESS), count), people.threshold(hertz)
+    hertz, count = rule.places(Playable()), people.count
+    runs, truth = rule.begin(GUESS, Playable(), count), people.threshold(hertz)
+    belief = runs.belief
     played, early = np.zeros((count, hertz.size), dtype=np.intp), np.zeros_like(truth)
     for trial in range(rule.trials):
-        point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
-        belief.learn(point, level, people.answers(hertz[point], level, trial))
+        point = np.argmin(np.abs(np.log(runs.frequency_hz[:, None] / hertz)), axis=1)
+        runs.record(people.answers(hertz[point], runs.level_db_sl, trial))
         played[np.arange(count), point] += 1
         if trial + 1 == _EARLY:
             early = belief.curve(hertz).mean - truth
@@ -94,8 +94,8 @@ def together(parts: list[Judged]) -> Judged:
 
 def run(population: Population, number: int, count: int, seed: int, narrow: bool) -> dict[str, object]:
     """Run a population and return its figures."""
-    rule, parts = WholeCurveRule(), []
-    hertz, begun = rule.prior.frequency_hz, time.process_time()
+    rule, parts = WholeCurve(), []
+    hertz, begun = rule.places(Playable()), time.process_time()
     for first in range(0, count, _AT_ONCE):
         size = min(_AT_ONCE, count - first)
         people = People(population, size, rule.trials, np.random.default_rng((seed, number, first)))

@@ -19,13 +19,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.procedure import Playable, procedure_kind
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
-from tactuator.experiment.procedure.whole_curve import CurveKeys
+from tactuator.experiment.procedure.whole_curve import Trials, WholeCurve, curve_flags, learnt
 from tactuator.experiment.result.played import inattentive
-from tactuator.experiment.result.thresholds import curve_run
 from witnesses.people.drawn import GUESS, POPULATIONS, Array, People
 
 LOUD_SHARE, ABOVE_DB, COMFORT_DB = 0.2, 20.0, 55.0
@@ -49,15 +47,12 @@ def louds(rng: np.random.Generator) -> int:
 
 def curves(people: People, count: int, rng: np.random.Generator, keep: Kept) -> list[set[str]]:
     """Return the flags of each person's run of the whole curve."""
-    keys = procedure_kind("curve")(kind="curve")
-    assert isinstance(keys, CurveKeys)
-    rule = keys.rule(GUESS, Playable())
-    hertz, who = rule.prior.frequency_hz, np.arange(count)
-    belief = CurveBelief(rule.prior, rule.answering, count)
+    rule, who = WholeCurve(), np.arange(count)
+    hertz, runs = rule.places(Playable()), rule.begin(GUESS, Playable(), count)
     played: list[list[tuple[float, float, bool]]] = [[] for _ in who]
     missed = np.zeros((count, 2), dtype=int)
     for trial in range(rule.trials):
-        point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
+        point, level = np.argmin(np.abs(np.log(runs.frequency_hz[:, None] / hertz)), axis=1), runs.level_db_sl
         done = np.full(count, trial / rule.trials)
         for person in who:
             for _ in range(louds(rng)):
@@ -67,13 +62,15 @@ def curves(people: People, count: int, rng: np.random.Generator, keep: Kept) -> 
                 played[person].append((float(at[0]), loud, correct))
                 missed[person] += (not correct, 1)
         right = people.right(who, hertz[point], level, done, rng)
-        belief.learn(point, level, right)
+        runs.record(right)
         for person in who:
             played[person].append((float(hertz[point[person]]), float(level[person]), bool(right[person])))
     found = []
     for person in who:
         at, levels, answers = (np.array(column) for column in zip(*played[person], strict=True))
-        flags = curve_run(rule, at, levels, answers.astype(bool)).flags
+        point = np.argmin(np.abs(np.log(at[:, None] / hertz)), axis=1)
+        trials = Trials(point[None, :], levels[None, :], answers[None, :].astype(bool))
+        flags = curve_flags(learnt(rule.begin(GUESS, Playable()).belief, trials), trials)
         keep.append(
             (
                 float(flags.log_bayes_factor[0]),
@@ -90,13 +87,13 @@ def runs(
     kind: str, people: People, count: int, rng: np.random.Generator, keep: list[tuple[float, ...]]
 ) -> list[set[str]]:
     """Return the flags of each person's run at one frequency."""
-    keys = procedure_kind(kind)(kind=kind)
-    rows, missed, point = [], np.zeros((count, 2), dtype=int), 0.0
+    procedure = procedure_kind(kind)(kind=kind)
+    rows, missed = [], np.zeros((count, 2), dtype=int)
     for person in range(count):
-        run, row = keys.build(GUESS, Playable()), list[tuple[float, bool]]()
+        run, row = procedure.begin(GUESS, Playable()), list[tuple[float, bool]]()
         one, hertz = np.array([person]), np.array([10.0 ** rng.uniform(0.0, 2.4)])
         while (placement := run.placement()) is not None:
-            done = np.array([min(run.trials / USUAL_TRIALS[kind], 1.0)])
+            done = np.array([min(int(run.trials[0]) / USUAL_TRIALS[kind], 1.0)])
             for _ in range(louds(rng)):
                 loud = min(placement.level_db_sl + ABOVE_DB, COMFORT_DB)
                 correct = bool(people.right(one, hertz, np.array([loud]), done, rng)[0])
@@ -106,12 +103,11 @@ def runs(
             row.append((placement.level_db_sl, correct))
             run.record(correct)
         rows.append(row)
-        point = run.point
     levels = np.full((count, max(map(len, rows))), np.nan)
     answers = np.zeros(levels.shape, dtype=bool)
     for person, row in enumerate(rows):
         levels[person, : len(row)], answers[person, : len(row)] = zip(*row, strict=True)
-    prior = RefitPrior(guess=GUESS, target=round(point, 6))
+    prior = RefitPrior(guess=GUESS, target=round(procedure.point, 6))
     fitted = refit(levels, answers, prior)
     flags = run_flags(levels, answers, fitted, prior)
     for person in range(count):

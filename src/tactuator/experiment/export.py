@@ -24,7 +24,6 @@ from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, lite
 
 from tactuator import __version__
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.recognition import Paradigm
@@ -203,7 +202,7 @@ def _refit(text: str) -> dict[str, object]:
     protocol = parse_protocol(text, StudyProtocol)
     if not isinstance(protocol, Protocol) or protocol.procedure.chooses_frequency:
         return {}
-    return {"refit": refit_prior(protocol.paradigm.guess, protocol.fresh_run(Playable())).settings()}
+    return {"refit": refit_prior(protocol).settings()}
 
 
 def label(text: str) -> str:

@@ -18,47 +18,46 @@ from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 SOURCE = '''
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
-from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, ProcedureKeys
+from tactuator.experiment.procedure.procedure import Estimate, Procedure, Runs
 from tactuator.parameters import Positive, Whole, table
 
 
 @table("[procedure]")
-class Keys(ProcedureKeys):
+class Weighted(Procedure):
     """Falls by a step after every right answer, rises by three after a wrong one; the mean of the second half."""
 
     trials: Annotated[Whole, Field(ge=2, description="trials of a run")] = 60
     step_db: Annotated[Positive, Field(description="step of the level")] = 1.0
     start_db_sl: float = 20.0
 
-    def build(self, guess, playable):
-        return Run(self)
+    def begin(self, guess=None, playable=None, count=1):
+        return WeightedRuns(self, count)
 
 
-class Run(FixedTrials):
-    flags = ()
+class WeightedRuns(Runs):
+    def __init__(self, rule, count):
+        super().__init__(count, rule.trials)
+        self.rule, self.levels = rule, [np.full(count, rule.start_db_sl)]
 
-    def __init__(self, keys):
-        super().__init__(keys.trials)
-        self.keys, self.levels = keys, [keys.start_db_sl]
+    @property
+    def level_db_sl(self):
+        return self.levels[-1]
 
-    def placement(self):
-        return None if self.is_over else Placement(self.levels[-1])
+    def learn(self, correct):
+        self.levels.append(self.levels[-1] + np.where(correct, -self.rule.step_db, 3.0 * self.rule.step_db))
 
-    def record(self, correct):
-        self._count()
-        self.levels.append(self.levels[-1] + (-self.keys.step_db if correct else 3.0 * self.keys.step_db))
-
-    def estimate(self):
-        late = self.levels[self.keys.trials // 2 : -1]
-        return Estimate(sum(late) / len(late), None) if self.is_over else None
+    def estimate(self, run=0):
+        late = [level[run] for level in self.levels[self.rule.trials // 2 : -1]]
+        return Estimate(sum(late) / len(late), None) if self.over[run] else None
 '''
 
 
 @pytest.fixture(autouse=True)
 def foreign(install):
-    install(GROUP, "weighted", SOURCE, "Keys")
+    install(GROUP, "weighted", SOURCE, "Weighted")
 
 
 def protocol_text(keys: str) -> str:
@@ -73,7 +72,7 @@ def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> Non
     with pytest.raises(BadInput, match=r"reversals is not a key that is known; allowed: .*trials, step_db"):
         parse_protocol(protocol_text("reversals = 4"), Protocol)
     protocol = parse_protocol(text, Protocol)
-    assert protocol.fresh_run(Playable()).placement().level_db_sl == 20.0
+    assert protocol.begin(Playable()).placement().level_db_sl == 20.0
     assert protocol.procedure.typical_trials == 24
     observers = simulated_observers(curve("bolanowski-1988"), len(protocol.subject), seed=5)
     run_study(store, protocol, text, apparatus(), observers, SystemClock(), "finger")
@@ -93,7 +92,7 @@ def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:
     with pytest.raises(BadInput, match="'guess'; allowed: curve, imece2004, quest-plus, up-down, weighted"):
         simulate_kind("guess", Setting(10))
     install(GROUP, "number", "Keys = 4\n", "Keys", package="second_laboratory")
-    with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from ProcedureKeys"):
+    with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from Procedure"):
         simulate_kind("number", Setting(10))
     paper, updown = (simulate_kind(kind, Setting(50, seed=2)) for kind in ("imece2004", "up-down"))
     assert dataclasses.asdict(paper) == dataclasses.asdict(updown)

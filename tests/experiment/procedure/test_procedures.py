@@ -6,7 +6,6 @@ Truths are written down here and in the project's table of procedures outside th
 import dataclasses
 import tomllib
 from collections import Counter
-from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -18,22 +17,20 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods, Sites, refine
-from tactuator.experiment.procedure.procedure import Answering
-from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, tables
+from tactuator.experiment.procedure.procedure import GUESS, Answering, Playable
+from tactuator.experiment.procedure.quest_plus import QuestPlus, tables
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import EXCLUDED_ODDS, unseen_notch
-from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule, run_tracks
-from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, WholeCurveRule, curve_drift
-from tactuator.experiment.simulated.quality import Setting, simulate_curve
+from tactuator.experiment.procedure.up_down import Imece2004, Tracks, UpDown
+from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurve, curve_drift
+from tactuator.experiment.simulated.quality import Setting, simulate
 from tactuator.perception.curve import RelativeCurve
 from tactuator.perception.psychometric import Psychometric
 from tests.experiment.conftest import Logistic
 from witnesses.people.flags import LOUD_SHARE, judged
 
 
-@pytest.mark.parametrize(
-    "make", [lambda: QuestPlus(QuestPlusRule(trials=12)), lambda: WholeCurve(WholeCurveRule(trials=12))]
-)
+@pytest.mark.parametrize("make", [lambda: QuestPlus(trials=12).begin(), lambda: WholeCurve(trials=12).begin()])
 def test_procedure__replayed__lands_on_the_same_trials(make) -> None:
     outcomes = [True, True, False, True, True, False, True, True, True, False, True, True]
     first, second = make(), make()
@@ -45,17 +42,17 @@ def test_procedure__replayed__lands_on_the_same_trials(make) -> None:
         assert second.placement() == second.placement() == place
         second.record(outcome)
     assert first.placement() is None
-    assert (first.trials, first.progress) == (12, 1.0)
+    assert (first.trials[0], first.progress()) == (12, 1.0)
     with pytest.raises(BadInput, match="over after 12"):
         first.record(True)
 
 
 @pytest.mark.parametrize(("correct", "flag"), [(True, "floor"), (False, "ceiling")])
 def test_quest_plus__always_the_same_answer__is_flagged(correct: bool, flag: str) -> None:
-    run = QuestPlus(QuestPlusRule(trials=40))
+    run = QuestPlus(trials=40).begin()
     for _ in range(40):
         run.record(correct)
-    assert flag in run.flags
+    assert flag in run.flags()
 
 
 def test_points__keep_away_from_mains() -> None:
@@ -69,19 +66,17 @@ def test_points__keep_away_from_mains() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: QuestPlusRule(trials=0),
-        lambda: QuestPlusRule(low_db_sl=10.0, high_db_sl=5.0),
-        lambda: QuestPlusRule(slopes=(1.0,)),
-        lambda: QuestPlusRule(aim="fun"),  # type: ignore[arg-type]
-        lambda: QuestPlusRule(expected_sd_db=0.0),
-        lambda: QuestPlusRule(guess=0.9),
-        lambda: WholeCurveRule(trials=0),
-        lambda: WholeCurveRule(floor_db_sl=50.0),
+        lambda: QuestPlus(trials=0),
+        lambda: QuestPlus(low_db_sl=10.0, high_db_sl=5.0),
+        lambda: QuestPlus(aim="fun"),  # type: ignore[arg-type]
+        lambda: QuestPlus(expected_sd_db=0.0),
+        lambda: WholeCurve(trials=0),
+        lambda: WholeCurve(floor_db_sl=50.0),
         lambda: CurvePrior(band_hz=(3.0, 1.0)),
         lambda: CurvePrior(points=2),
         lambda: CurvePrior(notch_db=-1.0),
         lambda: CurvePrior(clearance_hz=40.0),
-        lambda: WholeCurveRule(answering=Answering(lapses=(0.3,), lapse_shares=(1.0,))),
+        lambda: Answering(lapses=(0.3,), lapse_shares=(1.0,)),
         lambda: Answering(slopes=()),
         lambda: CurveKind("odd", wave_decades=0.0),
     ],
@@ -106,8 +101,8 @@ def test_flags__of_the_witness_s_people__are_seldom_wrong_and_mostly_right() -> 
 
 
 def test_quest_plus__estimate__is_of_the_product_of_prior_and_all_answers() -> None:
-    rule, rng = QuestPlusRule(trials=25), np.random.default_rng(2)
-    run, table = QuestPlus(rule), tables(rule)
+    procedure, rng = QuestPlus(trials=25), np.random.default_rng(2)
+    run, table = procedure.begin(), tables(procedure, GUESS)
     weight = table.prior.copy()
     while (placement := run.placement()) is not None:
         right, psi = bool(rng.random() < 0.7), table.psi[:, np.flatnonzero(table.levels == placement.level_db_sl)[0]]
@@ -126,49 +121,48 @@ def test_refit__target_of_the_procedure__is_where_psi_reaches_it(target: float) 
     assert float(np.mean(found.threshold_db)) == pytest.approx(0.0, abs=0.35)
 
 
-def track(rule: UpDownRule, start: float, responses: str) -> UpDown:
-    run = UpDown(replace(rule, start_db_sl=start))
+def track(procedure: UpDown | Imece2004, responses: str) -> tuple[Tracks, list[float]]:
+    """Return the track after the responses, and the level of every trial and of the one that comes next."""
+    run = procedure.begin()
+    levels = [float(run.level_db_sl[0])]
     for response in responses:
         run.record(response == "+")
-    return run
+        levels.append(float(run.level_db_sl[0]))
+    return run, levels
+
+
+def reversals(run: Tracks) -> list[float]:
+    return run.reversal_db_sl[0, : run.reversals[0]].tolist()
 
 
 def test_imece2004_and_initial_rule__tracks_by_hand__step_and_end_as_psychopys_do() -> None:
     # StairHandler with stepSizes=[4,4,4,1], nReversals=15, nUp=1, nDown=3, applyInitialRule=False (facts, section 5).
-    responses = "++++++-+++-+++-++-++++++-"
-    run = track(IMECE2004, 20.0, responses)
-    by_hand = [20, 20, 20, 16, 16, 16, 12, 16, 16, 16, 12, 13, 13, 13, 12, 13, 13, 13, 14, 14, 14, 13, 13, 13, 12]
-    assert run.levels == by_hand
-    assert run.reversal_levels == [12, 16, 12, 13, 12, 14, 12]
-    assert run.level_db_sl == 13
+    run, levels = track(Imece2004(), "++++++-+++-+++-++-++++++-")
+    by_hand = [20, 20, 20, 16, 16, 16, 12, 16, 16, 16, 12, 13, 13, 13, 12, 13, 13, 13, 14, 14, 14, 13, 13, 13, 12, 13]
+    assert levels == by_hand
+    assert reversals(run) == [12, 16, 12, 13, 12, 14, 12]
     # Down to 12 and up: three reversals at 4 dB; then every +++ and - in turn is a reversal, between 13 and 12.
-    run = track(IMECE2004, 20.0, "++++++-+++-" + ("+++-") * 6)
+    run, _ = track(Imece2004(), "++++++-+++-" + ("+++-") * 6)
     assert run.placement() is None
-    assert run.reversal_levels == [12, 16, 12] + [13, 12] * 6
+    assert reversals(run) == [12, 16, 12] + [13, 12] * 6
     estimate = run.estimate()
     assert estimate is not None
     assert estimate.level_db_sl == 12.5
     with pytest.raises(BadInput, match="over after 35 trials"):
         run.record(True)
-    rule = UpDownRule(steps_db=(4.0, 2.0), reversals=4, averaged=2, initial_rule=True)
-    run = track(rule, 20.0, "+++-+++")
-    assert run.levels == [20, 16, 12, 8, 10, 10, 10]
-    assert run.level_db_sl == 8
+    _, levels = track(UpDown(steps_db=(4.0, 2.0), reversals=4, averaged=2, initial_rule=True), "+++-+++")
+    assert levels == [20, 16, 12, 8, 10, 10, 10, 8]
 
 
 def test_simple_up_down__levitts_example__runs_end_where_he_counts_them() -> None:
     # Levitt (1971), figure 4, as remembered: trials 1 to 2 are the first run, 2 to 6 the second, 6 to 8 the third. The
     # text of the paper was not at hand; what is certain is that a run is a series of steps in one direction.
-    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=4, averaged=4, average="mid-runs", start_db_sl=0.0)
-    run = UpDown(rule)
-    turned_at = []
-    for trial, response in enumerate("+----++--+", start=1):
-        before = len(run.reversal_levels)
-        run.record(response == "+")
-        turned_at += [trial] * (len(run.reversal_levels) - before)
-    assert turned_at[:3] == [2, 6, 8]
-    assert run.levels[:8] == [0, -1, 0, 1, 2, 3, 2, 1]
-    assert run.reversal_levels == [-1, 3, 1, 3]
+    rule = UpDown(down=1, up=1, steps_db=(1.0,), reversals=4, averaged=4, average="mid-runs", start_db_sl=0.0)
+    turned = [int(track(rule, "+----++--+"[:count])[0].reversals[0]) for count in range(1, 11)]
+    assert [1 + turned.index(count) for count in (1, 2, 3)] == [2, 6, 8]
+    run, levels = track(rule, "+----++--+")
+    assert levels[:8] == [0, -1, 0, 1, 2, 3, 2, 1]
+    assert reversals(run) == [-1, 3, 1, 3]
     estimate = run.estimate()
     assert estimate is not None
     assert estimate.level_db_sl == 1.5  # mid-runs two and four: (-1 + 3)/2 and (1 + 3)/2
@@ -179,7 +173,7 @@ def test_simple_up_down__levitts_example__runs_end_where_he_counts_them() -> Non
     [(1, 1, 0.5), (2, 1, 0.7071), (3, 1, 0.7937), (4, 1, 0.8409), (1, 2, 0.2929), (1, 3, 0.2063)],
 )
 def test_target__levitts_table_one__is_met(down: int, up: int, target: float) -> None:
-    assert UpDownRule(down=down, up=up).target == pytest.approx(target, abs=1e-4)
+    assert UpDown(down=down, up=up).point == pytest.approx(target, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -191,26 +185,46 @@ def test_target__levitts_table_one__is_met(down: int, up: int, target: float) ->
     ],
 )
 def test_limit__track_wants_beyond__is_held_and_flagged(limits, responses, level_db_sl, flag) -> None:
-    run = track(UpDownRule(**limits), 20.0, responses)
-    assert (run.level_db_sl, run.flags, run.estimate()) == (level_db_sl, (flag,), None)
+    run, _ = track(UpDown(**limits), responses)
+    assert (run.level_db_sl[0], run.flags(), run.estimate()) == (level_db_sl, (flag,), None)
     assert (run.placement() is None) == (flag == "trial-limit")
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=120), st.booleans())
-def test_batch__any_responses__gives_the_single_track(responses: list[bool], initial: bool) -> None:
-    rule = UpDownRule(initial_rule=initial, floor_db_sl=-5.0, trial_limit=len(responses), start_db_sl=10.0)
-    run = UpDown(rule)
-    for response in responses:
-        if run.placement() is not None:
-            run.record(response)
-    answers = iter(responses)
-    tracks = run_tracks(
-        rule, np.array([10.0]), lambda _, __, ___: np.array([float(next(answers))]), np.random.default_rng(0)
-    )
-    assert tracks.levels_db_sl[0].tolist() == run.levels
-    estimate = run.estimate()
-    own = tracks.estimates_db_sl[0]
-    assert np.isnan(own) if estimate is None else own == pytest.approx(estimate.level_db_sl)
+def by_rule(rule: UpDown, responses: list[bool]) -> tuple[list[float], list[float]]:
+    """Levels and reversals of a track by the rule as Levitt has it in words, one trial after the other."""
+    level, levels, turned, direction, row = rule.start_db_sl, [], [], 0, ""
+    for right in responses:
+        if len(turned) == rule.reversals:
+            break
+        levels.append(level)
+        row = (row if row[-1:] == "-+"[right] else "") + "-+"[right]
+        needed = (1, 1) if rule.initial_rule and not turned else (rule.down, rule.up)
+        if len(row) < needed[0 if right else 1]:
+            continue
+        step, row = (-1 if right else 1), ""
+        if direction == -step:
+            turned.append(level)
+        direction = step
+        size = rule.steps_db[len(turned)] if len(turned) < len(rule.steps_db) else rule.steps_db[-1]
+        level = min(max(level + step * size, rule.floor_db_sl), rule.ceiling_db_sl)
+    return levels, turned
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=80, max_size=80), min_size=1, max_size=4), st.booleans())
+def test_tracks__side_by_side__are_each_that_of_the_rule_in_words(responses, initial: bool) -> None:
+    rule = UpDown(initial_rule=initial, floor_db_sl=-5.0, start_db_sl=10.0, down=2, reversals=9, averaged=4)
+    runs, levels = rule.begin(count=len(responses)), []
+    for outcomes in np.array(responses).T:
+        if not runs.over.all():
+            levels.append(np.where(runs.over, np.nan, runs.level_db_sl))
+            runs.record(outcomes)
+    for row, mine in enumerate(responses):
+        by_hand, turned = by_rule(rule, mine)
+        assert np.array(levels)[:, row][: len(by_hand)] == pytest.approx(by_hand, abs=1e-14)
+        assert runs.trials[row] == len(by_hand)
+        estimate = runs.estimate(row)
+        assert (estimate is None) == (len(turned) < 9)
+        assert estimate is None or estimate.level_db_sl == pytest.approx(np.mean(turned[-4:]), abs=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +243,7 @@ def test_batch__any_responses__gives_the_single_track(responses: list[bool], ini
 )
 def test_up_down_rule__nonsense__is_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        UpDownRule(**settings)  # type: ignore[arg-type]
+        UpDown(**settings)  # type: ignore[arg-type]
 
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)
@@ -241,20 +255,20 @@ FINE_HZ = np.geomspace(0.4, 300.0, 400)
 def test_whole_curve__person_outside_the_prior__stays_inside_the_band(curve_db: np.ndarray, limit_db: float) -> None:
     """Two runs; `witnesses.curve.populations` has hundreds of many people."""
     theirs = RelativeCurve(FINE_HZ, curve_db, "theirs")
-    quality = simulate_curve(WholeCurveRule(100), Setting(2, lapse=0.02, seed=3), theirs)
+    quality = simulate(WholeCurve(100), Setting(2, lapse=0.02, seed=3), theirs)
     assert quality.coverage95 >= 0.80
     assert quality.rms_error_db <= limit_db
     assert (quality.flags.get("chance", 0.0), quality.people) == (0.0, "theirs")
 
 
 def test_whole_curve__guessers__are_flagged() -> None:
-    guessers = simulate_curve(WholeCurveRule(60), Setting(2, seed=3, guessed=1.0))
+    guessers = simulate(WholeCurve(60), Setting(2, seed=3, guessed=1.0))
     assert guessers.flags["chance"] == guessers.flagged == 1.0
 
 
 def test_whole_curve__before_any_trial__is_the_prior() -> None:
     prior = CurvePrior()
-    read = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
+    read = WholeCurve().begin().belief.curve([1.0, 11.0, 200.0])
     kinds = [kind for kind in prior.kinds if not kind.is_local]  # the local ones join when trials speak for them
     shares = np.array([kind.share for kind in kinds])[:, None] * np.array(Answering().lapse_shares)
     shares = (shares**0.75).sum(axis=1)  # tempered, as the band is
@@ -264,8 +278,8 @@ def test_whole_curve__before_any_trial__is_the_prior() -> None:
     variances = np.array([np.diag(kind.covariance(asked, asked, prior.middle_hz)) for kind in kinds])
     expected = shares @ (variances + means**2) - (shares @ means) ** 2
     assert sum(kind.share for kind in prior.kinds) == pytest.approx(1.0)
-    assert read.mean == pytest.approx(shares @ means, abs=0.05)
-    assert read.sd == pytest.approx(1.3 * np.sqrt(expected), rel=0.02)  # bands are widened by that much
+    assert read.mean[0] == pytest.approx(shares @ means, abs=0.05)
+    assert read.sd[0] == pytest.approx(1.3 * np.sqrt(expected), rel=0.02)  # bands are widened by that much
 
 
 def test_kind__drawn_curves_and_values_between_points__have_the_covariance_it_says() -> None:
@@ -391,15 +405,18 @@ def test_belief__same_trials_in_another_order__ends_as_the_same_curve() -> None:
     assert one.sd == pytest.approx(other.sd, rel=0.05)
 
 
+POINTS_HZ = WholeCurve().places(Playable())
+
+
 def people(truth: np.ndarray, trials: int, seed: int) -> tuple[CurveBelief, np.ndarray]:
     """Run logistic people with such curves, (people, points); return what is believed, and the points of all trials."""
-    rule, rng, shape = WholeCurveRule(), np.random.default_rng(seed), Psychometric(Logistic(), lapse=0.02)
-    belief, played, everybody = CurveBelief(rule.prior, rule.answering, len(truth)), [], np.arange(len(truth))
+    rng, shape = np.random.default_rng(seed), Psychometric(Logistic(), lapse=0.02)
+    runs, played, everybody = WholeCurve().begin(count=len(truth)), [], np.arange(len(truth))
     for _ in range(trials):
-        point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
-        belief.learn(point, level, rng.random(len(truth)) < shape.probability(level - truth[everybody, point]))
+        point = np.argmin(np.abs(np.log(runs.frequency_hz[:, None] / POINTS_HZ)), axis=1)
         played.append(point)
-    return belief, np.array(played)
+        runs.record(rng.random(len(truth)) < shape.probability(runs.level_db_sl - truth[everybody, point]))
+    return runs.belief, np.array(played)
 
 
 @pytest.mark.slow
@@ -408,7 +425,7 @@ def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twel
 
     A thirteenth person has a wide notch at 6 Hz, a fourteenth none: no third of an octave has fewer than two trials.
     """
-    decades = np.log10(WholeCurveRule().prior.frequency_hz)
+    decades = np.log10(POINTS_HZ)
     narrow, wide = (
         15.0 * np.exp(-0.5 * ((decades - np.log10(at)) / sd) ** 2) for at, sd in ((192.0, 0.06), (6.0, 0.2))
     )
@@ -424,7 +441,7 @@ def test_whole_curve__notch_of_a_twentieth_of_a_decade__is_found_in_nine_of_twel
 
 
 def test_unseen_notch__few_trials__says_how_many_would_tell_and_these_do() -> None:
-    belief, _ = people(np.zeros((1, WholeCurveRule().prior.points)), 75, seed=3)
+    belief, _ = people(np.zeros((1, POINTS_HZ.size)), 75, seed=3)
     before, rng = unseen_notch(belief), np.random.default_rng(0)
     asked = np.flatnonzero(before.trials[0] > 0)
     assert asked.size >= 3

@@ -11,9 +11,9 @@ from matplotlib.lines import CARETUPBASE
 
 from tactuator.api.result import finite
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.procedure.refit import refit
-from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.played import delivered_level
@@ -24,7 +24,7 @@ from tactuator.experiment.result.store_results import (
     psychometric_trials,
     store_results,
 )
-from tactuator.experiment.result.thresholds import DOUBTFUL, replayed, thresholds
+from tactuator.experiment.result.thresholds import DOUBTFUL, played_at, thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
@@ -205,18 +205,15 @@ def test_delivered__friction_takes_more_of_weak_tones__is_that_near_threshold(fr
 
 
 @pytest.mark.parametrize("mains_hz", [60.0, 50.0, 0.0])
-def test_replayed__whole_curve_at_other_mains__has_the_frequencies_played(mains_hz) -> None:
+def test_played_at__whole_curve_at_other_mains__has_the_frequencies_played(mains_hz) -> None:
     head, tail = TEXT.split("[procedure]")[0], TEXT[TEXT.index("[conditions]") :]
     protocol = parse_protocol(
         f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", ""), Protocol
     )
-    prior = WholeCurveRule(prior=CurvePrior(band_hz=(0.4, 300.0), mains_hz=mains_hz, clearance_hz=4.0)).prior
+    hertz = WholeCurve().places(Playable((0.4, 300.0), mains_hz, 4.0))
     about = SimpleNamespace(band_low_hz=0.4, band_high_hz=300.0)
-    hertz = prior.frequency_hz
     run = StoredRun(None, about, protocol, hertz, 0.0 * hertz, 0.0 * hertz, hertz > 0.0, None)  # type: ignore[arg-type]
-    procedure = replayed(run)
-    assert isinstance(procedure, WholeCurve)
-    assert procedure.rule.prior.frequency_hz == pytest.approx(hertz)
+    assert protocol.procedure.places(played_at(run)) == pytest.approx(hertz)
 
 
 def test_whole_curve__through_the_display__follows_the_truth(store) -> None:

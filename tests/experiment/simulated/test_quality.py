@@ -1,6 +1,5 @@
 """The procedures' quality against the table of facts, section 5; observers; the plan of a study against an integral."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -11,20 +10,21 @@ from scipy import integrate, stats
 from scipy.stats import norm
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.quest_plus import QuestPlusRule
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.procedure.quest_plus import QuestPlus
 from tactuator.experiment.procedure.refit import refit
-from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.up_down import Imece2004, UpDown
+from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.simulated.planning import PlannedStudy
-from tactuator.experiment.simulated.quality import Setting, run_procedure, simulate, simulate_curve, with_loud_trials
+from tactuator.experiment.simulated.quality import Setting, simulate, simulated, with_loud_trials
 from tactuator.experiment.simulated.sitting import Observer
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 
 
 def tracks(rule, setting):
-    done, truth = run_procedure(rule, setting, np.random.default_rng(setting.seed))
-    return done, done.estimates_db_sl - truth.threshold
+    done = simulated(rule, setting, setting.runs, np.random.default_rng(setting.seed))
+    return done, done.own_db_sl - done.truth_db_sl[:, 0]
 
 
 TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
@@ -38,7 +38,7 @@ TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
 
 @pytest.mark.parametrize(("slope", "lapse", "bias", "sd", "trials", "low", "high"), TABLE)
 def test_imece2004__four_thousand_runs__reproduce_the_table(slope, lapse, bias, sd, trials, low, high) -> None:
-    found, errors = tracks(IMECE2004, Setting(4000, (slope, slope), lapse, seed=4))
+    found, errors = tracks(Imece2004(), Setting(4000, (slope, slope), lapse, seed=4))
     assert errors.mean() == pytest.approx(bias, abs=0.06)
     assert errors.std(ddof=1) == pytest.approx(sd, rel=0.05)
     assert found.trials.mean() == pytest.approx(trials, abs=1.5)
@@ -47,7 +47,7 @@ def test_imece2004__four_thousand_runs__reproduce_the_table(slope, lapse, bias, 
 
 def test_rule__floor_near_the_threshold_or_a_fourth_large_step__biases_upwards() -> None:
     free, clamped, late = (
-        tracks(dataclasses.replace(IMECE2004, **more), Setting(4000, seed=1))[1].mean()
+        tracks(UpDown(**more), Setting(4000, seed=1))[1].mean()
         for more in ({}, {"floor_db_sl": -1.0}, {"steps_db": (4.0, 4.0, 4.0, 4.0, 1.0)})
     )
     assert clamped > free + 0.4
@@ -63,7 +63,7 @@ def test_rule__floor_near_the_threshold_or_a_fourth_large_step__biases_upwards()
     ],
 )
 def test_refit__whatever_the_slope__is_less_wrong_unbiased_and_covers(setting, least: float, most: float) -> None:
-    found = simulate(IMECE2004, setting)
+    found = simulate(Imece2004(), setting)
     assert found.refit.rmse_db <= 0.85 * found.rmse_db
     assert abs(found.refit.bias_db) <= 0.2
     assert least <= found.refit.coverage95 <= most
@@ -78,18 +78,21 @@ def test_refit__people_with_shallow_functions_too__are_held_by_its_interval(slop
     target, most, rng = 0.5 ** (1 / 3), 2 / 3 - lapse, np.random.default_rng(6)
     at_db = 20.0 / slope * np.log10(-np.log1p(-(target - 1 / 3) / most))  # where psi is at its target
 
-    def psi(level_db, runs, trial):
-        return 1 / 3 + most * (1.0 - np.exp(-(10.0 ** (slope * (level_db + at_db) / 20.0))))
-
-    answered = run_tracks(IMECE2004, 20.0 + 5.0 * rng.standard_normal(1000), psi, rng)
-    fitted = refit(answered.levels_db_sl, answered.correct)
+    truth, runs, levels, answers = 5.0 * rng.standard_normal(1000), Imece2004().begin(count=1000), [], []
+    while not runs.over.all():
+        above_db = runs.level_db_sl - truth
+        psi = 1 / 3 + most * (1.0 - np.exp(-(10.0 ** (slope * (above_db + at_db) / 20.0))))
+        levels.append(np.where(runs.over, np.nan, above_db))
+        answers.append(rng.random(1000) < psi)
+        runs.record(answers[-1])
+    fitted = refit(np.array(levels).T, np.array(answers).T)
     assert np.mean((fitted.low_db <= 0.0) & (fitted.high_db >= 0.0)) >= least
     assert np.median(fitted.high_db - fitted.low_db) <= widest_db
 
 
 @pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (60, 0.97)])
 def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, rmse: float) -> None:
-    _, errors = tracks(QuestPlusRule(trials=trials), Setting(400, lapse=0.02, seed=5))
+    _, errors = tracks(QuestPlus(trials=trials), Setting(400, lapse=0.02, seed=5))
     assert np.sqrt(np.mean(errors**2)) <= 1.04 * rmse
 
 
@@ -113,35 +116,34 @@ def test_setting__nonsense__is_refused(settings: dict[str, object], message: str
 
 
 def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
-    found = simulate_curve(WholeCurveRule(30), Setting(2, seed=1))
+    found = simulate(WholeCurve(30), Setting(2, seed=1))
     assert "drawn" in found.people
     assert found.trials == 30
     assert found.coverage95 >= 0.8
-    hertz = WholeCurveRule().prior.frequency_hz
+    hertz = WholeCurve().places(Playable())
     assert [each.frequency_hz for each in found.by_frequency] == hertz.tolist()  # the points that `thresholds` exports
     mean_square = np.mean([each.rms_error_db**2 for each in found.by_frequency])
     assert np.sqrt(mean_square) == pytest.approx(found.rms_error_db)
     assert np.mean([each.coverage95 for each in found.by_frequency]) == pytest.approx(found.coverage95)
     assert 0.0 <= found.notch_excluded <= 1.0
-    first, second, other = (simulate_curve(WholeCurveRule(6), Setting(2, seed=seed)) for seed in (5, 5, 6))
+    first, second, other = (simulate(WholeCurve(6), Setting(2, seed=seed)) for seed in (5, 5, 6))
     assert first == second != other
 
 
 def test_simulate__what_people_do__is_flagged_with_every_procedure() -> None:
     """The figures are judged by another generator (logistic people, loud trials after the run): test_procedures."""
-    often = simulate(IMECE2004, Setting(80, lapse=0.15, seed=1, loud_share=0.2)).flags
+    often = simulate(Imece2004(), Setting(80, lapse=0.15, seed=1, loud_share=0.2)).flags
     assert often["lapses"] >= 0.6
     assert often["attention"] > 0.3
-    assert simulate(IMECE2004, Setting(80, lapse=0.15, seed=1)).flags["lapses"] < often["lapses"] - 0.15
-    assert simulate(IMECE2004, Setting(40, seed=1, guessed=1.0)).flags["chance"] == 1.0
+    assert simulate(Imece2004(), Setting(80, lapse=0.15, seed=1)).flags["lapses"] < often["lapses"] - 0.15
+    assert simulate(Imece2004(), Setting(40, seed=1, guessed=1.0)).flags["chance"] == 1.0
     # 0.029 of 2,000 runs; 0.068 where frequent lapses were held against the mean of the rare rates
-    seldom = simulate(QuestPlusRule(), Setting(400, lapse=0.02, slope=(1.5, 3.5), seed=4, loud_share=0.2)).flags
+    seldom = simulate(QuestPlus(), Setting(400, lapse=0.02, slope=(1.5, 3.5), seed=4, loud_share=0.2)).flags
     assert seldom["lapses"] <= 0.045
     assert seldom.get("drift", 0.0) <= 0.07
-    assert simulate(QuestPlusRule(), Setting(50, seed=1, drift_db=12.0)).flags["drift"] >= 0.5
+    assert simulate(QuestPlus(), Setting(50, seed=1, drift_db=12.0)).flags["drift"] >= 0.5
     missed, heard = (
-        simulate_curve(WholeCurveRule(20), Setting(2, lapse=lapse, seed=2, loud_share=0.5)).flags
-        for lapse in (0.2, 0.0)
+        simulate(WholeCurve(20), Setting(2, lapse=lapse, seed=2, loud_share=0.5)).flags for lapse in (0.2, 0.0)
     )
     assert missed["attention"] >= 0.5
     assert heard.get("attention", 0.0) == 0.0

@@ -1,4 +1,4 @@
-"""Adaptive procedures: pure state machines that place the next trial and learn its outcome, and practice as one.
+"""Adaptive procedures: settings with a rule that places the next trial and learns its outcome, and practice as one.
 
 The kinds that a protocol file may name are entry points of the group GROUP; the project's own are found there too.
 """
@@ -9,10 +9,10 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from itertools import product
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
@@ -21,8 +21,12 @@ from tactuator.parameters import from_table, table
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 GROUP = "tactuator.procedures"
+GUESS = 1.0 / 3.0
+"""Probability of a right guess in three intervals, the paper's."""
 _TYPICAL_TRIALS = 80.0
 """Trials of a run of unknown length."""
+START_ABOVE_DB = 20.0
+"""Level of the first trial above the threshold that the experimenter expects, as in the paper."""
 
 
 @dataclass(frozen=True)
@@ -54,106 +58,162 @@ class Playable:
     clearance_hz: float = 2.5
 
 
-class Procedure(Protocol):
-    """An adaptive procedure as a state machine.
-
-    The same outcomes in the same order always give the same placements, so that replaying a run's outcomes resumes it.
-    """
-
-    def placement(self) -> Placement | None:
-        """Return where the next trial is put, or None when the run is over. Asking twice gives the same answer."""
-
-    def record(self, correct: bool) -> None:
-        """Learn the outcome of the trial that `placement` returned. Raises BadInput once the run is over."""
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-
-    @property
-    def progress(self) -> float:
-        """Return how far the run is, from 0 to 1; it never falls."""
-
-    def estimate(self) -> Estimate | None:
-        """Return the threshold as the procedure itself states it, or None while (or where) it has none."""
-        return None
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Return the names of what a reader must know of the run: floor, ceiling, trial-limit."""
-        return ()
-
-    @property
-    def point(self) -> float:
-        """Return the share correct, lapses included, at the level that its estimate stands for."""
-
-
-class FixedTrials(Procedure):
-    """The count of a run that is over after a fixed number of trials. Procedures inherit from it."""
-
-    point = TARGET_3_DOWN_1_UP
-    _trials = 0
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return self._trials
-
-    @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return self._trials / self._limit
-
-    @property
-    def is_over(self) -> bool:
-        """Tell whether every trial has been recorded."""
-        return self._trials >= self._limit
-
-    def _count(self) -> None:
-        if self.is_over:
-            raise BadInput(f"the run was over after {self._trials} trials", "no further response")
-        self._trials += 1
+PLAYABLE = Playable()
+"""What the paper's display plays."""
 
 
 @table("[procedure]")
-class ProcedureKeys:
-    """Keys of the table [procedure] for one kind of procedure, which build its runs.
+class Procedure:
+    """Settings of one kind of procedure, the keys of its table [procedure], and its rule.
 
     A kind is an entry point of GROUP: its name is `kind` in the file, and it refers to a table that inherits from this
-    one, with the kind's own keys, and `build`.
+    one, with the kind's own keys, and `begin`.
     """
 
     chooses_frequency: ClassVar[bool] = False
-    """Whether a run chooses the frequency of every trial, as a whole curve's does, so that the file lists none."""
+    """Whether a run chooses the frequency of every trial, as a whole curve's does, so that the file lists none. Such a
+    kind has `places` and `curve` as well."""
+    scatter_db: ClassVar[float] = 0.0
+    """Standard deviation of thresholds about the expected one, where runs are simulated."""
+    runs_at_once: ClassVar[int] = 1024
+    """Runs that are simulated side by side; limited by their memory."""
 
     _: KW_ONLY
     kind: str = ""
 
     @property
+    def point(self) -> float:
+        """Share correct, lapses included, at the level that the estimate stands for."""
+        return TARGET_3_DOWN_1_UP
+
+    @property
     def typical_trials(self) -> float:
-        """Return about how many trials a run has: its key `trials`, where it has one."""
+        """About how many trials a run has: its key `trials`, where it has one."""
         return float(getattr(self, "trials", _TYPICAL_TRIALS))
 
-    def build(self, guess: float, playable: Playable) -> Procedure:
-        """Return a fresh run over what can be played. guess: probability of a right answer without feeling."""
+    def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Runs:
+        """Return so many fresh runs over what can be played. guess: probability of a right answer without feeling."""
+        raise NotImplementedError
+
+    def expected_threshold(self) -> float:
+        """Return the threshold that an experimenter expects who chooses these settings, dB SL."""
+        first = self.begin().placement()
+        if first is None:
+            raise BadInput("a procedure that has no trial", "one with at least one")
+        return first.level_db_sl - START_ABOVE_DB
+
+    def below(self, ceiling_db_sl: float) -> Procedure:
+        """Return the procedure with no level above the ceiling, where it has one of its own."""
+        return self
+
+    def places(self, playable: Playable) -> FloatArray:
+        """Return the frequencies at which trials may be put, (points,), where runs choose them."""
+        raise NotImplementedError
+
+    def curve(
+        self,
+        guess: float,
+        playable: Playable,
+        frequency_hz: FloatArray,
+        level_db_sl: FloatArray,
+        correct: NDArray[np.bool_],
+    ) -> MeasuredCurve:
+        """Return what trials of a run say, (trials,) each, as they were played, whatever placed them."""
         raise NotImplementedError
 
 
-def procedure_kind(name: str) -> type[ProcedureKeys]:
-    """Return the keys of a kind of procedure, of this package or another. Raises BadInput for a name nobody declares,
-    and for one whose entry point refers to anything else."""
+class Runs:
+    """Runs of a procedure side by side, as a state machine; a session has one of them.
+
+    The same outcomes in the same order always give the same placements, so that replaying a run's outcomes resumes it.
+    A procedure's own runs have `level_db_sl` and `learn`. count: of the runs. trials: recorded so far, (count,).
+    """
+
+    frequency_hz: FloatArray | None = None
+    """Frequency of the next trial of every run, (count,), where the procedure chooses it."""
+    passed = True
+    """False for practice that has not met its criterion."""
+
+    def __init__(self, count: int, limit: int) -> None:
+        self.count, self.limit = count, limit
+        self.trials: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+
+    @property
+    def level_db_sl(self) -> FloatArray:
+        """Level of the next trial of every run, (count,)."""
+        raise NotImplementedError
+
+    def learn(self, correct: NDArray[np.bool_]) -> None:
+        """Learn the outcome of the next trial of every run, (count,); that of a run that is over means nothing."""
+        raise NotImplementedError
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """Whether each run is over, (count,)."""
+        return np.asarray(self.trials >= self.limit)
+
+    def placement(self, run: int = 0) -> Placement | None:
+        """Return where the next trial of a run is put, or None when it is over."""
+        if self.over[run]:
+            return None
+        hertz = self.frequency_hz
+        return Placement(float(self.level_db_sl[run]), None if hertz is None else float(hertz[run]))
+
+    def record(self, correct: ArrayLike) -> None:
+        """Learn the outcome of every run's trial. Raises BadInput once all runs are over."""
+        over = self.over
+        if over.all():
+            raise BadInput(f"the run was over after {self.trials.max()} trials", "no further response")
+        self.learn(np.broadcast_to(np.asarray(correct, dtype=np.bool_), self.count))
+        self.trials = self.trials + ~over
+
+    def progress(self, run: int = 0) -> float:
+        """Return how far a run is, from 0 to 1; it never falls."""
+        return float(self.trials[run] / self.limit)
+
+    def estimate(self, run: int = 0) -> Estimate | None:
+        """Return the threshold as the procedure itself states it, or None while (or where) it has none."""
+        return None
+
+    def flags(self, run: int = 0) -> tuple[str, ...]:
+        """Return the names of what a reader must know of a run: floor, ceiling, trial-limit."""
+        return ()
+
+    def picture(self) -> Mapping[str, object]:
+        """Return what an operator's page draws of one run, in place of the track of its levels."""
+        return {}
+
+
+@dataclass(frozen=True)
+class MeasuredCurve:
+    """A curve by the trials of one run, at every frequency at which they may be put, (points,) each.
+
+    mean, sd, low, high: dB SL, with the 95 % band. notch_trials: how many more about the point would exclude a notch.
+    flags, drift_power: of the run.
+    """
+
+    frequency_hz: FloatArray
+    mean: FloatArray
+    sd: FloatArray
+    low: FloatArray
+    high: FloatArray
+    notch_trials: NDArray[np.intp]
+    flags: tuple[str, ...]
+    drift_power: float
+
+
+def procedure_kind(name: str) -> type[Procedure]:
+    """Return a kind of procedure, of this package or another. Raises BadInput for a name nobody declares, and for one
+    whose entry point refers to anything else."""
     kind = plugin(GROUP, name)
-    if not (isinstance(kind, type) and issubclass(kind, ProcedureKeys)):
-        raise BadInput(f"{name!r} refers to {kind!r}", "a table that inherits from ProcedureKeys", where=(GROUP,))
+    if not (isinstance(kind, type) and issubclass(kind, Procedure)):
+        raise BadInput(f"{name!r} refers to {kind!r}", "a table that inherits from Procedure", where=(GROUP,))
     return kind
 
 
-def parse_procedure(document: Any) -> ProcedureKeys:
-    """Return the keys of a table [procedure]. Raises BadInput for an unknown kind, and for keys that it refuses."""
-    if isinstance(document, ProcedureKeys):
+def parse_procedure(document: Any) -> Procedure:
+    """Return the procedure of a table [procedure]. Raises BadInput for an unknown kind, and for keys it refuses."""
+    if isinstance(document, Procedure):
         return document
     kind = document.get("kind") if isinstance(document, Mapping) else None
     if not isinstance(kind, str) or kind not in plugins(GROUP):
@@ -161,50 +221,42 @@ def parse_procedure(document: Any) -> ProcedureKeys:
     return from_table(procedure_kind(kind), document)
 
 
-class Practice(FixedTrials):
-    """Practice of at most `limit` trials at level_db_sl, without an estimate.
+class Practice(Runs):
+    """Practice of at most `limit` trials at one level, without an estimate.
 
     correct: number of right answers among the last `window` trials that passes practice and ends it; None: it is passed
     by doing all of its trials.
     """
 
-    def __init__(
-        self,
-        level_db_sl: float,
-        limit: int,
-        frequency_hz: float | None = None,
-        window: int = 1,
-        correct: int | None = None,
-    ) -> None:
-        super().__init__(limit)
-        self._placement, self._correct = Placement(level_db_sl, frequency_hz), correct
+    def __init__(self, level_db_sl: float, limit: int, window: int = 1, correct: int | None = None) -> None:
+        super().__init__(1, limit)
+        self._level, self._correct = np.array([level_db_sl]), correct
         self._last: deque[bool] = deque(maxlen=window)
 
     @property
-    def passed(self) -> bool:
-        """Return whether the criterion is met, or, without a criterion, whether all trials are done."""
-        return self._trials >= self._limit if self._correct is None else sum(self._last) >= self._correct
+    def level_db_sl(self) -> FloatArray:
+        """The practice level."""
+        return self._level
 
     @property
-    def is_over(self) -> bool:
-        """Tell whether practice is passed or its trials are used up."""
-        return self._trials >= self._limit or self.passed
+    def passed(self) -> bool:  # type: ignore[override]
+        """Whether the criterion is met, or, without a criterion, whether all trials are done."""
+        return bool(self.trials[0] >= self.limit) if self._correct is None else sum(self._last) >= self._correct
 
     @property
-    def progress(self) -> float:
+    def over(self) -> NDArray[np.bool_]:
+        """Whether practice is passed or its trials are used up."""
+        return np.asarray((self.trials >= self.limit) | self.passed)
+
+    def progress(self, run: int = 0) -> float:
         """Return the share of the trials done; with a criterion, the share of the fewest trials that can meet it."""
         if self._correct is None:
-            return super().progress
-        return 1.0 if self.passed else min(self._trials, self._correct) / (self._correct + 1)
+            return super().progress()
+        return 1.0 if self.passed else min(int(self.trials[0]), self._correct) / (self._correct + 1)
 
-    def placement(self) -> Placement | None:
-        """Return the practice level, or None once practice is over."""
-        return None if self.is_over else self._placement
-
-    def record(self, correct: bool) -> None:
-        """Count the outcome. Raises BadInput once practice is over."""
-        self._count()
-        self._last.append(correct)
+    def learn(self, correct: NDArray[np.bool_]) -> None:
+        """Count the outcome."""
+        self._last.append(bool(correct[0]))
 
 
 _PROBABILITY_MARGIN = 1e-6
@@ -229,7 +281,7 @@ class Answering:
     slopes: tuple[float, ...] = (0.8, 1.4, 2.1, 3.2)
     lapses: tuple[float, ...] = (0.02, 0.1, 0.2)
     lapse_shares: tuple[float, ...] = (0.55, 0.3, 0.15)
-    guess: float = 1.0 / 3.0
+    guess: float = GUESS
     target: float = TARGET_3_DOWN_1_UP
 
     def __post_init__(self) -> None:

@@ -1,9 +1,8 @@
-"""Transformed up-down tracks (Levitt 1971): any n-down-m-up, any steps, one run at a time or many for simulation."""
+"""Transformed up-down tracks (Levitt 1971): any n-down-m-up, any steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
 from typing import Annotated, Literal
 
@@ -13,7 +12,7 @@ from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Estimate, Placement, Playable, ProcedureKeys
+from tactuator.experiment.procedure.procedure import GUESS, PLAYABLE, Estimate, Playable, Procedure, Runs
 from tactuator.parameters import Flag, Positive, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL, Level
 
@@ -25,7 +24,7 @@ _TRIALS_PER_REVERSAL = 5.3
 
 
 @table("[procedure]")
-class UpDownRule(ProcedureKeys):
+class UpDown(Procedure):
     """Keys of `up-down`: the rule by which a track begins, moves and ends; the defaults are the paper's."""
 
     start_db_sl: Annotated[Level, Field(description="level of the first trial")] = 20.0
@@ -56,13 +55,13 @@ class UpDownRule(ProcedureKeys):
             limits = f"{self.floor_db_sl:g} to {self.ceiling_db_sl:g}"
             raise BadInput(f"{self.start_db_sl:g}", limits, key="start_db_sl")
 
-    def build(self, guess: float, playable: Playable) -> UpDown:
-        """Return a fresh track."""
-        return UpDown(self)
+    def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Tracks:
+        """Return so many fresh tracks; neither guesses nor frequencies matter to them."""
+        return Tracks(self, count)
 
     @property
-    def target(self) -> float:
-        """Return the proportion correct at which the track balances: 0.5^(1/n) for n-down-1-up.
+    def point(self) -> float:
+        """Proportion correct at which the track balances: 0.5^(1/n) for n-down-1-up.
 
         In general it is where a run of n correct responses comes before a run of m incorrect ones half of the time
         (Feller, vol. 1, XIII.8).
@@ -74,9 +73,10 @@ class UpDownRule(ProcedureKeys):
         """Return the number of trials that runs have on average, by simulation of the paper's rule."""
         return _TRIALS_PER_REVERSAL * self.reversals
 
-    def step_db(self, reversals: int) -> float:
-        """Return the step in dB after that many reversals."""
-        return self.steps_db[min(reversals, len(self.steps_db) - 1)]
+    def below(self, ceiling_db_sl: float) -> UpDown:
+        """Return the procedure with that ceiling, if its own is not lower."""
+        ceiling = min(self.ceiling_db_sl, ceiling_db_sl)
+        return replace(self, ceiling_db_sl=ceiling, start_db_sl=min(self.start_db_sl, ceiling))
 
 
 @cache
@@ -91,181 +91,92 @@ def _balance(down: int, up: int) -> float:
     return float(np.interp(0.5, race, p))
 
 
-IMECE2004 = UpDownRule()
-"""The rule of the paper: 3-down-1-up; 4 dB until the third reversal, then 1 dB; the mean of 12 reversals at 1 dB."""
-
-
 @table("[procedure]")
-class PaperKeys(ProcedureKeys):
-    """Keys of `imece2004`, the procedure of the paper: nothing but its start is to choose."""
+class Imece2004(Procedure):
+    """Key of `imece2004`, the procedure of the paper: 3-down-1-up; 4 dB until the third reversal, then 1 dB.
 
-    start_db_sl: Annotated[Level, Field(description="level of the first trial")] = IMECE2004.start_db_sl
+    The threshold is the mean of the 12 reversals at 1 dB.
+    """
 
-    @property
-    def rule(self) -> UpDownRule:
-        """Return the paper's rule from that start."""
-        return replace(IMECE2004, start_db_sl=self.start_db_sl)
+    start_db_sl: Annotated[Level, Field(description="level of the first trial")] = UpDown.start_db_sl
 
     @property
     def typical_trials(self) -> float:
-        """Return the number of trials that runs have on average."""
-        return IMECE2004.typical_trials
+        """Number of trials that runs have on average."""
+        return UpDown().typical_trials
 
-    def build(self, guess: float, playable: Playable) -> UpDown:
-        """Return a fresh track by the paper's rule."""
-        return UpDown(self.rule)
+    def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Tracks:
+        """Return so many fresh tracks by the defaults of `up-down`."""
+        return Tracks(UpDown(start_db_sl=self.start_db_sl), count)
 
 
-@dataclass
-class UpDown:
-    """One up-down track by a rule."""
+class Tracks(Runs):
+    """Up-down tracks side by side.
 
-    rule: UpDownRule
-    level_db_sl: float = field(init=False)
-    levels: list[float] = field(init=False, default_factory=list)
-    outcomes: list[bool] = field(init=False, default_factory=list)
-    reversal_levels: list[float] = field(init=False, default_factory=list)
-    _streak: int = field(init=False, default=0)
-    _direction: int = field(init=False, default=0)
-    _limits: set[str] = field(init=False, default_factory=set)
+    reversals: number seen. reversal_db_sl: their levels, (count, most). streak: right answers in a row, or wrong ones,
+    negative. direction: of the last step.
+    """
 
-    def __post_init__(self) -> None:
-        self.level_db_sl = self.rule.start_db_sl
-
-    @property
-    def finished(self) -> bool:
-        """Return whether the run is over."""
-        return len(self.reversal_levels) >= self.rule.reversals or self.trials >= self.rule.trial_limit
+    def __init__(self, rule: UpDown, count: int) -> None:
+        super().__init__(count, rule.trial_limit)
+        self.rule = rule
+        self._level: FloatArray = np.full(count, rule.start_db_sl)
+        self._streak: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        self._direction: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        self.reversals: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        self.reversal_db_sl: FloatArray = np.full((count, rule.reversals), np.nan)
+        self._limits: dict[str, NDArray[np.bool_]] = {
+            name: np.zeros(count, dtype=np.bool_) for name in ("floor", "ceiling")
+        }
 
     @property
-    def point(self) -> float:
-        """Return the share correct at which the track balances."""
-        return self.rule.target
+    def level_db_sl(self) -> FloatArray:
+        """Level of the next trial, (count,)."""
+        return self._level
 
     @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return len(self.outcomes)
+    def over(self) -> NDArray[np.bool_]:
+        """Whether each track has its reversals, or its last trial."""
+        return np.asarray((self.reversals >= self.rule.reversals) | (self.trials >= self.limit))
 
-    @property
-    def progress(self) -> float:
+    def progress(self, run: int = 0) -> float:
         """Return the share of the reversals seen, or of the trial limit used up where that is more."""
-        return min(1.0, max(len(self.reversal_levels) / self.rule.reversals, self.trials / self.rule.trial_limit))
+        return min(1.0, max(float(self.reversals[run] / self.rule.reversals), super().progress(run)))
 
-    @property
-    def flags(self) -> tuple[str, ...]:
+    def flags(self, run: int = 0) -> tuple[str, ...]:
         """Return `floor` or `ceiling` where the track was to go beyond, `trial-limit` if it ended short."""
-        short = self.finished and len(self.reversal_levels) < self.rule.reversals
-        return tuple(sorted(self._limits | ({"trial-limit"} if short else set())))
+        short = bool(self.over[run] and self.reversals[run] < self.rule.reversals)
+        limits = [name for name, reached in self._limits.items() if reached[run]]
+        return tuple(sorted([*limits, *(["trial-limit"] if short else [])]))
 
-    def placement(self) -> Placement | None:
-        """Return the level of the next trial, or None when the run is over."""
-        return None if self.finished else Placement(self.level_db_sl)
+    def learn(self, correct: NDArray[np.bool_]) -> None:
+        """Move the levels by the outcomes."""
+        rule, alive = self.rule, ~self.over
+        self._streak = np.where(correct, np.maximum(self._streak, 0) + 1, np.minimum(self._streak, 0) - 1)
+        simple = (self.reversals == 0) & rule.initial_rule
+        down = self._streak >= np.where(simple, 1, rule.down)
+        up = self._streak <= -np.where(simple, 1, rule.up)
+        move = np.where(alive, up.astype(np.int64) - down, 0)
+        turned = np.flatnonzero((move != 0) & (move == -self._direction))
+        self.reversal_db_sl[turned, self.reversals[turned]] = self._level[turned]
+        self.reversals[turned] += 1
+        self._direction = np.where(move != 0, move, self._direction)
+        self._streak[move != 0] = 0
+        steps = np.array(rule.steps_db)
+        wanted = self._level + move * steps[np.minimum(self.reversals, steps.size - 1)]
+        self._limits["floor"] |= wanted < rule.floor_db_sl - _LEVEL_TOLERANCE_DB
+        self._limits["ceiling"] |= wanted > rule.ceiling_db_sl + _LEVEL_TOLERANCE_DB
+        self._level = np.clip(wanted, rule.floor_db_sl, rule.ceiling_db_sl)
 
-    def record(self, correct: bool) -> None:
-        """Move the level by the outcome. Raises BadInput once the run is over."""
-        if self.finished:
-            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
-        self.levels.append(self.level_db_sl)
-        self.outcomes.append(bool(correct))
-        self._streak = max(self._streak, 0) + 1 if correct else min(self._streak, 0) - 1
-        simple = self.rule.initial_rule and not self.reversal_levels
-        down, up = (1, 1) if simple else (self.rule.down, self.rule.up)
-        if self._streak >= down:
-            self._move(-1)
-        elif self._streak <= -up:
-            self._move(+1)
-
-    def _move(self, direction: int) -> None:
-        if self._direction == -direction:
-            self.reversal_levels.append(self.level_db_sl)
-        self._direction, self._streak = direction, 0
-        wanted = self.level_db_sl + direction * self.rule.step_db(len(self.reversal_levels))
-        if wanted < self.rule.floor_db_sl - _LEVEL_TOLERANCE_DB:
-            self._limits.add("floor")
-        if wanted > self.rule.ceiling_db_sl + _LEVEL_TOLERANCE_DB:
-            self._limits.add("ceiling")
-        self.level_db_sl = min(max(wanted, self.rule.floor_db_sl), self.rule.ceiling_db_sl)
-
-    def estimate(self) -> Estimate | None:
+    def estimate(self, run: int = 0) -> Estimate | None:
         """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before it has them.
 
         The standard error is the levels' standard deviation over the root of their number.
         """
-        levels = np.array(self.reversal_levels[-self.rule.averaged :])
-        if len(self.reversal_levels) < self.rule.reversals:
+        if self.reversals[run] < self.rule.reversals:
             return None
+        levels = self.reversal_db_sl[run, -self.rule.averaged :]
         if self.rule.average == "mid-runs":
             levels = 0.5 * (levels[:-1] + levels[1:])[::2]
         error = float(np.std(levels, ddof=1) / np.sqrt(levels.size)) if levels.size > 1 else None
         return Estimate(float(np.mean(levels)), error)
-
-
-Probability = Callable[[FloatArray, NDArray[np.intp], int], FloatArray]
-"""A function of levels in dB SL, the numbers of their runs, and the number of the trial in its run: probability of a
-correct response, elementwise."""
-
-
-@dataclass(frozen=True)
-class Tracks:
-    """Tracks that were run to their ends.
-
-    levels_db_sl, correct: (runs, trials), NaN (False) after a run's end. trials, estimates_db_sl: (runs,), the estimate
-    NaN where a run has none.
-    """
-
-    levels_db_sl: FloatArray
-    correct: NDArray[np.bool_]
-    trials: NDArray[np.int64]
-    estimates_db_sl: FloatArray
-
-
-def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probability, rng: np.random.Generator) -> Tracks:
-    """Run one track for each element of start_db_sl until all are over.
-
-    Raises BadInput for a rule that does not average reversals.
-    """
-    if rule.average != "reversals":
-        raise BadInput(f"batch of up-down tracks: average {rule.average!r}", "reversals")
-    state = _State(rule, start_db_sl)
-    levels, outcomes = list[FloatArray](), list[NDArray[np.bool_]]()
-    numbers = np.arange(start_db_sl.size)
-    while state.alive.any():
-        correct = rng.random(state.level.size) < probability(state.level, numbers, len(levels))
-        levels.append(np.where(state.alive, state.level, np.nan))
-        outcomes.append(correct & state.alive)
-        state.record(correct)
-    estimates = np.where(state.reversals >= rule.reversals, state.reversal_sum / rule.averaged, np.nan)
-    return Tracks(np.array(levels).T, np.array(outcomes).T, state.trials, estimates)
-
-
-class _State:
-    def __init__(self, rule: UpDownRule, start_db_sl: FloatArray) -> None:
-        runs = start_db_sl.size
-        self.rule = rule
-        self.level = np.array(start_db_sl, dtype=np.float64)
-        self.streak = np.zeros(runs, dtype=np.int64)
-        self.direction = np.zeros(runs, dtype=np.int64)
-        self.reversals = np.zeros(runs, dtype=np.int64)
-        self.trials = np.zeros(runs, dtype=np.int64)
-        self.reversal_sum = np.zeros(runs)
-        self.alive = np.ones(runs, dtype=np.bool_)
-        self.steps = np.array(rule.steps_db)
-
-    def record(self, correct: NDArray[np.bool_]) -> None:
-        rule = self.rule
-        self.trials += self.alive
-        self.streak = np.where(correct, np.maximum(self.streak, 0) + 1, np.minimum(self.streak, 0) - 1)
-        simple = (self.reversals == 0) if rule.initial_rule else np.zeros_like(self.alive)
-        down = self.streak >= np.where(simple, 1, rule.down)
-        up = self.streak <= -np.where(simple, 1, rule.up)
-        move = np.where(self.alive, up.astype(np.int64) - down, 0)
-        turned = (move != 0) & (move == -self.direction)
-        counted = turned & (self.reversals >= rule.reversals - rule.averaged)
-        self.reversal_sum += np.where(counted, self.level, 0.0)
-        self.reversals += turned
-        self.direction = np.where(move != 0, move, self.direction)
-        self.streak[move != 0] = 0
-        step = self.steps[np.minimum(self.reversals, self.steps.size - 1)]
-        self.level = np.clip(self.level + move * step, rule.floor_db_sl, rule.ceiling_db_sl)
-        self.alive &= (self.reversals < rule.reversals) & (self.trials < rule.trial_limit)

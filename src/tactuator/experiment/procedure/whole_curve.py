@@ -10,114 +10,133 @@ where the evidence is highest, and s is normal with mean i times the drift and v
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveReading, CurveShares
+from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveShares
 from tactuator.experiment.procedure.curve_refinement import PointLikelihoods
-from tactuator.experiment.procedure.procedure import Answering, FixedTrials, Placement, Playable, ProcedureKeys
-from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE, POWER_DRIFT_DB
+from tactuator.experiment.procedure.procedure import (
+    GUESS,
+    PLAYABLE,
+    Answering,
+    MeasuredCurve,
+    Playable,
+    Procedure,
+    Runs,
+)
+from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE, POWER_DRIFT_DB, unseen_notch
 from tactuator.parameters import Whole, table
 from tactuator.perception.curve import Level
 
+_PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
+"""Frequencies of the drawn curve, and trials from which guessing is told."""
+
 
 @table("[procedure]")
-class _CurveRun(ProcedureKeys):
-    """Length of a run, and limits of its levels."""
+class WholeCurve(Procedure):
+    """Keys of `curve`: the whole curve is measured in one run, over the display's band."""
+
+    chooses_frequency = True
+    runs_at_once = 50
 
     trials: Annotated[Whole, Field(ge=1, description="trials of a run")] = 150
     floor_db_sl: Annotated[Level, Field(description="lowest level")] = -30.0
     ceiling_db_sl: Annotated[Level, Field(description="highest level")] = 50.0
+    points: Annotated[Whole, Field(ge=3, le=60, description="frequencies over the band")] = CurvePrior.points
+    prior: Annotated[CurveShares, Field(description="curves that people may have")] = CurveShares()
 
     def __post_init__(self) -> None:
         if not self.floor_db_sl < self.ceiling_db_sl:
             raise BadInput(f"floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL", "floor below")
 
+    def prior_at(self, playable: Playable) -> CurvePrior:
+        """Return the prior of curves over what can be played."""
+        return CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
 
-@table("[procedure]")
-class CurveKeys(_CurveRun):
-    """Keys of `curve`: the whole curve is measured in one run, over the display's band."""
+    def places(self, playable: Playable) -> FloatArray:
+        """Return the frequencies at which trials may be put, (points,)."""
+        return self.prior_at(playable).frequency_hz
 
-    chooses_frequency = True
+    def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> CurveRuns:
+        """Return so many fresh runs over what can be played, in which guesses are right with that probability."""
+        return CurveRuns(self, CurveBelief(self.prior_at(playable), Answering(guess=guess), count))
 
-    points: Annotated[Whole, Field(ge=3, le=60, description="frequencies over the band")] = CurvePrior.points
-    prior: Annotated[CurveShares, Field(description="curves that people may have")] = CurveShares()
-
-    def rule(self, guess: float, playable: Playable) -> WholeCurveRule:
-        """Return the settings of a run over what can be played, in which guesses are right with that probability."""
-        prior = CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
-        shared = {field.name: getattr(self, field.name) for field in fields(_CurveRun)}
-        return WholeCurveRule(**shared, prior=prior, answering=Answering(guess=guess))
-
-    def build(self, guess: float, playable: Playable) -> WholeCurve:
-        """Return a fresh run."""
-        return WholeCurve(self.rule(guess, playable))
-
-
-@table("whole curve")
-class WholeCurveRule(_CurveRun):
-    """Settings of a whole-curve run; prior, answering: curves and psychometric functions thought possible."""
-
-    prior: CurvePrior = field(default_factory=CurvePrior)
-    answering: Answering = field(default_factory=Answering)
+    def curve(
+        self, guess: float, playable: Playable, frequency_hz: FloatArray, level_db_sl: FloatArray,
+        correct: NDArray[np.bool_],
+    ) -> MeasuredCurve:  # fmt: skip
+        """Return the curve after trials of a run, (trials,) each."""
+        belief = CurveBelief(self.prior_at(playable), Answering(guess=guess))
+        at = belief.prior.frequency_hz
+        points = np.argmin(np.abs(np.log(frequency_hz[:, None] / at)), axis=1)
+        trials = Trials(points[None, :], level_db_sl[None, :], correct[None, :])
+        flags, read = curve_flags(learnt(belief, trials), trials), belief.curve(at)
+        curve = read.mean[0], read.sd[0], read.low[0], read.high[0]
+        return MeasuredCurve(at, *curve, unseen_notch(belief).trials[0], flags.names(), float(flags.drift.power[0]))
 
 
-class WholeCurve(FixedTrials):
-    """One run of the whole-curve procedure.
+class CurveRuns(Runs):
+    """Runs of the whole-curve procedure side by side.
 
-    belief: what is known so far. played: frequency, level and outcome of every trial.
+    belief: what is known so far. played: frequencies, levels and outcomes of every trial, (count,) each.
     """
 
-    def __init__(self, rule: WholeCurveRule) -> None:
-        super().__init__(rule.trials)
-        self.rule = rule
-        self.belief = CurveBelief(rule.prior, rule.answering)
-        self.played: list[tuple[float, float, bool]] = []
-        self._limits: set[str] = set()
-        self._placed: tuple[int, float] | None = None
+    def __init__(self, rule: WholeCurve, belief: CurveBelief) -> None:
+        super().__init__(belief.runs, rule.trials)
+        self.rule, self.belief = rule, belief
+        self.played: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
+        self._chosen: tuple[NDArray[np.intp], FloatArray] | None = None
+
+    def _choice(self) -> tuple[NDArray[np.intp], FloatArray]:
+        if self._chosen is None:
+            self._chosen = self.belief.choose(self.rule.floor_db_sl, self.rule.ceiling_db_sl)
+        return self._chosen
 
     @property
-    def flags(self) -> tuple[str, ...]:
+    def level_db_sl(self) -> FloatArray:
+        """The most telling level of every run, (count,)."""
+        return self._choice()[1]
+
+    @property
+    def frequency_hz(self) -> FloatArray:  # type: ignore[override]
+        """The most telling frequency of every run, (count,)."""
+        return np.asarray(self.belief.prior.frequency_hz[self._choice()[0]])
+
+    def learn(self, correct: NDArray[np.bool_]) -> None:
+        """Learn the outcomes."""
+        self.played.append((self.frequency_hz, self.level_db_sl, correct))
+        self.belief.learn(*self._choice(), correct)
+        self._chosen = None
+
+    def flags(self, run: int = 0) -> tuple[str, ...]:
         """Return `floor` or `ceiling` where a trial was put at that limit."""
-        return tuple(sorted(self._limits))
+        levels = [level[run] for _, level, _ in self.played]
+        ceiling, floor = max(levels) >= self.rule.ceiling_db_sl, min(levels) <= self.rule.floor_db_sl
+        return (*(["ceiling"] if ceiling else []), *(["floor"] if floor else []))
 
-    def placement(self) -> Placement | None:
-        """Return the most telling frequency and level, or None when the run is over."""
-        if self.is_over:
-            return None
-        point, level_db_sl = self._chosen()
-        return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point]))
-
-    def _chosen(self) -> tuple[int, float]:
-        if self._placed is None:
-            point, level = self.belief.choose(self.rule.floor_db_sl, self.rule.ceiling_db_sl)
-            self._placed = int(point[0]), float(level[0])
-        return self._placed
-
-    def record(self, correct: bool) -> None:
-        """Learn the outcome of a trial. Raises BadInput once the run is over."""
-        self._count()
-        point, level = self._chosen()
-        self.belief.learn(np.array([point]), np.array([level]), np.array([correct]))
-        self.played.append((float(self.rule.prior.frequency_hz[point]), level, bool(correct)))
-        self._placed = None
-        if level <= self.rule.floor_db_sl:
-            self._limits.add("floor")
-        if level >= self.rule.ceiling_db_sl:
-            self._limits.add("ceiling")
-
-    def curve(self, frequency_hz: ArrayLike) -> CurveReading:
-        """Return the curve at the frequencies, shape (n,) each."""
+    def picture(self) -> Mapping[str, object]:
+        """Return the curve so far in dB SL with its 95 % band, and the trials."""
+        frequency_hz = np.geomspace(*self.belief.prior.band_hz, _PICTURE_POINTS)
         read = self.belief.curve(frequency_hz)
-        return CurveReading(read.mean[0], read.sd[0], read.low[0], read.high[0])
+        levels = {"level_db_sl": read.mean, "low_db_sl": read.low, "high_db_sl": read.high}
+        limits = self.rule.floor_db_sl, self.rule.ceiling_db_sl
+        enough = self.belief.trials >= _JUDGED_TRIALS_MIN
+        return {
+            "kind": "curve",
+            "frequency_hz": np.round(frequency_hz, 3).tolist(),
+            **{name: np.round(np.clip(at[0], *limits), 2).tolist() for name, at in levels.items()},
+            "trials": [[round(float(hertz[0]), 3), float(at[0]), bool(right[0])] for hertz, at, right in self.played],
+            "chance": bool(enough and self.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE),
+        }
 
 
 LEAST_LOG_ODDS = 3.0
@@ -134,6 +153,14 @@ class Trials:
     point: NDArray[np.intp]
     level_db_sl: FloatArray
     correct: NDArray[np.bool_]
+
+
+def learnt(belief: CurveBelief, trials: Trials) -> CurveBelief:
+    """Return the belief after the trials of its runs, refined."""
+    for point, level, correct in zip(trials.point.T, trials.level_db_sl.T, trials.correct.T, strict=True):
+        belief.learn(point, level, correct)
+    belief.refine()
+    return belief
 
 
 @dataclass(frozen=True)

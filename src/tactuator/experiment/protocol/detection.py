@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, ProcedureKeys, parse_procedure
+from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, Runs, parse_procedure
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
 from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.experiment.words import Words, shipped_words
@@ -71,7 +71,7 @@ class CatchTrials:
 class Protocol(StudyProtocol):
     """The protocol file of a detection study."""
 
-    procedure: Annotated[ProcedureKeys, *kept_by(parse_procedure, "a kind of procedure, with its keys")]
+    procedure: Annotated[Procedure, *kept_by(parse_procedure, "a kind of procedure, with its keys")]
     conditions: Conditions
     paradigm: ForcedChoice = ForcedChoice()
     catch: CatchTrials = CatchTrials()
@@ -86,22 +86,22 @@ class Protocol(StudyProtocol):
         if chooses == bool(count):
             wanted = "none: the procedure chooses" if chooses else "one or more"
             raise BadInput(f"conditions.frequencies_hz has {count} for {self.procedure.kind}", wanted)
-        self.fresh_run(Playable())
+        self.begin(Playable())
 
-    def fresh_run(self, playable: Playable) -> Procedure:
-        """Return a fresh run of the procedure, over what can be played."""
-        return self.procedure.build(self.paradigm.guess, playable)
+    def begin(self, playable: Playable, count: int = 1) -> Runs:
+        """Return fresh runs of the procedure, over what can be played."""
+        return self.procedure.begin(self.paradigm.guess, playable, count)
 
     @property
     def warning(self) -> str:
         """Return that no curve follows from so few frequencies, "" where one does."""
         return no_curve(len(self.conditions.frequencies_hz))
 
-    def practice(self, frequency_hz: float) -> Practice:
-        """Return a fresh practice run at that frequency."""
+    def practice(self) -> Practice:
+        """Return a fresh practice run."""
         rules = self.session
         limit = rules.practice_trials if rules.practice_correct is None else rules.practice_limit
-        return Practice(rules.practice_level_db_sl, limit, frequency_hz, rules.practice_trials, rules.practice_correct)
+        return Practice(rules.practice_level_db_sl, limit, rules.practice_trials, rules.practice_correct)
 
 
 def plan_runs(protocol: Protocol, subject: int, visit: int = 1, words: Words | None = None) -> tuple[PlannedRun, ...]:

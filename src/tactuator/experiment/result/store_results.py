@@ -61,7 +61,7 @@ def psychometric_trials(
     for run in runs:
         mine = by_run.get(run.run.id, [])
         if mine:
-            drawn = _of_curve(run, mine) if mine[0].procedure == "curve" else _of_run(run, mine[0])
+            drawn = _of_curve(run, mine) if run.protocol.procedure.chooses_frequency else _of_run(run, mine[0])
             people.setdefault(names[mine[0].study_number, mine[0].subject], []).append(drawn)
     return {subject: tuple(trials) for subject, trials in people.items()}
 

@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_prior import CurveReading
-from tactuator.experiment.procedure.procedure import Playable, Procedure
-from tactuator.experiment.procedure.refit import ALIKE_DB, Refit, RefitPrior, refit
-from tactuator.experiment.procedure.run_flags import RunFlags, UnseenNotch, run_flags, unseen_notch
-from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
+from tactuator.experiment.procedure.procedure import Estimate, Playable
+from tactuator.experiment.procedure.refit import ALIKE_DB, RefitPrior, refit
+from tactuator.experiment.procedure.run_flags import run_flags
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.result.played import (
     DeliveredLevel,
     attention,
@@ -24,34 +22,6 @@ from tactuator.experiment.result.played import (
 )
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.table import brief
-
-
-@dataclass(frozen=True)
-class CurveRun:
-    """The curve of a whole-curve run at every frequency at which trials may be put.
-
-    curve: dB SL, (points,) each. flags: of the run. notch: where the trials cannot exclude a notch.
-    """
-
-    frequency_hz: FloatArray
-    curve: CurveReading
-    flags: CurveFlags
-    notch: UnseenNotch
-
-
-def curve_run(
-    rule: WholeCurveRule, frequency_hz: FloatArray, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
-) -> CurveRun:
-    """Return the curve after trials, each array (trials,), as they were played, whatever placed them."""
-    run = WholeCurve(rule)
-    points = np.argmin(np.abs(np.log(frequency_hz[:, None] / rule.prior.frequency_hz)), axis=1)
-    for point, level, right in zip(points, levels_db_sl, correct, strict=True):
-        run.belief.learn(np.array([point]), np.array([level]), np.array([right]))
-    run.belief.refine()
-    flags = curve_flags(run.belief, Trials(points[None, :], levels_db_sl[None, :], correct[None, :]))
-    at = rule.prior.frequency_hz
-    return CurveRun(at, run.curve(at), flags, unseen_notch(run.belief))
-
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
 """Flags that make a threshold doubtful. The experimenter decides: a curve is told with and without such thresholds."""
@@ -121,72 +91,74 @@ def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
 
 
 def _thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
-    procedures = [replayed(run) for run in runs]
-    fitted = _fitted(runs, procedures)
-    measured: list[MeasuredThreshold] = []
-    for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
-        if isinstance(procedure, WholeCurve):
-            measured += _whole_curve(run, procedure)
+    measured: dict[int, list[MeasuredThreshold]] = {}
+    alike: dict[tuple[int, float, float], list[int]] = {}
+    for index, run in enumerate(runs):
+        if run.protocol.procedure.chooses_frequency:
+            measured[index] = _whole_curve(run)
         else:
-            measured.append(_one(run, procedure, *fitted[index]))
+            key = (run.run.protocol_version_id, run.run.band_low_hz, run.run.band_high_hz)
+            alike.setdefault(key, []).append(index)
+    for members in alike.values():
+        measured |= zip(members, _at_one_frequency([runs[index] for index in members]), strict=True)
+    return [threshold for index in range(len(runs)) for threshold in measured[index]]
+
+
+def playable_in(run: StoredRun, mains_hz: float) -> Playable:
+    """Return what could be played in a run, at a display with that mains frequency (0: none)."""
+    clearance_hz = run.protocol.timing.clearance_hz(mains_hz or 100.0)
+    return Playable((run.run.band_low_hz, run.run.band_high_hz), mains_hz, clearance_hz)
+
+
+def refit_prior(protocol: Protocol) -> RefitPrior:
+    """Return the prior of the refit of a protocol's runs, at the point that the procedure's own number stands for."""
+    return RefitPrior(guess=protocol.paradigm.guess, target=round(protocol.procedure.point, 6))
+
+
+def _padded(rows: Sequence[FloatArray]) -> FloatArray:
+    """Return rows of several lengths as one array, NaN after the end of each."""
+    together = np.full((len(rows), max(row.size for row in rows)), np.nan)
+    for place, row in zip(together, rows, strict=True):
+        place[: row.size] = row
+    return together
+
+
+def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]]:
+    """Return the threshold of each run; all are of one protocol at one display."""
+    protocol, kinds = runs[0].protocol, [catch_kinds(run) for run in runs]
+    replayed = protocol.begin(playable_in(runs[0], _MAINS_HZ[0]), len(runs))
+    own = _padded([run.correct[kind == ""].astype(np.float64) for run, kind in zip(runs, kinds, strict=True)])
+    for outcomes in (own == 1.0).T:
+        replayed.record(outcomes)
+    kept = [kind != "blank" for kind in kinds]
+    levels = _padded([run.levels_db_sl[mask] for run, mask in zip(runs, kept, strict=True)])
+    correct = _padded([run.correct[mask].astype(np.float64) for run, mask in zip(runs, kept, strict=True)]) == 1.0
+    prior = refit_prior(protocol)
+    fit = refit(levels, correct, prior)
+    flags = run_flags(levels, correct, fit, prior)
+    measured = []
+    for row, (run, mask) in enumerate(zip(runs, kept, strict=True)):
+        fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
+        at = _Level.censored(run.levels_db_sl[mask], *(float(value) for value in fitted))
+        seen, hertz = run.intervals, float(run.run.frequency_hz)
+        gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
+        names = [*replayed.flags(row), *flags.names(row), *attention(run)]
+        if hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl):
+            names.append("mains")
+        power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
+        base = float(run.curve_level_db_re_1um[0])
+        measured.append([_threshold(run, replayed.estimate(row), hertz, at, gain, base, names, power)])
     return measured
 
 
-def replayed(run: StoredRun) -> Procedure:
-    """Return the run's procedure after its last trial.
-
-    A whole curve is returned fresh, since the belief is computed from the trials as they were played.
-    """
-    procedure = _fresh(run, _MAINS_HZ[0])
-    if isinstance(procedure, WholeCurve):
-        return next(
-            (fresh for fresh in (_fresh(run, mains_hz) for mains_hz in _MAINS_HZ) if _placed(fresh, run)), procedure
-        )
-    for outcome in run.correct[catch_kinds(run) == ""]:
-        procedure.record(bool(outcome))
-    return procedure
-
-
-def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
-    """Return the run's procedure before its first trial, at a display with that mains frequency (0: none)."""
-    clearance_hz = run.protocol.timing.clearance_hz(mains_hz or 100.0)
-    return run.protocol.fresh_run(Playable((run.run.band_low_hz, run.run.band_high_hz), mains_hz, clearance_hz))
-
-
-def _placed(procedure: Procedure, run: StoredRun) -> bool:
-    assert isinstance(procedure, WholeCurve)
-    points = np.log(procedure.rule.prior.frequency_hz)
-    return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - points).min(axis=1) < _SAME_FREQUENCY))
-
-
-def refit_prior(guess: float, procedure: Procedure) -> RefitPrior:
-    """Return the prior of the refit of a procedure's runs, at the point that the procedure's own number stands for."""
-    return RefitPrior(guess=guess, target=round(procedure.point, 6))
-
-
-def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
-    """Return refit, flags and the row in them of every run at one frequency, by its index.
-
-    Runs with the same prior are fitted together.
-    """
-    groups: dict[RefitPrior, list[int]] = {}
-    for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
-        if not isinstance(procedure, WholeCurve):
-            prior = refit_prior(run.protocol.paradigm.guess, procedure)
-            groups.setdefault(prior, []).append(index)
-    fits = {}
-    for prior, members in groups.items():
-        kept = [catch_kinds(runs[index]) != "blank" for index in members]
-        width = max(int(mask.sum()) for mask in kept)
-        levels, correct = np.full((len(members), width), np.nan), np.zeros((len(members), width), dtype=np.bool_)
-        for row, (index, mask) in enumerate(zip(members, kept, strict=True)):
-            count = int(mask.sum())
-            levels[row, :count] = runs[index].levels_db_sl[mask]
-            correct[row, :count] = runs[index].correct[mask]
-        fit = refit(levels, correct, prior)
-        flags = run_flags(levels, correct, fit, prior)
-        fits.update({index: (fit, flags, row) for row, index in enumerate(members)})
-    return fits
+def played_at(run: StoredRun) -> Playable:
+    """Return what could be played in a run that chose its frequencies, by those that it chose."""
+    every = [playable_in(run, mains_hz) for mains_hz in _MAINS_HZ]
+    for playable in every:
+        away = np.abs(np.log(run.frequency_hz[:, None] / run.protocol.procedure.places(playable))).min(axis=1)
+        if np.all(away < _SAME_FREQUENCY):
+            return playable
+    return every[0]
 
 
 @dataclass(frozen=True)
@@ -209,46 +181,35 @@ class _Level:
         return cls(level, np.nan if bound else sd, low, high, bound)
 
 
-def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> MeasuredThreshold:
-    fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
-    at = _Level.censored(run.levels_db_sl[catch_kinds(run) != "blank"], *(float(value) for value in fitted))
-    seen, hertz = run.intervals, float(run.run.frequency_hz)
-    gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
-    names = [*procedure.flags, *flags.names(row), *attention(run)]
-    if hum_is_felt(seen, hertz, run.protocol.timing, at.refit_db_sl):
-        names.append("mains")
-    power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
-    return _threshold(run, procedure, hertz, at, gain, float(run.curve_level_db_re_1um[0]), names, power)
-
-
-def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
+def _whole_curve(run: StoredRun) -> list[MeasuredThreshold]:
     seen, placed = run.intervals, catch_kinds(run) != "blank"
     if not placed.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
     trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)
-    levels, hertz = run.levels_db_sl[placed], run.frequency_hz[placed]
-    curve = curve_run(procedure.rule, hertz, levels, run.correct[placed])
+    levels, procedure = run.levels_db_sl[placed], run.protocol.procedure
+    trials = run.frequency_hz[placed], levels, run.correct[placed]
+    curve = procedure.curve(run.protocol.paradigm.guess, played_at(run), *trials)
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
-    names, power = [*curve.flags.names(), *attention(run)], (None, float(curve.flags.drift.power[0]))
+    names, power = [*curve.flags, *attention(run)], (None, curve.drift_power)
     measured = []
-    read = (curve.curve.mean, curve.curve.sd, curve.curve.low, curve.curve.high)
+    read = (curve.mean, curve.sd, curve.low, curve.high)
     for point, (hertz, zero, *figures) in enumerate(zip(curve.frequency_hz, base, *read, strict=True)):
         at = _Level.censored(levels, *(float(value) for value in figures))
         near = np.abs(np.log10(run.frequency_hz / hertz))[trial] <= _NEAR_DECADES
         commanded, sensed = seen.commanded_db_sl[near], seen.measured_db_sl[near]
         gain = delivered_level(commanded, sensed, float(hertz), at.refit_db_sl, _NEAR_DB)
-        threshold = _threshold(run, procedure, float(hertz), at, gain, float(zero), names, power)
-        measured.append(replace(threshold, notch_trials=int(curve.notch.trials[0, point])))
+        threshold = _threshold(run, None, float(hertz), at, gain, float(zero), names, power)
+        measured.append(replace(threshold, notch_trials=int(curve.notch_trials[point])))
     return measured
 
 
 def _threshold(
-    run: StoredRun, procedure: Procedure, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float,
+    run: StoredRun, estimate: Estimate | None, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float,
     names: Sequence[str], power: tuple[float | None, float | None],
 ) -> MeasuredThreshold:  # fmt: skip
     """Return a threshold with its displacement; base: level of 0 dB SL, names: flags beside those of the playing."""
-    known, estimate = not np.isnan(gain.offset_db), procedure.estimate()
+    known = not np.isnan(gain.offset_db)
     playing = {
         "out-of-range": bool(at.bound),
         "saturated": run.intervals.saturated.any(),
@@ -264,7 +225,7 @@ def _threshold(
         procedure=run.run.procedure,
         run=run.run.id,
         trials=run.correct.size,
-        point=procedure.point,
+        point=run.protocol.procedure.point,
         own_db_sl=None if estimate is None else estimate.level_db_sl,
         own_standard_error_db=None if estimate is None else estimate.standard_error_db,
         **vars(at),

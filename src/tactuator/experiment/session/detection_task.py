@@ -11,10 +11,7 @@ from sqlalchemy import Connection, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure
-from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
-from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve import WholeCurve
+from tactuator.experiment.procedure.procedure import Playable, Runs
 from tactuator.experiment.protocol.detection import Protocol, plan_runs
 from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
@@ -30,8 +27,6 @@ from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import nearest_mains
 from tactuator.table import ResultTable
-
-_PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 
 
 def keep_off_mains(frequency_hz: float, at: Playable, timing: Timing) -> None:
@@ -104,11 +99,8 @@ class DetectionTask(ToneTask):
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """Return the course of a run, with a fresh procedure."""
         protocol = self.protocol
-        if planned.practice:
-            procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
-        else:
-            playable = self.apparatus.playable(protocol.timing)
-            procedure = protocol.fresh_run(playable)
+        playable = self.apparatus.playable(protocol.timing)
+        procedure = protocol.practice() if planned.practice else protocol.begin(playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, seed, procedure)
 
@@ -128,41 +120,22 @@ class DetectionTask(ToneTask):
         return (threshold_table(thresholds(detection_runs(store, session=session)), self.words),)
 
 
-def curve_picture(procedure: WholeCurve, title: str) -> Picture:
-    """Return a whole-curve run as an operator's page draws it: the curve in dB SL and its 95 % band."""
-    low, high = procedure.rule.prior.band_hz
-    frequency_hz = np.geomspace(low, high, _PICTURE_POINTS)
-    read = procedure.curve(frequency_hz)
-    floor, ceiling = procedure.rule.floor_db_sl, procedure.rule.ceiling_db_sl
-    levels = {"level_db_sl": read.mean, "low_db_sl": read.low, "high_db_sl": read.high}
-    return {
-        "kind": "curve",
-        "title": title,
-        "frequency_hz": [round(float(value), 3) for value in frequency_hz],
-        **{name: [round(float(value), 2) for value in np.clip(at, floor, ceiling)] for name, at in levels.items()},
-        "trials": [[round(hertz, 3), level, right] for hertz, level, right in procedure.played],
-        "chance": bool(
-            procedure.trials >= _JUDGED_TRIALS_MIN and procedure.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE
-        ),
-    }
-
-
 @dataclass
 class DetectionCourse(ToneCourse):
     """Course of one run, placed by its procedure: each trial's frequency is the run's unless that chooses it too."""
 
     task: DetectionTask
-    procedure: Procedure
+    procedure: Runs
 
     @property
     def progress(self) -> float:
         """Return the progress of the procedure."""
-        return self.procedure.progress
+        return self.procedure.progress()
 
     @property
     def passed(self) -> bool:
         """Return False for practice that has not met its criterion, True otherwise."""
-        return not isinstance(self.procedure, Practice) or self.procedure.passed
+        return self.procedure.passed
 
     def _draw(self) -> Trial | None:
         placement = self.procedure.placement()
@@ -207,11 +180,5 @@ class DetectionCourse(ToneCourse):
             self.procedure.record(correct)
 
     def picture(self) -> Picture:
-        """Return the level and outcome of every trial; of a whole curve, the curve so far with its band."""
-        words, about = self.task.words, {"title": self.planned.title, "trials": self.trials}
-        if isinstance(self.procedure, WholeCurve):
-            return curve_picture(self.procedure, words("run.so_far", **about))
-        if isinstance(self.procedure, UpDown):
-            reversals = len(self.procedure.reversal_levels)
-            return self._track(words("run.so_far_reversals", **about, reversals=reversals))
-        return super().picture()
+        """Return the level and outcome of every trial, or what else the procedure draws."""
+        return {**super().picture(), **self.procedure.picture()}

@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Placement, Playable, Procedure, ProcedureKeys, parse_procedure
+from tactuator.experiment.procedure.procedure import Placement, Procedure, Runs, parse_procedure
 from tactuator.experiment.procedure.refit import RefitPrior, refit
-from tactuator.experiment.procedure.up_down import UpDownRule
+from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.task.estimate import Measured
 from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
 from tactuator.experiment.trial import trial_rng
@@ -52,7 +52,7 @@ class DiscriminationKeys(TaskKeys):
         NotNegative, Field(le=10.0, description="of frequency: levels are drawn so far about the level")
     ] = 0.0
     procedure: Annotated[
-        ProcedureKeys | None, *kept_by(lambda keys: None if keys is None else parse_procedure(keys), "as [procedure]")
+        Procedure | None, *kept_by(lambda keys: None if keys is None else parse_procedure(keys), "as [procedure]")
     ] = None
 
     def __post_init__(self) -> None:
@@ -68,14 +68,12 @@ class DiscriminationKeys(TaskKeys):
         """Return the probability of a right guess."""
         return 0.5 if self.of == "order" else 1.0 / self.intervals
 
-    def rule(self, level_db_sl: float) -> ProcedureKeys:
-        """Return the procedure's keys: by default the paper's rule from a difference that anyone notices."""
-        keys = UpDownRule(start_db_sl=_START_DB[self.of]) if self.procedure is None else self.procedure
-        if isinstance(keys, UpDownRule) and self.of == "amplitude":
-            most = 20.0 * float(np.log10(max(COMFORT_DB_SL - level_db_sl, 1.0)))
-            ceiling = min(keys.ceiling_db_sl, most)
-            return replace(keys, ceiling_db_sl=ceiling, start_db_sl=min(keys.start_db_sl, ceiling))
-        return keys
+    def rule(self, level_db_sl: float) -> Procedure:
+        """Return the procedure: by default the paper's rule from a difference that anyone notices."""
+        procedure = UpDown(start_db_sl=_START_DB[self.of]) if self.procedure is None else self.procedure
+        if self.of != "amplitude":
+            return procedure
+        return procedure.below(20.0 * float(np.log10(max(COMFORT_DB_SL - level_db_sl, 1.0))))
 
     def asked(self, words: Words) -> TaskPrompt:
         """Return the question of what differs."""
@@ -110,7 +108,7 @@ class DiscriminationKeys(TaskKeys):
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> DiscriminationRun:
         """Return a fresh run."""
         finger, hertz, level = self._cells()[index]
-        procedure = self.rule(level).build(self.guess, place.playable)
+        procedure = self.rule(level).begin(self.guess, place.playable)
         return DiscriminationRun(self, finger, hertz, level, place, seed, procedure)
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
@@ -142,8 +140,7 @@ class DiscriminationKeys(TaskKeys):
         bases = [t.level_db_sl for trial in run.trials for t in trial.tones if t is not None and t.role == _BASE]
         middle = float(np.median(bases)) if bases else self.levels_db_sl[0]
         base = min(self.levels_db_sl, key=lambda level: abs(level - middle))
-        procedure = self.rule(base).build(self.guess, Playable())
-        fitted = refit(levels, correct, RefitPrior(guess=self.guess, target=procedure.point, **_JND_PRIOR))
+        fitted = refit(levels, correct, RefitPrior(guess=self.guess, target=self.rule(base).point, **_JND_PRIOR))
         values = (fitted.threshold_db[0], fitted.low_db[0], fitted.high_db[0])
         return Difference(base, Measured(*(float(from_db(value)) for value in values)))
 
@@ -169,12 +166,12 @@ class DiscriminationRun:
     level_db_sl: float
     place: Place
     seed: tuple[int, ...]
-    procedure: Procedure
+    procedure: Runs
 
     @property
     def progress(self) -> float:
         """Return the procedure's progress."""
-        return self.procedure.progress
+        return self.procedure.progress()
 
     def trial(self, number: int) -> Judgement | None:
         """Return the trial where the procedure puts it, or None when the run is over."""

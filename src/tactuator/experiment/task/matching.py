@@ -17,7 +17,7 @@ from pydantic import Field
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.experiment.procedure.up_down import UpDown, UpDownRule
+from tactuator.experiment.procedure.up_down import Tracks, UpDown
 from tactuator.experiment.task.estimate import Equality, StrengthEstimate, equality, estimate
 from tactuator.experiment.task.laws import FREE
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
@@ -293,26 +293,26 @@ class PairsRun:
     finger: str
     frequency_hz: float
     seed: tuple[int, ...]
-    tracks: list[tuple[float, bool, UpDown]] = field(init=False)
+    tracks: list[tuple[float, bool, Tracks]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.tracks = [(level, swapped, self._track(level, above)) for level, swapped, above in self.task._tracks()]
 
-    def _track(self, level_db_sl: float, above: bool) -> UpDown:
+    def _track(self, level_db_sl: float, above: bool) -> Tracks:
         """Return a track of the tone that varies: from above it ends at 70.7 % stronger, from below at 29.3 %."""
         down, up = (2, 1) if above else (1, 2)
         start = level_db_sl + (self.task.start_db if above else -self.task.start_db)
-        rule = UpDownRule(
+        procedure = UpDown(
             start_db_sl=min(max(start, 0.0), COMFORT_DB_SL), down=down, up=up, steps_db=self.task.steps_db,
             reversals=self.task.reversals, averaged=max(1, self.task.reversals - 2), floor_db_sl=-5.0,
             trial_limit=_TRACK_TRIALS_MAX,
         )  # fmt: skip
-        return UpDown(rule)
+        return procedure.begin()
 
     @property
     def progress(self) -> float:
         """Return the mean progress of the tracks."""
-        return float(np.mean([track.progress for _, _, track in self.tracks]))
+        return float(np.mean([track.progress() for _, _, track in self.tracks]))
 
     def trial(self, number: int) -> Judgement | None:
         """Return the next match of a track that is drawn, or None when all are over."""
@@ -324,12 +324,12 @@ class PairsRun:
         assert placement is not None
         varied = placement.level_db_sl
         comparison, reference = (level, varied) if swapped else (varied, level)
-        block, place = divmod(track.trials, 2)
+        block, place = divmod(int(track.trials[0]), 2)
         second = bool(trial_rng((*self.seed, 7, which), block).permutation(2)[place])
         return self.task.match(number, self.finger, Placed(self.frequency_hz, comparison, reference), swapped, second)
 
     def _drawn(self, number: int) -> int | None:
-        going = [index for index, (_, _, track) in enumerate(self.tracks) if not track.finished]
+        going = [index for index, (_, _, track) in enumerate(self.tracks) if not track.over[0]]
         return going[int(trial_rng((*self.seed, 8), number).integers(len(going)))] if going else None
 
     def record(self, trial: Judgement, response: str) -> None:
