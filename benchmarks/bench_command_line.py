@@ -23,7 +23,7 @@ from timing import in_turn, of_program
 
 import tactuator
 from tactuator.api.parameters import paper_controller, paper_display
-from tactuator.api.table import top_verbs
+from tactuator.cli.table import top_commands
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.plan import Plan, observers
@@ -95,7 +95,7 @@ def run() -> dict[str, object]:
     python_s, python_mb = spent([sys.executable, "-c", "pass"])
     typer_s, _ = spent([sys.executable, "-c", TYPER, "--help"])
     package_s, _ = spent([sys.executable, "-c", "import tactuator"])
-    helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"]) for verb in ("", *top_verbs())}
+    helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"]) for verb in ("", *top_commands())}
     refusals = {
         "missing record": spent([*PROGRAM, "identify", "nothing.csv"], 2),
         "missing display": spent([*PROGRAM, "design", "nothing.toml"], 2),

@@ -1,7 +1,7 @@
 """Tactile displays on which equal reference amplitude is felt equally strongly at every frequency.
 
-`import tactuator as tt` gives the chain's verbs and nouns by name; each is imported when it is first asked for.
-`__init__.pyi` tells their types.
+`import tactuator as tt` gives the functions of the API by name; each is imported when it is first used.
+`__init__.pyi` has their types.
 """
 
 from importlib import import_module
@@ -32,8 +32,7 @@ def __getattr__(name: str) -> object:
     elif name in _NAMES:
         value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
         if not isinstance(value, type):
-            types = import_module("tactuator.api.nouns").TYPES
-            value = import_module("tactuator.parameters").checked(value, types)
+            value = import_module("tactuator.parameters").checked(value)
     else:
         raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
     globals()[name] = value

@@ -19,7 +19,7 @@ from functools import cache, reduce, wraps
 from numbers import Real
 from operator import or_
 from os import PathLike
-from types import NoneType, SimpleNamespace, UnionType
+from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -34,7 +34,7 @@ from typing import (
 )
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import GroupedMetadata
 from pydantic import AfterValidator, ConfigDict, Field, InstanceOf, PlainValidator, Strict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as validated
 from pydantic.fields import FieldInfo
@@ -278,28 +278,23 @@ def _table_within(kind: Any) -> Any:
     return next((table for each in get_args(kind) if (table := _table_within(each)) is not None), None)
 
 
-def checked(function: F, types: Mapping[str, Any] | None = None) -> F:
+def checked(function: F) -> F:
     """Return a function that refuses, by BadInput, an argument of another type than its annotation, or beyond the
-    bounds there (`ge` and `le` of a mark). Its signature has the types without marks, as `help` shows them.
-
-    types: those that its module imports for type checkers alone, by name.
+    bounds there. Its signature has the types without marks, as `help` shows them.
     """
     signature, title = inspect.signature(function), function.__qualname__.removesuffix(".__init__")
-    kinds = {name: parameter.annotation for name, parameter in signature.parameters.items()}
-    marks = {name: get_args(kind)[1:] if get_origin(kind) is Annotated else () for name, kind in kinds.items()}
 
     @cache
     def arguments() -> dict[str, tuple[TypeAdapter[Any], str, str]]:
-        annotated = {name: kind for name, kind in kinds.items() if kind is not inspect.Parameter.empty}
-        hints = get_type_hints(SimpleNamespace(__annotations__=annotated), function.__globals__, types)
-        limits = {name: _limits(of) for name, of in marks.items()}
+        hints = get_type_hints(function, include_extras=True)
+        known = {name: _unmarked(hints[name]) for name in signature.parameters if name in hints}
         return {
             name: (
-                TypeAdapter(_argument(hint, limits[name])),
-                _allowed(_argument(hint), []),
-                _bounds(limits[name]).removeprefix(", "),
+                TypeAdapter(_argument(kind, limits)),
+                _allowed(_argument(kind), []),
+                _bounds(limits).removeprefix(", "),
             )
-            for name, hint in hints.items()
+            for name, (kind, limits) in known.items()
         }
 
     @wraps(function)
@@ -316,16 +311,17 @@ def checked(function: F, types: Mapping[str, Any] | None = None) -> F:
                 raise BadInput(got, (is_beyond and ends) or kind, where=(title,), key=name) from None
         return function(*values, **named)
 
-    bare = {name: get_args(kind)[0] if marks[name] else kind for name, kind in kinds.items()}
-    shown = {name: getattr(kind, "__forward_arg__", kind) for name, kind in bare.items()}
-    parameters = [parameter.replace(annotation=shown[name]) for name, parameter in signature.parameters.items()]
+    parameters = [each.replace(annotation=_unmarked(each.annotation)[0]) for each in signature.parameters.values()]
     vars(guarded)["__signature__"] = signature.replace(parameters=parameters)
     return cast(F, guarded)
 
 
-def _limits(marks: Sequence[Any]) -> list[Any]:
-    ends = ((Ge, "ge"), (Le, "le"))
-    return [kind(at) for mark in marks for kind, end in ends if (at := getattr(mark, end, None)) is not None]
+def _unmarked(hint: Any) -> tuple[Any, list[Any]]:
+    """Return an annotation's type, and its bounds."""
+    if get_origin(hint) is not Annotated:
+        return hint, []
+    kind, *marks = get_args(hint)
+    return kind, [bound for mark in marks if isinstance(mark, GroupedMetadata) for bound in mark]
 
 
 _LEAVES: dict[Any, Any] = {

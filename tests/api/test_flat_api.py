@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 
 import tactuator as tt
 from tactuator.api.controller import wordlength
-from tactuator.api.result import Result, finite
 from tactuator.api.start import curves
 from tactuator.cli import main
 from tactuator.errors import BadInput
@@ -26,6 +25,7 @@ from tactuator.io.reference import open_reference
 from tactuator.model.plant import Load
 from tactuator.paper.verb import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
+from tactuator.result import Result, finite
 from tactuator.signals.record import Record
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
@@ -68,7 +68,7 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
     assert sorted(re.findall(r"import (\w+) as \1\n", typed)) == sorted(NAMES)
     with pytest.raises(AttributeError, match="no attribute 'desing'"):
         tt.desing  # noqa: B018
-    assert str(inspect.signature(tt.check)).startswith("(controller: 'Controller | Place', display: 'Display | Place")
+    assert str(inspect.signature(tt.check)).startswith("(controller: tactuator.model.controller.Controller | str")
     assert not [name for name in NAMES if "Annotated" in str(inspect.signature(getattr(tt, name)))]
     program = "import sys, tactuator; print({'numpy', 'scipy', 'pydantic', 'matplotlib'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "set()\n"

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from tactuator.api.parameters import Option
-from tactuator.api.result import Result
+from tactuator.api.option import Option
 from tactuator.errors import BadInput
+from tactuator.result import Result
+from tactuator.rig.open import acknowledge_faults
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -22,8 +23,6 @@ class AcknowledgedResult(Result):
 
 def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:
     """Tell a board that its sensor faults are known. After three of them it stays off until then."""
-    from tactuator.rig.open import acknowledge_faults
-
     if not rig.startswith("board:"):
         raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
     return AcknowledgedResult(rig, acknowledge_faults(rig.removeprefix("board:")))

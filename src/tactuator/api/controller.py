@@ -4,38 +4,39 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from tactuator.api.parameters import (
-    CONTROLLER_HELP,
-    Argument,
-    Curve,
-    Figures,
-    Option,
-    Place,
-    Seed,
-    chosen_display,
-    read,
-)
-from tactuator.api.result import Result, promoted, say, working
+import numpy as np
+
+from tactuator import report
+from tactuator.api.designed import ControllerResult, VerdictResult
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import CONTROLLER_HELP, Curve, Figures, Place, Seed, chosen_display, read
+from tactuator.api.progress import say, working
 from tactuator.errors import BadInput, within
+from tactuator.io.atomic import atomic_path
+from tactuator.io.kinds import require_kind
+from tactuator.io.text import read_content
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.plant import HIGHEST_RATE_HZ
+from tactuator.result import Result, promoted
+from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
+from tactuator.synthesis.verdict import whole_verdict
 from tactuator.table import ResultTable
-
-if TYPE_CHECKING:
-    from tactuator.api.designed import ControllerResult, VerdictResult
-    from tactuator.model.controller import Controller
-    from tactuator.model.description import Display
-    from tactuator.wordlength.bits import BitsNeeded
-    from tactuator.wordlength.float32_check import Float32Check
+from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits
+from tactuator.wordlength.float32_check import Float32Check, built, check_float32
 
 _RATE_DOUBLINGS = 4
 _Bytes = bytes
 
-ControllerFile = Annotated["Controller | Place", Argument(CONTROLLER_HELP, file=True)]
+ControllerFile = Annotated[Controller | Place, Argument(CONTROLLER_HELP, file=True)]
 
 
 def design(
-    display: Annotated["Display | Place", Argument("Display file (TOML).", file=True)],
+    display: Annotated[Display | Place, Argument("Display file (TOML).", file=True)],
     curve: Curve = None,
     poles: Annotated[int | None, Option("Poles of the prefilters.")] = None,
     error_db: Annotated[float | None, Option("Choose the fewest poles that keep this error.", ge=0.01)] = None,
@@ -43,7 +44,7 @@ def design(
         Place | None, Option("Controller file to write.", writes=True, shell=Path("controller.json"))
     ] = None,
     figures: Figures = None,
-) -> "ControllerResult":
+) -> ControllerResult:
     """Design loop and prefilter of every channel. Writes them as a controller file; exit status 1 if not met.
 
     curve: in place of the display's own. poles: of every prefilter; error_db: as few poles as keep that error.
@@ -52,28 +53,21 @@ def design(
     >>> tt.design("displays/voice-coil.toml").rate_hz
     8000.0
     """
-    from tactuator.api.designed import ControllerResult
-    from tactuator.synthesis.design import design_controller
-
     described = chosen_display(display, curve)
     if poles is not None:
         replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
     with working("designing"):
         controller = promoted(ControllerResult, design_controller(described, poles, error_db))
     if figures is not None:
-        from tactuator.report.controller import save_design_plates
-
-        save_design_plates(controller, Path(figures))
+        report.controller.save_design_plates(controller, Path(figures))
     if out is not None:
         _keep_met(Path(out), controller)
         controller.write(out)
     return controller
 
 
-def _keep_met(out: Path, by: "ControllerResult") -> None:
+def _keep_met(out: Path, by: ControllerResult) -> None:
     """Copy the controller of a file aside if it is met, or was not judged, and the one to replace it is not met."""
-    from tactuator.synthesis.verdict import whole_verdict
-
     with suppress(BadInput, OSError):
         if not by.holds and whole_verdict(read(out)).outcome is not by.verdict.outcome:
             aside = out.with_suffix(f".before{out.suffix}")
@@ -82,8 +76,8 @@ def _keep_met(out: Path, by: "ControllerResult") -> None:
 
 
 def check(
-    controller: Annotated["Controller | Place", Argument("Controller file.", file=True)],
-    display: Annotated["Display | Place | None", Option("Display file to judge it for.", file=True)] = None,
+    controller: Annotated[Controller | Place, Argument("Controller file.", file=True)],
+    display: Annotated[Display | Place | None, Option("Display file to judge it for.", file=True)] = None,
     monte_carlo: Annotated[
         int, Option("Plants to draw for each channel and load; 0 for none.", ge=0, le=1_000_000)
     ] = 0,
@@ -91,7 +85,7 @@ def check(
         float | None, Option("Relative standard deviation of the frequency of a mode; else as the model says, or 0.02.")
     ] = None,
     seed: Seed = 0,
-) -> "VerdictResult":
+) -> VerdictResult:
     """Judge a controller by the paper's four objectives. What a board takes is judged, too; exit status 1 if one fails.
 
     display: in place of the controller's own. Raises BadInput for one that the controller cannot run.
@@ -99,12 +93,6 @@ def check(
     >>> tt.check(controller).sentence  # friction, noise and hum stand in no file of this display
     'not judged (i, iv, build: met; ii, iii: not judged)'
     """
-    import numpy as np
-
-    from tactuator.api.designed import VerdictResult
-    from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
-    from tactuator.synthesis.verdict import whole_verdict
-
     judged, shown = read(controller), None if display is None else chosen_display(display)
     drawn: list[Any] = []
     if monte_carlo:
@@ -124,8 +112,8 @@ class WordlengthResult(Result):
     """
 
     rate_hz: float
-    bits: Mapping[str, Mapping[str, Mapping[float, "BitsNeeded"]]]
-    float32: "Float32Check"
+    bits: Mapping[str, Mapping[str, Mapping[float, BitsNeeded]]]
+    float32: Float32Check
     figures: Path | None = None
 
     @property
@@ -140,7 +128,6 @@ class WordlengthResult(Result):
         return document if self.figures else {name: document[name] for name in ("rate_hz", "bits", "float32")}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.wordlength.bits import MOST_BITS
 
         def as_text(bits: int) -> str:
             return str(bits) if bits <= MOST_BITS else f"over {MOST_BITS}"
@@ -182,10 +169,6 @@ def wordlength(
     >>> wordlength(controller).float32.safe
     True
     """
-    from tactuator.model.plant import HIGHEST_RATE_HZ
-    from tactuator.wordlength.bits import at_rate, controller_bits
-    from tactuator.wordlength.float32_check import check_float32
-
     judged = read(controller)
     if rate is not None:
         judged = at_rate(judged, rate)
@@ -195,12 +178,11 @@ def wordlength(
     with working("comparing float32 with double precision"):
         check = check_float32(judged)
     if figures is not None:
-        from tactuator.report.controller import resolution_plate
-        from tactuator.report.plate import save_plates
-
         bands = [channel.threshold.band_hz for channel in judged.display.channels]
         band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
-        save_plates([resolution_plate(bits, "this controller (the most of any channel)", band)], Path(figures))
+        report.plate.save_plates(
+            [report.controller.resolution_plate(bits, "this controller (the most of any channel)", band)], Path(figures)
+        )
     return WordlengthResult(judged.rate_hz, bits, check, None if figures is None else Path(figures))
 
 
@@ -252,16 +234,12 @@ class ImageResult(Result):
 
     def write(self, path: Place) -> None:
         """Write the image, whole or not at all."""
-        from tactuator.io.atomic import atomic_path
-
         with atomic_path(path) as beside:
             beside.write_bytes(self.content)
 
 
 def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:
     """Return what the core reads of an image. Raises BadInput for what is none."""
-    from tactuator.runtime.image import read_image_header
-
     header = read_image_header(content)
     return ImageResult(
         None if path is None else Path(path), len(content), header.rate_hz, header.delay_samples,
@@ -280,9 +258,6 @@ def build(
     >>> tt.build(controller).channels
     3
     """
-    from tactuator.io.atomic import atomic_path
-    from tactuator.wordlength.float32_check import built
-
     loaded = read(controller)
     with nullcontext() if out is None else atomic_path(out) as beside:  # a folder that is not there is told at once
         with working("comparing float32 with double precision"):
@@ -295,10 +270,11 @@ def build(
 def image(
     file: Annotated[Place, Argument("Image file that `build` wrote.", file=True)],
     controller: Annotated[
-        "Controller | Place | None", Option("Controller file: is the image its, and for its display?", file=True)
+        Controller | Place | None, Option("Controller file: is the image its, and for its display?", file=True)
     ] = None,
 ) -> ImageResult:
-    """Say what an image is. The core checks all of it first; exit status 1 if it is another controller's.
+    """Show what a firmware image contains. The core checks all of it first; exit status 1 if it is another
+    controller's.
 
     Raises BadInput for what is no image, and with a controller for an image that its display could not run.
 
@@ -306,10 +282,6 @@ def image(
     >>> tt.image("image.bin", controller).is_of_controller
     True
     """
-    from tactuator.io.kinds import require_kind
-    from tactuator.io.text import read_content
-    from tactuator.runtime.image import ImageRefusal, check_image
-
     require_kind(Path(file), "image")
     try:
         content = read_content(Path(file))

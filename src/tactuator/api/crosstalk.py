@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.api.result import Result, columns_of
 from tactuator.measure.crosstalk import Crosstalk, FeltLevel
+from tactuator.result import Result, columns_of
 from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.api.parameters import Place
-from tactuator.api.result import Result, figure
 from tactuator.arrays import ComplexArray
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
@@ -20,6 +19,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.verdict import Finding, Outcome, Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row, printed_factors, remark_lines
+from tactuator.result import Result, figure
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants

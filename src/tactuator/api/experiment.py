@@ -5,37 +5,49 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from getpass import getuser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
+from sqlalchemy import Connection, func, select
+
+from tactuator import report
+from tactuator.api.option import Argument, Option, option_of
 from tactuator.api.parameters import (
-    Argument,
     ControllerOption,
     DisplayOption,
-    Fields,
     Figures,
     Lsl,
-    Option,
     Place,
     RigOption,
     Seed,
     opened_apparatus,
 )
-from tactuator.api.result import Result, columns_of, finite, say, working
+from tactuator.api.progress import say, working
+from tactuator.entry_points import plugins
 from tactuator.errors import BadInput
+from tactuator.experiment.export import export as exported
+from tactuator.experiment.procedure.procedure import GROUP, Playable
+from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.result.confusion import threshold_table
+from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
+from tactuator.experiment.session.studies import Books, Correction, add_visit, books_of, fresh_token
+from tactuator.experiment.session.studies import correct as correct_subject
+from tactuator.experiment.session.studies import enrol as enrol_subject
+from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
+from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
+from tactuator.experiment.words import shipped_words
+from tactuator.io.csv_tables import read_relative_curve, write_curve
+from tactuator.parameters import from_table
+from tactuator.perception.curve import RelativeCurve
+from tactuator.result import Result, columns_of, finite
+from tactuator.rig.rig import require_finger_ports, usual_load
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
-
-if TYPE_CHECKING:
-    from sqlalchemy import Connection
-
-    from tactuator.experiment.protocol.study import SubjectPart
-    from tactuator.experiment.result.store_results import GroupCurve, StoreResults
-    from tactuator.experiment.session.studies import Books
-    from tactuator.experiment.session.task import Apparatus
-    from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
-    from tactuator.perception.curve import RelativeCurve
-
-_SETTING = Fields("experiment.simulated.quality:Setting")
-_STUDY = Fields("experiment.simulated.planning:PlannedStudy")
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql+pg8000://...", type=str)]
@@ -75,10 +87,6 @@ def enrol(
     operator: OperatorName = None,
 ) -> EnrolledResult:
     """Add a subject, or a further visit of one. The links of all visits are shown."""
-    from tactuator.experiment.session.studies import add_visit
-    from tactuator.experiment.session.studies import enrol as enrol_subject
-    from tactuator.experiment.store import records
-
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
         raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
     with _opened_books(store, study, operator) as (connection, books):
@@ -120,10 +128,7 @@ def correct(
     ] = None,
     operator: OperatorName = None,
 ) -> CorrectedResult:
-    """Write correct data of a subject or a visit. What stood there stays in the store and in exports."""
-    from tactuator.experiment.session.studies import Correction
-    from tactuator.experiment.session.studies import correct as correct_subject
-
+    """Correct the data of a subject or a visit. What stood there stays in the store and in exports."""
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
         raise BadInput(f"{preload_n:g}", "a number of 0 or more", where=("subject",), key="preload_n")
@@ -136,22 +141,15 @@ def correct(
 
 
 @contextmanager
-def _opened_books(store: Place, study: str | None, operator: str | None) -> "Iterator[tuple[Connection, Books]]":
-    from tactuator.experiment.session.studies import books_of, fresh_token
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.store.store import Store, sessions_of
-
+def _opened_books(store: Place, study: str | None, operator: str | None) -> Iterator[tuple[Connection, Books]]:
     with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
         yield connection, books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
 
 
 def _part(
     code: str, group: str | None, participant_id: str | None, skin_temperature_c: float | None, facts: list[str]
-) -> "SubjectPart":
+) -> SubjectPart:
     """Return the subject as a protocol file would have it. Raises BadInput for what one may not hold."""
-    from tactuator.experiment.protocol.study import SubjectPart
-    from tactuator.parameters import from_table
-
     document = {
         "code": code,
         "group": group or "unknown",
@@ -221,18 +219,9 @@ def observe(
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Let simulated subjects go through a detection study. They feel what the loop of the simulated display makes of
+    """Run simulated subjects through a detection study. They feel what the loop of the simulated display makes of
     it. With --lsl they wait for a recorder.
     """
-    import numpy as np
-
-    from tactuator.experiment.protocol.detection import Protocol
-    from tactuator.experiment.protocol.file import read_protocol
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
-    from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.rig.rig import usual_load
-
     study, text = read_protocol(Path(protocol), Protocol)
     codes, seen = [subject.code for subject in study.subject], set[int]()
     files, lapses = _pairs("--truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
@@ -258,10 +247,8 @@ def observe(
     return ObservedResult(store, tuple(rows))
 
 
-def _truth(path: Place, band_hz: tuple[float, float]) -> "RelativeCurve":
+def _truth(path: Place, band_hz: tuple[float, float]) -> RelativeCurve:
     """Return somebody's threshold from a CSV, and tell where it is held beyond its ends to cover the band."""
-    from tactuator.io.csv_tables import read_relative_curve
-
     curve = read_relative_curve(Path(path))
     (low_hz, high_hz), (lowest_hz, highest_hz) = curve.frequency_hz[[0, -1]], band_hz
     if lowest_hz < low_hz or high_hz < highest_hz:
@@ -270,10 +257,8 @@ def _truth(path: Place, band_hz: tuple[float, float]) -> "RelativeCurve":
     return curve
 
 
-def _make_ready(place: "Apparatus", warning: str) -> None:
+def _make_ready(place: Apparatus, warning: str) -> None:
     """Tell the warning; wait for a recorder, if any is to come. Raises BadInput where nobody simulated can sit."""
-    from tactuator.rig.rig import require_finger_ports
-
     require_finger_ports(place.rig, place.name)
     if warning:
         say(warning)
@@ -296,7 +281,7 @@ def _lapses(texts: Sequence[str]) -> dict[str, float]:
 class StoreThresholds(Result):
     """Thresholds of a store's finished runs, and the curve across subjects; is_curve_asked: a file of it was."""
 
-    results: "StoreResults"
+    results: StoreResults
     is_curve_asked: bool = False
 
     @property
@@ -324,8 +309,6 @@ class StoreThresholds(Result):
         return columns | {"simulated": ["simulated" if threshold.simulated else "" for threshold in thresholds]}
 
     def chart(self) -> Chart:
-        import numpy as np
-
         curves = []
         for name in dict.fromkeys(threshold.subject for threshold in self.results.thresholds):
             of = [threshold for threshold in self.results.thresholds if threshold.subject == name]
@@ -344,13 +327,10 @@ class StoreThresholds(Result):
         return self.results.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.experiment.result.confusion import threshold_table
-        from tactuator.experiment.words import shipped_words
-
         measured = threshold_table(self.results.thresholds, shipped_words("en"))
         return [measured, *([] if self.results.group is None else [self._curve(self.results.group)])]
 
-    def _curve(self, group: "GroupCurve") -> ResultTable:
+    def _curve(self, group: GroupCurve) -> ResultTable:
         """Return the curve across subjects as a table, beside it the one with, or without, doubtful thresholds."""
         beside = self.results.beside
         drawn = [group, *([] if beside is None else [beside])]
@@ -375,7 +355,7 @@ _OPEN_DB = 100.0
 """Length of a bar whose end is open: it leaves the axes."""
 
 
-def _point(group: "GroupCurve", hertz: float) -> tuple[str, str]:
+def _point(group: GroupCurve, hertz: float) -> tuple[str, str]:
     at = [index for index, f in enumerate(group.curve.frequency_hz) if f == hertz and group.subjects[index]]
     if not at or group.curve.standard_error_db is None:
         return "–", "–"
@@ -405,22 +385,17 @@ def thresholds(
     >>> tt.thresholds("lab.db").headline()["subjects"]
     '1'
     """
-    from tactuator.experiment.result.store_results import store_results
-    from tactuator.io.csv_tables import write_curve
-
     with working("refitting the runs"):
         results = store_results(store, group, reference, leave_out or [])
     if results.group is not None and curve_out is not None:
         write_curve(Path(curve_out), results.group.curve, results.circumstances)
     if figures is not None:
-        from tactuator.report.felt import psychometric_plate, thresholds_plate
-
         folder = Path(figures)
         new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
-        thresholds_plate(results.people, results.reference, new, others).save(folder)
+        report.felt.thresholds_plate(results.people, results.reference, new, others).save(folder)
         for subject, trials in results.psychometric.items():
-            psychometric_plate(subject, trials).save(folder)
+            report.felt.psychometric_plate(subject, trials).save(folder)
     return StoreThresholds(results, curve_out is not None)
 
 
@@ -442,9 +417,6 @@ def export(
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
 ) -> ExportedResult:
     """Write every answered trial in an open format. The folder has a data dictionary, too."""
-    from tactuator.experiment.export import export as exported
-    from tactuator.experiment.store.store import Store
-
     with working("exporting"), closing(Store(store, must_exist=True)) as database:
         return ExportedResult(Path(out), form, exported(database, Path(out), form))
 
@@ -465,11 +437,6 @@ def backup(
     out: Annotated[Place, Argument("File to write.", metavar="OUT", writes=True)],
 ) -> BackupResult:
     """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
-    from sqlalchemy import func, select
-
-    from tactuator.experiment.store import schema
-    from tactuator.experiment.store.store import Store
-
     with closing(Store(store, must_exist=True, whole=False)) as database:
         database.backup(Path(out))
     with closing(Store(Path(out), must_exist=True)) as copy, copy.read() as connection:
@@ -486,8 +453,8 @@ class QualityResult(Result):
     procedure: str
     runs: int
     figures: Mapping[str, Any]
-    study: "PlannedStudy | None" = None
-    plan: "StudyPlan | None" = None
+    study: PlannedStudy | None = None
+    plan: StudyPlan | None = None
 
     def headline(self) -> Mapping[str, str]:
         rows = []
@@ -543,36 +510,31 @@ def simulate(
     ] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
-    lapse: Annotated[float, Option("Lapse rate.")] = _SETTING.default("lapse"),
-    start_db: Annotated[float, Option("Start, dB above the true threshold.")] = _SETTING.default("start_db"),
+    lapse: Annotated[float, Option("Lapse rate.")] = Setting.lapse,
+    start_db: Annotated[float, Option("Start, dB above the true threshold.")] = Setting.start_db,
     trials: Annotated[int | None, Option("Trials of a run, where the procedure has a number of them.")] = None,
     truth: Annotated[
         Place | None,
         Option("curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
     ] = None,
-    guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = _SETTING.default("guessed"),
-    drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = _SETTING.default("drift_db"),
-    loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = _SETTING.default("loud_share"),
+    guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = Setting.guessed,
+    drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = Setting.drift_db,
+    loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = Setting.loud_share,
     effect_db: Annotated[
         float | None, Option("Difference that a study is to find, dB: how many people it takes.")
     ] = None,
-    spread_db: Annotated[float | None, _STUDY.option("spread_db")] = None,
-    design: Annotated[str, _STUDY.option("design")] = _STUDY.default("design"),
-    repeats: Annotated[int, _STUDY.option("repeats")] = _STUDY.default("repeats"),
-    alpha: Annotated[float, _STUDY.option("alpha")] = _STUDY.default("alpha"),
-    power: Annotated[float, _STUDY.option("power")] = _STUDY.default("power"),
+    spread_db: Annotated[float | None, option_of(PlannedStudy, "spread_db")] = None,
+    design: Annotated[str, option_of(PlannedStudy, "design")] = PlannedStudy.design,
+    repeats: Annotated[int, option_of(PlannedStudy, "repeats")] = PlannedStudy.repeats,
+    alpha: Annotated[float, option_of(PlannedStudy, "alpha")] = PlannedStudy.alpha,
+    power: Annotated[float, option_of(PlannedStudy, "power")] = PlannedStudy.power,
     seed: Seed = 0,
 ) -> QualityResult:
-    """Say how good a procedure's estimates are. It is run many times against people whose truth is known. With
+    """Assess how accurate a procedure's estimates are. It is run many times against people whose truth is known. With
     --effect-db and --spread-db it says how many subjects a study takes, and its power.
 
     Raises BadInput for an effect without a spread, and where no number of subjects finds it.
     """
-    from tactuator.entry_points import plugins
-    from tactuator.experiment.procedure.procedure import GROUP, Playable
-    from tactuator.experiment.simulated.planning import PlannedStudy
-    from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
-
     if procedure not in plugins(GROUP):
         raise BadInput(repr(procedure), ", ".join(plugins(GROUP)), key="--procedure")
     if (effect_db is None) != (spread_db is None):

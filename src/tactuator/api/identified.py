@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from tactuator.api.parameters import Place
-from tactuator.api.result import Result, coefficients, figure, response_chart
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.distortion import Distortion
@@ -20,8 +19,19 @@ from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.plausibility import pairs_doubts
 from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
+from tactuator.result import Result, coefficients, figure
 from tactuator.signals.decibels import db
-from tactuator.table import Chart, ChartLine, ResultTable, picked, plain
+from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable, picked, plain
+
+
+def response_chart(model: PlantModel, *shown: ChartLine) -> Chart:
+    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
+    hertz = np.geomspace(*model.band_hz, 300)
+    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
+    level, half = db(model.response(hertz)), model.band_db(hertz)
+    drawn = ChartLine("model, with its 95 % band", hertz, level, half=half, colour=0)
+    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
+
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "

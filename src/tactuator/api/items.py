@@ -5,15 +5,25 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from tactuator.api.parameters import ControllerOption, DisplayOption, Option, Place, Seed, chosen_controller
-from tactuator.api.result import Result, working
+from tactuator.api.option import Option
+from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
+from tactuator.api.progress import working
+from tactuator.io.atomic import atomic_folder, write_text
+from tactuator.result import Result
+from tactuator.speech.items import (
+    CUTANEOUS,
+    KINESTHETIC,
+    MIDDLE,
+    WaveformSet,
+    WrittenItem,
+    write_phonemes,
+    write_waveforms,
+)
 from tactuator.speech.options import LEVEL_DB_SL
+from tactuator.speech.taps import CODES, layout_notes, read_layout, usual_layout
 from tactuator.table import ResultTable
-
-if TYPE_CHECKING:
-    from tactuator.speech.items import WrittenItem
 
 PROTOCOL = "protocol.toml"
 LAYOUT_HELP = "Of phonemes: CSV of tactor (1 to 24) and channel (a name)."
@@ -27,7 +37,7 @@ class ItemsResult(Result):
     """References in a folder, and the protocol that asks for them. notes: what is to be known of the set."""
 
     out: Path
-    items: "tuple[WrittenItem, ...]"
+    items: tuple[WrittenItem, ...]
     notes: tuple[str, ...] = ()
 
     def headline(self) -> Mapping[str, str]:
@@ -71,9 +81,6 @@ def waveforms(
     >>> len(tt.waveforms("waves", controller, fingers="thumb").items)
     7
     """
-    from tactuator.io.atomic import write_text
-    from tactuator.speech.items import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, write_waveforms
-
     loaded = chosen_controller(display, controller)
     groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
     components = tuple(replace(component, level_db_sl=level) for component in (KINESTHETIC, MIDDLE, CUTANEOUS))
@@ -96,14 +103,10 @@ def phonemes(
     repetitions: Repetitions = 4,
     seed: Seed = 0,
 ) -> ItemsResult:
-    """Write TAPS's phonemes and a protocol that asks for them. There are 39; up to six channels get a reduced code.
+    """Write TAPS's phonemes and a protocol for them. There are 39; up to six channels get a reduced code.
 
     Raises BadInput for a layout that does not fit the display.
     """
-    from tactuator.io.atomic import write_text
-    from tactuator.speech.items import write_phonemes
-    from tactuator.speech.taps import CODES, layout_notes, read_layout, usual_layout
-
     loaded = chosen_controller(display, controller)
     channels = tuple(channel.name for channel in loaded.display.channels)
     placed = usual_layout(len(channels)) if layout is None else read_layout(Path(layout), channels)
@@ -115,14 +118,12 @@ def phonemes(
 
 
 def _folder(out: Place, labels: Mapping[str, Any]) -> AbstractContextManager[Path]:
-    from tactuator.io.atomic import atomic_folder
-
     return atomic_folder(
         out, frozenset({f"{label}.{ending}" for label in labels for ending in ("wav", "json")} | {PROTOCOL})
     )
 
 
-def recognition_protocol(study: str, items: "Sequence[WrittenItem]", repetitions: int, seed: int) -> str:
+def recognition_protocol(study: str, items: Sequence[WrittenItem], repetitions: int, seed: int) -> str:
     """Return the protocol of a recognition experiment over items."""
     keys = [*string.digits[1:], *string.ascii_lowercase, *string.ascii_uppercase]
     keys += [f"{number}" for number in range(10, 1000)]

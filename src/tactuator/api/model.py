@@ -4,14 +4,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import report
+from tactuator.api.identified import CalibrationResult, IdentificationResult, ResponseModelResult
+from tactuator.api.option import Argument, Option, option_of
 from tactuator.api.parameters import (
-    Argument,
-    Fields,
     Figures,
     Load,
-    Option,
+    Numbers,
     Place,
     RigOption,
     Seed,
@@ -21,30 +25,36 @@ from tactuator.api.parameters import (
     paths,
     put_load,
 )
-from tactuator.api.result import Result, promoted, working
+from tactuator.api.progress import working
 from tactuator.errors import BadInput
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from tactuator.api.identified import CalibrationResult, IdentificationResult, ResponseModelResult
-    from tactuator.model.description import Channel, Display
-    from tactuator.signals.record import FrequencyResponse, Record
+from tactuator.identification.asked import Asked, Fixed
+from tactuator.identification.by_response import identify_response
+from tactuator.identification.calibration import fit_line
+from tactuator.identification.identify import identify as identified
+from tactuator.identification.validation import validated
+from tactuator.io.csv_tables import read_pairs
+from tactuator.io.record import read_measured, read_record, write_record
+from tactuator.model.description import Channel, Display
+from tactuator.model.plant import DERIVATIVES
+from tactuator.result import Result, promoted
+from tactuator.rig.rig import require_sensors
+from tactuator.signals import excitation as signals
+from tactuator.signals.excitation import sample_count
+from tactuator.signals.multisine import Periods, multisine, odd_lines
+from tactuator.signals.record import FrequencyResponse, Record
 
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
-_ASKED = Fields("identification.asked:Asked")
 
 
 def calibrate(
     pairs: Annotated[
-        "Place | tuple[ArrayLike, ArrayLike]",
+        Place | tuple[Numbers, Numbers],
         Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
     ],
     gauge_error_mm: Annotated[float, Option("Standard error of the gauge.", ge=0)] = 0.0,
     strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
-) -> "CalibrationResult":
+) -> CalibrationResult:
     """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
     pairs off the line are refused, each by its name.
 
@@ -54,10 +64,6 @@ def calibrate(
     >>> tt.calibrate("pairs.csv")
     <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
     """
-    from tactuator.api.identified import CalibrationResult
-    from tactuator.identification.calibration import fit_line
-    from tactuator.io.csv_tables import read_pairs
-
     if isinstance(pairs, tuple):
         line = fit_line(*(numbers(each, "pairs") for each in pairs), gauge_error_mm=gauge_error_mm)
     else:
@@ -89,7 +95,7 @@ class RecordingResult(Result):
     position_peak_v: float
     saturated: bool
     beyond_travel: bool
-    taken: "Record" = field(repr=False)
+    taken: Record = field(repr=False)
 
     @property
     def title(self) -> str:
@@ -97,7 +103,7 @@ class RecordingResult(Result):
 
 
 def record(
-    display: Annotated["Display | Place", Argument("Display file (TOML).", file=True)],
+    display: Annotated[Display | Place, Argument("Display file (TOML).", file=True)],
     channel: Annotated[str | None, Option("Channel (default: the first).")] = None,
     out: Annotated[Place | None, Option("Record to write (HDF5).", writes=True, shell=Path("record.h5"))] = None,
     duration_s: Annotated[float, Option("Seconds.")] = 60.0,
@@ -116,12 +122,6 @@ def record(
     >>> tt.record("display.toml", duration_s=4.0, excitation="noise").headline()["channel"]
     'index'
     """
-    import numpy as np
-
-    from tactuator.io.record import write_record
-    from tactuator.rig.rig import require_sensors
-    from tactuator.signals.record import Record
-
     described = chosen_display(display)
     driven = described.channel(channel or described.channels[0].name)
     command, plan = _planned(described, driven, duration_s, excitation, travel_share, seed, periods, realisations)
@@ -164,23 +164,18 @@ _READ = 0.5
 
 
 def _planned(
-    display: "Display",
-    channel: "Channel",
+    display: Display,
+    channel: Channel,
     duration_s: float,
     excitation: str,
     travel_share: float,
     seed: int,
     periods: int,
     realisations: int,
-) -> "tuple[NDArray[np.float64], dict[str, str]]":
+) -> tuple[NDArray[np.float64], dict[str, str]]:
     """Return the command (n,), volts, as large as the share of travel and 0.9 of the range allow by the display's
     plant, and what the record has to say of it.
     """
-    import numpy as np
-
-    from tactuator.model.plant import DERIVATIVES
-    from tactuator.signals import excitation as signals
-
     rate_hz = display.rate_hz
     if excitation not in EXCITATIONS:
         raise BadInput(f"excitation {excitation!r}", ", ".join(EXCITATIONS))
@@ -217,23 +212,18 @@ def _planned(
 
 
 def _multisines(
-    channel: "Channel",
+    channel: Channel,
     rate_hz: float,
     duration_s: float,
-    rng: "np.random.Generator",
+    rng: np.random.Generator,
     periods: int,
     realisations: int,
-) -> "tuple[NDArray[np.float64], dict[str, str]]":
+) -> tuple[NDArray[np.float64], dict[str, str]]:
     """Return several odd multisines of random phases (n,), and what their record has to say.
 
     periods: of each multisine, the first of them to settle. Lines are the louder the less the plant answers (by the
     root of it). Raises BadInput where a period shows too few lines of the band.
     """
-    import numpy as np
-
-    from tactuator.signals.excitation import sample_count
-    from tactuator.signals.multisine import Periods, multisine, odd_lines
-
     if periods < 3 or realisations < 1:
         raise BadInput(f"{realisations} realisations of {periods} periods", "1 or more of 3 or more")
     period = sample_count(duration_s / (periods * realisations), rate_hz)
@@ -248,7 +238,7 @@ def _multisines(
 
 def identify(
     records: Annotated[
-        "Record | FrequencyResponse | Place | Sequence[Record | Place]",
+        Record | FrequencyResponse | Place | Sequence[Record | Place],
         Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
     ],
     input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
@@ -261,17 +251,17 @@ def identify(
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
     from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
     to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
-    order: Annotated[int | None, _ASKED.option("order")] = _ASKED.default("order"),
-    zeros: Annotated[int | None, _ASKED.option("zeros")] = _ASKED.default("zeros"),
-    integrators: Annotated[int, _ASKED.option("integrators")] = _ASKED.default("integrators"),
-    fix: Annotated[Sequence[str], _ASKED.option("fixed", "--fix", type=list[str])] = _ASKED.default("fixed"),
-    hold: Annotated[str, _ASKED.option("hold")] = _ASKED.default("hold"),
-    method: Annotated[str, _ASKED.option("method")] = _ASKED.default("method"),
-    quantity: Annotated[str, _ASKED.option("quantity")] = _ASKED.default("quantity"),
-    forgetting: Annotated[float, _ASKED.option("forgetting")] = _ASKED.default("forgetting"),
-    friction: Annotated[bool, _ASKED.option("friction", "--friction/--no-friction")] = _ASKED.default("friction"),
+    order: Annotated[int | None, option_of(Asked, "order")] = Asked.order,
+    zeros: Annotated[int | None, option_of(Asked, "zeros")] = Asked.zeros,
+    integrators: Annotated[int, option_of(Asked, "integrators")] = Asked.integrators,
+    fix: Annotated[Sequence[str], option_of(Asked, "fixed", "--fix", type=list[str])] = Asked.fixed,
+    hold: Annotated[str, option_of(Asked, "hold")] = Asked.hold,
+    method: Annotated[str, option_of(Asked, "method")] = Asked.method,
+    quantity: Annotated[str, option_of(Asked, "quantity")] = Asked.quantity,
+    forgetting: Annotated[float, option_of(Asked, "forgetting")] = Asked.forgetting,
+    friction: Annotated[bool, option_of(Asked, "friction", "--friction/--no-friction")] = Asked.friction,
     validate: Annotated[
-        "Record | Place | Sequence[Record | Place] | None",
+        Record | Place | Sequence[Record | Place] | None,
         Option(
             "Record that the fit does not see, to hold the model against; may be repeated.",
             file=True,
@@ -280,7 +270,7 @@ def identify(
     ] = None,
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
     figures: Figures = None,
-) -> "IdentificationResult | ResponseModelResult":
+) -> IdentificationResult | ResponseModelResult:
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
@@ -291,13 +281,6 @@ def identify(
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
     2
     """
-    from tactuator.api.identified import IdentificationResult
-    from tactuator.identification.asked import Asked, Fixed
-    from tactuator.identification.identify import identify as identified
-    from tactuator.identification.validation import validated
-    from tactuator.io.record import read_measured, read_record
-    from tactuator.signals.record import FrequencyResponse, Record
-
     fixed = tuple(map(Fixed.parse, fix))
     asked = Asked(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
@@ -310,7 +293,7 @@ def identify(
             raise BadInput("a frequency response beside other files", "one response by itself")
         return _response_model(first, asked, out)
 
-    def read(source: "Record | Place") -> "Record":
+    def read(source: Record | Place) -> Record:
         return source if isinstance(source, Record) else read_record(Path(source), **names)
 
     parts, doubts = [_part_of(read(source), from_s, to_s) for source in (first, *given[1:])], ["identifying"]
@@ -327,16 +310,11 @@ def identify(
     if out is not None:
         model.write(out)
     if figures is not None:
-        from tactuator.report.device import save_identification
-
-        save_identification(fit, Path(figures))
+        report.device.save_identification(fit, Path(figures))
     return model
 
 
-def _response_model(response: "FrequencyResponse", asked: Any, out: Place | None) -> "ResponseModelResult":
-    from tactuator.api.identified import ResponseModelResult
-    from tactuator.identification.by_response import identify_response
-
+def _response_model(response: FrequencyResponse, asked: Any, out: Place | None) -> ResponseModelResult:
     with working("identifying") as step:
         fit = identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))
     model = promoted(ResponseModelResult, fit, out=None if out is None else Path(out))
@@ -345,7 +323,7 @@ def _response_model(response: "FrequencyResponse", asked: Any, out: Place | None
     return model
 
 
-def _part_of(record: "Record", from_s: float | None, to_s: float | None) -> "Record":
+def _part_of(record: Record, from_s: float | None, to_s: float | None) -> Record:
     """Return the record between two times, seconds from its first sample; BadInput where that is nothing."""
     if from_s is None and to_s is None:
         return record

@@ -7,20 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.api.result import Result, coefficients, figure, response_chart
-from tactuator.model.controller import Controller
+from tactuator.api.identified import response_chart
 from tactuator.model.description import Display, display_document
 from tactuator.model.plant_model import PlantModel
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
-from tactuator.rig.rig import Rig
-from tactuator.signals.record import FrequencyResponse, Record
+from tactuator.result import Result, coefficients, figure
+from tactuator.signals.record import Record
 from tactuator.table import FREQUENCY, Chart, ChartLine
 
-TYPES: Mapping[str, Any] = {
-    "ArrayLike": Any, "Controller": Controller, "Display": Display, "FrequencyResponse": FrequencyResponse,
-    "Record": Record, "Rig": Rig,
-}  # fmt: skip
-"""What the verbs take, by the names in their annotations; an array is checked where it is read."""
 _Z95 = 1.959964
 
 

@@ -1,81 +1,53 @@
-"""What a verb's signature tells of a parameter beyond its type: its sentence, its bounds, and whether it is a file.
+"""Parameters that several functions share: a display, a controller, a rig, a load that a person puts on."""
 
-    poles: Annotated[int | None, Option("Poles of the prefilters.", ge=2, le=16)] = None
-
-A parameter without such a mark is for Python alone. The default is that of the signature; `shell` is the command line's
-where it differs (a file is written by default, say).
-
-Chosen by such parameters of several verbs: a display, a controller, a rig, a load that a person puts on.
-"""
-
-import ast
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from tactuator.api.result import say, working
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.api.option import Option
+from tactuator.api.progress import say, working
 from tactuator.errors import BadInput, within
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from tactuator.experiment.session.task import Apparatus
-    from tactuator.model.controller import Controller
-    from tactuator.model.description import Channel, Display
-    from tactuator.rig.rig import Rig
+from tactuator.experiment.presenter import Outlet
+from tactuator.experiment.session.task import Apparatus
+from tactuator.io.controller import read_controller
+from tactuator.io.csv_tables import resolve_curve
+from tactuator.io.display import read_display, with_curve
+from tactuator.io.shipped import EXAMPLES
+from tactuator.measure.noise import unstable_channels
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel, Display
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.rig.open import open_rig
+from tactuator.rig.rig import Rig, touch_all
+from tactuator.rig.simulated import PacedRig
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.paper import PREFILTER_POLES
 
 Place = str | PathLike[str]
-AS_IN_PYTHON: Any = object()
-"""The default of the command line is that of the signature."""
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of the command line.
-
-    help: its sentence. names: its spellings (none: that of the parameter). ge, le: bounds. metavar: what stands for the
-    value in the help. file: True for a file or folder that must be there, writes: for one that is written. type: that
-    of the command line, where a Python caller may give more. shell: the default of the command line.
-    """
-
-    help: str
-    names: tuple[str, ...] = ()
-    ge: float | None = None
-    le: float | None = None
-    metavar: str | None = None
-    file: bool = False
-    writes: bool = False
-    type: Any = None
-    shell: Any = AS_IN_PYTHON
-
-
-@dataclass(frozen=True)
-class Argument(Option):
-    """An argument of the command line: it is known by its place."""
-
-
+Numbers = Any
+"""Real numbers: a list, an array, or a text with commas between. `numbers` reads and checks them."""
 DISPLAY_HELP = "Display file; a controller is designed for it if none is given."
 CONTROLLER_HELP = "Controller file that `design` wrote."
 RIG_HELP = "simulated, in-process, board:URL, sound:DEVICE."
 
 Seed = Annotated[int, Option("Seed of all randomness; the same seed, the same result.", ge=0)]
-DisplayOption = Annotated["Display | Place | None", Option(DISPLAY_HELP, file=True)]
-ControllerOption = Annotated["Controller | Place | None", Option(CONTROLLER_HELP, file=True, shell=None)]
+DisplayOption = Annotated[Display | Place | None, Option(DISPLAY_HELP, file=True)]
+ControllerOption = Annotated[Controller | Place | None, Option(CONTROLLER_HELP, file=True, shell=None)]
 Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes=True)]
-RigOption = Annotated["Rig | str", Option(RIG_HELP, type=str, shell="simulated")]
+RigOption = Annotated[Rig | str, Option(RIG_HELP, type=str, shell="simulated")]
 Lsl = Annotated[bool, Option("Tell onsets, levels and answers by Lab Streaming Layer.")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]
 Load = Annotated[str, Option("Load of the display file, or none.")]
 MainsHz = Annotated[
     float | None, Option("Mains frequency; 0: none (default: by the display's hum_hz, else 60; cards 50).")
 ]
-Curve = Annotated["Any", Option("Threshold curve: a name, or a CSV.", type=str | None)]
+Curve = Annotated[Any, Option("Threshold curve: a name, or a CSV.", type=str | None)]
 Host = Annotated[str, Option("Address to listen at; another than loopback lets others in.")]
 AllowedHosts = Annotated[
     list[str] | None,
@@ -87,70 +59,20 @@ TlsCertificate = Annotated[
 TlsKey = Annotated[Place | None, Option("Key file (PEM) of the certificate, without a password.", type=str | None)]
 
 
-_HOUSE = Path(__file__).resolve().parents[1]
-
-
-@cache
-def _source(module: str) -> str:
-    return (_HOUSE / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
-
-
-def sentence_of(place: str) -> str:
-    """Return the first sentence of the docstring of a function, "module:function" below tactuator."""
-    module, _, name = place.partition(":")
-    docstring = _source(module).partition(f"\ndef {name}(")[2].partition('    """')[2]
-    return re.split(r"\.\s|\"\"\"", docstring, maxsplit=1)[0].removesuffix(".") + "."
-
-
-class Fields:
-    """The fields of a dataclass, "module:Class" below tactuator: the default of each, and its sentence."""
-
-    def __init__(self, place: str) -> None:
-        module, _, name = place.partition(":")
-        text = f"class {name}:" + _source(module).partition(f"\nclass {name}:")[2]
-        (declared,) = ast.parse(re.split(r"\n    def |\n\n\n", text, maxsplit=1)[0]).body
-        assert isinstance(declared, ast.ClassDef)
-        self._fields: Mapping[str, ast.AnnAssign] = {
-            node.target.id: node
-            for node in declared.body
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        }
-
-    def default(self, name: str) -> Any:
-        """Return the default of a field."""
-        value = self._fields[name].value
-        assert value is not None
-        return ast.literal_eval(value)
-
-    def option(self, name: str, *names: str, **more: Any) -> Option:
-        """Return the option that a field is, with its sentence; names, more: as for `Option`."""
-        words = (node for node in ast.walk(self._fields[name].annotation) if isinstance(node, ast.keyword))
-        sentence = next(ast.literal_eval(node.value) for node in words if node.arg == "description")
-        return Option(sentence, names, **more)
-
-
-def chosen_display(display: "Display | Place", curve: "Any" = None) -> "Display":
+def chosen_display(display: Display | Place, curve: Any = None) -> Display:
     """Return the display, or that of a file; with a curve, or the name or file of one, in place of its own."""
-    from tactuator.io.csv_tables import resolve_curve
-    from tactuator.io.display import read_display, with_curve
-    from tactuator.model.description import Display
-    from tactuator.perception.curve import ThresholdCurve
-
     described = display if isinstance(display, Display) else read_display(Path(display))
     if curve is None:
         return described
     return with_curve(described, curve if isinstance(curve, ThresholdCurve) else resolve_curve(str(curve)))
 
 
-def read(controller: "Controller | Place") -> "Controller":
+def read(controller: Controller | Place) -> Controller:
     """Return the controller, or that of a file."""
-    from tactuator.io.controller import read_controller
-    from tactuator.model.controller import Controller
-
     return controller if isinstance(controller, Controller) else read_controller(Path(controller))
 
 
-def chosen_controller(display: "Display | Place | None", controller: "Controller | Place | None") -> "Controller":
+def chosen_controller(display: Display | Place | None, controller: Controller | Place | None) -> Controller:
     """Return the controller, or that of a file, or one designed for a display; with both, it on that display.
 
     BadInput for neither, or for two that do not fit.
@@ -165,36 +87,27 @@ def chosen_controller(display: "Display | Place | None", controller: "Controller
         return replace(loaded, display=shown)
     if display is None:
         raise BadInput("neither --display nor --controller", "one of them")
-    from tactuator.synthesis.design import design_controller
 
     with working("designing a controller"):
         return design_controller(chosen_display(display))
 
 
-def paper_display() -> "Display":
+def paper_display() -> Display:
     """Return the display as the paper describes it, index finger first, with two plausible siblings."""
-    from tactuator.io.display import read_display
-    from tactuator.io.shipped import EXAMPLES
-
     return read_display(EXAMPLES / "display.toml")
 
 
-def paper_controller(display: "Display") -> "Controller":
+def paper_controller(display: Display) -> Controller:
     """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
-    from tactuator.synthesis import paper
-    from tactuator.synthesis.design import design_controller
-
     channels = tuple(
         replace(channel, feedback=replace(channel.feedback, structure="paper")) for channel in display.channels
     )
-    return design_controller(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
+    return design_controller(replace(display, channels=channels), poles=PREFILTER_POLES)
 
 
 @contextmanager
-def opened(rig: "Rig | str", display: "Display", seed: int = 0) -> "Iterator[Rig]":
+def opened(rig: Rig | str, display: Display, seed: int = 0) -> Iterator[Rig]:
     """Yield the rig of that name with the display on it, closed in the end; a rig that is open already stays so."""
-    from tactuator.rig.open import open_rig
-
     if isinstance(rig, str):
         with open_rig(rig, display, seed) as ready:
             yield ready
@@ -204,23 +117,19 @@ def opened(rig: "Rig | str", display: "Display", seed: int = 0) -> "Iterator[Rig
 
 @contextmanager
 def opened_apparatus(
-    rig: "Rig | str",
-    display: "Display | Place | None",
-    controller: "Controller | Place | None",
+    rig: Rig | str,
+    display: Display | Place | None,
+    controller: Controller | Place | None,
     seed: int,
     speed: float | None,
     lsl: bool = False,
-) -> "Iterator[Apparatus]":
+) -> Iterator[Apparatus]:
     """Yield the rig with a controller loaded, open for the length of the context and left at rest.
 
     Without a display or controller: the paper's display and C. speed: of presentation on a rig that could go faster,
     None: as fast as it can. lsl: with an outlet. Raises BadInput for a speed that is none, and as `chosen_controller`,
     `open_rig` and `Outlet` do.
     """
-    from tactuator.experiment.presenter import Outlet
-    from tactuator.experiment.session.task import Apparatus
-    from tactuator.rig.simulated import PacedRig
-
     if speed is not None and not speed > 0.0:
         raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")
     paper = display is None and controller is None
@@ -235,10 +144,8 @@ def opened_apparatus(
             yield Apparatus(played, loaded, name, outlet)
 
 
-def require_stable(controller: "Controller", load: str = "none") -> None:
+def require_stable(controller: Controller, load: str = "none") -> None:
     """Refuse a loop that the display's own models call unstable, without a load or under `load`: it is never closed."""
-    from tactuator.measure.noise import unstable_channels
-
     unstable = unstable_channels(controller, load)
     if unstable:
         raise BadInput(
@@ -247,15 +154,13 @@ def require_stable(controller: "Controller", load: str = "none") -> None:
         )
 
 
-def put_load(rig: "Rig", channels: Sequence["Channel"], load: str) -> None:
+def put_load(rig: Rig, channels: Sequence[Channel], load: str) -> None:
     """Put a load on channels; where no program reaches a channel, tell the person at the terminal to do it."""
-    from tactuator.rig.rig import touch_all
-
     if by_hand := touch_all(rig, channels, load):
         say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
 
 
-def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[str] | None = None) -> str:
+def put_on(rig: Rig, controller: Controller, load: str, channels: Sequence[str] | None = None) -> str:
     """Put a load on every channel, under which the loop is stable, as `put_load` does.
 
     Return the load that touches the channels then: where "none" is asked, one that touched an open rig before. Raises
@@ -272,10 +177,8 @@ def put_on(rig: "Rig", controller: "Controller", load: str, channels: Sequence[s
     return touches
 
 
-def numbers(values: Any, key: str) -> "NDArray[np.float64]":
+def numbers(values: Any, key: str) -> NDArray[np.float64]:
     """Return real numbers, or those of a text with commas between, as (n,). BadInput, with that key, for all else."""
-    import numpy as np
-
     cells = [cell for cell in values.split(",") if cell.strip()] if isinstance(values, str) else values
     with suppress(TypeError, ValueError):
         array = np.atleast_1d(np.asarray(cells))

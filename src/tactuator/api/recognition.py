@@ -5,28 +5,32 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
+
+import numpy as np
 
 from tactuator.api.experiment import StoreFile
-from tactuator.api.parameters import (
-    Argument,
-    ControllerOption,
-    DisplayOption,
-    Option,
-    Place,
-    RigOption,
-    Seed,
-    opened_apparatus,
-)
-from tactuator.api.result import Result, working
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed, opened_apparatus
+from tactuator.api.progress import working
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
+from tactuator.experiment.result import information as estimates
+from tactuator.experiment.result.confusion import AbxResult, SubjectResult, information_table, recognition_results
+from tactuator.experiment.result.information import Information
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.session import Acknowledged, NextTrial
+from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
+from tactuator.experiment.session.task import SessionTask, SystemClock
+from tactuator.experiment.simulated.sitting import ErringRespondent
+from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
+from tactuator.experiment.trial import Trial
+from tactuator.experiment.words import shipped_words
+from tactuator.io.csv_tables import read_matrix
+from tactuator.result import Result
 from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
-
-if TYPE_CHECKING:
-    from tactuator.experiment.result.confusion import AbxResult, SubjectResult
-    from tactuator.experiment.result.information import Information
-    from tactuator.experiment.session.presented_session import Respondent
-    from tactuator.experiment.session.task import SessionTask
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,18 +59,7 @@ def recognise(
     scripted_error: Annotated[float | None, Option("A script answers for the subject, wrong at this rate.")] = None,
     seed: Seed = 0,
 ) -> AnsweredResult:
-    """Take a subject through a recognition experiment. It is asked at the terminal, and goes on where it stopped."""
-    import numpy as np
-
-    from tactuator.experiment.protocol.file import read_protocol
-    from tactuator.experiment.protocol.recognition import RecognitionProtocol
-    from tactuator.experiment.session.presented_session import PresentedSession, run_session
-    from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.simulated.sitting import ErringRespondent
-    from tactuator.experiment.store.records import Sitting
-    from tactuator.experiment.store.store import opened_store, sessions_of
-
+    """Run a recognition experiment with a subject. Runs in the terminal; resumable."""
     folder = Path(protocol).parent
     study_protocol, text = read_protocol(Path(protocol), RecognitionProtocol)
     codes = [person.code for person in study_protocol.subject]
@@ -87,11 +80,7 @@ def recognise(
     return AnsweredResult(code, trials, store, simulated)
 
 
-def _terminal(task: "SessionTask") -> "Respondent":
-    from tactuator.experiment.session.presented_session import Respondent
-    from tactuator.experiment.session.session import Acknowledged, NextTrial
-    from tactuator.experiment.trial import Trial
-
+def _terminal(task: SessionTask) -> Respondent:
     question, words = task.question, task.words
     keys = {key: choice.response for choice in question.choices for key in choice.keys}
     offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in question.choices)
@@ -139,7 +128,7 @@ class MatrixInformation(Result):
     """Information transfer of a confusion matrix."""
 
     matrix: Path
-    information: "Information"
+    information: Information
 
     def headline(self) -> Mapping[str, str]:
         return _bits(self.information)
@@ -155,8 +144,8 @@ class MatrixInformation(Result):
 class StoreInformation(Result):
     """Information transfer of the studies of a store, of each subject and of all; and the results of ABX studies."""
 
-    subjects: "tuple[SubjectResult, ...]"
-    abx: "tuple[AbxResult, ...]"
+    subjects: tuple[SubjectResult, ...]
+    abx: tuple[AbxResult, ...]
 
     def headline(self) -> Mapping[str, str]:
         return {_title(each): next(iter(_bits(each.information).values())) for each in self.subjects}
@@ -190,13 +179,6 @@ def information(
     seed: Seed = 0,
 ) -> MatrixInformation | StoreInformation:
     """Estimate information transfer in five ways. One has an interval. It is of a store's studies, or of any matrix."""
-    import numpy as np
-
-    from tactuator.experiment.result import information as estimates
-    from tactuator.experiment.result.confusion import recognition_results
-    from tactuator.experiment.store.store import Store
-    from tactuator.io.csv_tables import read_matrix
-
     if (store is None) == (matrix is None):
         raise BadInput("--store and --matrix", "one of the two")
     rng = np.random.default_rng(seed)
@@ -212,22 +194,19 @@ def information(
     return StoreInformation(tuple(subjects), tuple(abx))
 
 
-def _bits(information: "Information") -> dict[str, str]:
+def _bits(information: Information) -> dict[str, str]:
     return {name: f"{estimate.bits:.2f} bits" for name, estimate in information.estimates.items()}
 
 
-def _title(each: "SubjectResult") -> str:
+def _title(each: SubjectResult) -> str:
     return f"{each.study}, {'all subjects' if each.subject is None else each.subject} ({each.paradigm})"
 
 
-def _information_table(title: str, information: "Information", simulated: bool = False) -> ResultTable:
-    from tactuator.experiment.result.confusion import information_table
-    from tactuator.experiment.words import shipped_words
-
+def _information_table(title: str, information: Information, simulated: bool = False) -> ResultTable:
     return information_table(title, information, shipped_words("en"), simulated)
 
 
-def _information_document(information: "Information") -> dict[str, Any]:
+def _information_document(information: Information) -> dict[str, Any]:
     figures = asdict(information)
     del figures["reasons"]  # they are in warning and no_interval, as one line each
     for name, estimate in information.estimates.items():

@@ -4,8 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, isfinite, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import report
+from tactuator.api.crosstalk import CrosstalkResult
+from tactuator.api.designed import verdict_tables
+from tactuator.api.option import Option
 from tactuator.api.parameters import (
     Channels,
     ControllerOption,
@@ -13,7 +20,7 @@ from tactuator.api.parameters import (
     Figures,
     Load,
     MainsHz,
-    Option,
+    Numbers,
     Place,
     RigOption,
     Seed,
@@ -23,8 +30,16 @@ from tactuator.api.parameters import (
     put_on,
     require_stable,
 )
-from tactuator.api.result import Result, columns_of, say, working
+from tactuator.api.progress import say, working
 from tactuator.errors import BadInput
+from tactuator.io.environment import write_environment
+from tactuator.io.response import write_responses
+from tactuator.measure.adaptive import Learnt, settle_weights
+from tactuator.measure.crosstalk import Crosstalk, measure_crosstalk
+from tactuator.measure.disturbance import DisturbanceReport, disturbance
+from tactuator.measure.error import ResponseLevels, as_read, response_verdict, with_tones
+from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate, measure_finger
+from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict, proportional_controller, unstable_channels
 from tactuator.measure.options import (
     EXCURSION_MM,
     FINGER_LEVEL_DB_SL,
@@ -36,23 +51,15 @@ from tactuator.measure.options import (
     REJECTION_HZ,
     MeasurementOptions,
 )
+from tactuator.measure.response import multisine_response, stepped_sine
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Verdict
+from tactuator.perception.curve import AMPLITUDE_JND_DB
+from tactuator.result import Result, columns_of
+from tactuator.rig.rig import Rig, usual_load
+from tactuator.signals.multisine import over_the_band
+from tactuator.signals.record import Response
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from tactuator.api.crosstalk import CrosstalkResult
-    from tactuator.measure.adaptive import Learnt
-    from tactuator.measure.crosstalk import Crosstalk
-    from tactuator.measure.disturbance import DisturbanceReport
-    from tactuator.measure.error import ResponseLevels
-    from tactuator.measure.finger import FingerEstimate
-    from tactuator.measure.noise import FeltNoise
-    from tactuator.model.controller import Controller
-    from tactuator.model.verdict import Verdict
-    from tactuator.rig.rig import Rig
-    from tactuator.signals.record import Response
 
 _LEVEL = ("--level-db-sl", "--level")
 _LIFTED_S = 3.0
@@ -71,13 +78,13 @@ class FeltLevels(Result):
     others were not. verdict: on what is felt under the loop. written: the file with the sensor's own hum and noise.
     """
 
-    runs: "tuple[tuple[str, tuple[FeltNoise, ...]], ...]"
+    runs: tuple[tuple[str, tuple[FeltNoise, ...]], ...]
     not_played: Mapping[str, str]
-    verdict: "Verdict"
+    verdict: Verdict
     written: Path | None = None
 
     @property
-    def channels(self) -> "tuple[FeltNoise, ...]":
+    def channels(self) -> tuple[FeltNoise, ...]:
         """Return what is felt of each channel under the loop."""
         return self.runs[-1][1]
 
@@ -115,8 +122,6 @@ class FeltLevels(Result):
         return {"runs": runs, "not_played": self.not_played, "written": self.written, **self.verdict.document()}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.api.designed import verdict_tables
-
         columns = ("under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)")
         rows = tuple((name, *_felt_row(felt)) for name, channels in self.runs for felt in channels)
         measured = [felt for felt in self.channels if felt.sensor is not None]
@@ -130,12 +135,12 @@ class FeltLevels(Result):
         ]
 
 
-def _felt_document(felt: "FeltNoise") -> dict[str, Any]:
+def _felt_document(felt: FeltNoise) -> dict[str, Any]:
     sensor = {"sensor": None if felt.sensor is None else vars(felt.sensor)}
     return vars(felt) | sensor | picked(felt, "worst_line_db_sl", "worst_noise_db_sl")
 
 
-def _felt_row(felt: "FeltNoise") -> tuple[str, ...]:
+def _felt_row(felt: FeltNoise) -> tuple[str, ...]:
     resonance = "none" if felt.resonance_hz is None else f"{felt.resonance_db_sl:.1f} at {felt.resonance_hz:.0f} Hz"
     worst = (felt.worst_line_db_sl, float(max(felt.band_db_sl)))
     return felt.channel, *(f"{level:.1f}" if isfinite(level) else "none" for level in worst), resonance
@@ -149,7 +154,7 @@ def noise(
     *,
     display: DisplayOption = None,
     gains: Annotated[
-        "ArrayLike | str",
+        Numbers,
         Option(
             "Proportional gains to probe with, comma between; empty for none.", type=str, shell=_listed(PROBED_GAINS)
         ),
@@ -169,9 +174,6 @@ def noise(
     >>> sorted(tt.noise(rig, controller, duration_s=4.0).headline())
     ['index', 'middle', 'thumb']
     """
-    from tactuator.io.environment import write_environment
-    from tactuator.measure.noise import felt_noise, noise_verdict
-
     loop = chosen_controller(display, controller)
     require_stable(loop, load)
     mains_hz = loop.display.mains_hz(mains_hz, MAINS_HZ)
@@ -191,12 +193,8 @@ def noise(
     return FeltLevels(tuple(runs), not_played, noise_verdict(heard, loop.display, open_loops), path)
 
 
-def _probes(
-    loop: "Controller", gains: "ArrayLike | str", load: str
-) -> "tuple[list[tuple[str, Controller]], dict[str, str]]":
+def _probes(loop: Controller, gains: Numbers, load: str) -> tuple[list[tuple[str, Controller]], dict[str, str]]:
     """Return the proportional controllers to listen to, by name, and why others are not played."""
-    from tactuator.measure.noise import proportional_controller, unstable_channels
-
     played: list[tuple[str, Controller]] = []
     not_played: dict[str, str] = {}
     for gain in numbers(gains, "gains").tolist():
@@ -218,10 +216,10 @@ class MeasuredResponses(Result):
     learnt: what adaptive channels had learnt before. verdict: whether they are felt flat.
     """
 
-    responses: "tuple[Response, ...]"
-    controller: "Controller"
-    learnt: "tuple[Learnt, ...]"
-    verdict: "Verdict"
+    responses: tuple[Response, ...]
+    controller: Controller
+    learnt: tuple[Learnt, ...]
+    verdict: Verdict
 
     @property
     def reached(self) -> bool:
@@ -235,9 +233,7 @@ class MeasuredResponses(Result):
     def notices(self) -> Sequence[str]:
         return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)
 
-    def _levels(self) -> "list[tuple[Response, ResponseLevels]]":
-        from tactuator.measure.error import ResponseLevels
-
+    def _levels(self) -> list[tuple[Response, ResponseLevels]]:
         return [(response, ResponseLevels.of(response, self.controller)) for response in self.responses]
 
     def headline(self) -> Mapping[str, str]:
@@ -248,8 +244,6 @@ class MeasuredResponses(Result):
         }
 
     def columns(self) -> Mapping[str, Any]:
-        import numpy as np
-
         rows = [
             (response.channel, *row)
             for response, levels in self._levels()
@@ -265,8 +259,6 @@ class MeasuredResponses(Result):
         return columns_of(("channel", "frequency_hz", "level_db_sl", "error_db", "confidence_db", "phase_deg"), rows)
 
     def chart(self) -> Chart:
-        from tactuator.perception.curve import AMPLITUDE_JND_DB
-
         curves = []
         for number, (response, levels) in enumerate(self._levels()):
             hertz, half, cut = response.frequency_hz, response.confidence_db, response.saturated
@@ -281,8 +273,6 @@ class MeasuredResponses(Result):
 
     def write(self, path: Place) -> None:
         """Write the responses as .h5 or .csv."""
-        from tactuator.io.response import write_responses
-
         write_responses(Path(path), self.responses)
 
     def to_dict(self) -> dict[str, Any]:
@@ -302,9 +292,6 @@ class MeasuredResponses(Result):
         return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.api.designed import verdict_tables
-        from tactuator.perception.curve import AMPLITUDE_JND_DB
-
         cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
         heads = tuple(name for name in cells[0] if any(row[name] for row in cells))
         note = (
@@ -317,7 +304,7 @@ class MeasuredResponses(Result):
         return [table, *map(_learnt_line, self.learnt), *verdict_tables(self.verdict)]
 
 
-def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, str]:
+def _cells(response: Response, levels: ResponseLevels, k: int) -> dict[str, str]:
     magnitude_v = response.magnitude_v[k]
     ratio = float(response.distortion_v[k] / magnitude_v) if magnitude_v > 0.0 else inf
     half_db = response.confidence_db[k]
@@ -338,7 +325,7 @@ def _cells(response: "Response", levels: "ResponseLevels", k: int) -> dict[str, 
     }
 
 
-def _learnt_line(learnt: "Learnt") -> str:
+def _learnt_line(learnt: Learnt) -> str:
     if learnt.weight is None:
         return f"{learnt.channel}: adaptive; the rig does not tell its weights"
     mass, rest = learnt.weight
@@ -350,7 +337,7 @@ def measure_response(
     rig: RigOption,
     controller: ControllerOption = None,
     frequency_hz: Annotated[
-        "ArrayLike | str | None", Option("Frequencies, comma between (default: 30 over the band).", type=str | None)
+        Numbers, Option("Frequencies, comma between (default: 30 over the band).", type=str | None)
     ] = None,
     level_db_sl: Annotated[float, Option("Level, dB SL.", _LEVEL)] = MeasurementOptions.level_db_sl,
     load: Load = "none",
@@ -368,7 +355,7 @@ def measure_response(
     out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
     figures: Figures = None,
     seed: Seed = 0,
-) -> "MeasuredResponses | CrosstalkResult":
+) -> MeasuredResponses | CrosstalkResult:
     """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
     it is not flat, or the confidence was not reached; of crosstalk, if a finger may feel another.
 
@@ -379,13 +366,6 @@ def measure_response(
     >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
     [10.0, 100.0]
     """
-    import numpy as np
-
-    from tactuator.measure.adaptive import settle_weights
-    from tactuator.measure.error import as_read, response_verdict, with_tones
-    from tactuator.measure.response import multisine_response, stepped_sine
-    from tactuator.signals.multisine import over_the_band
-
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
@@ -419,16 +399,11 @@ def measure_response(
     if out is not None:
         measured.write(out)
     if figures is not None:
-        from tactuator.report.device import save_measured
-
-        save_measured(responses, loop, Path(figures))
+        report.device.save_measured(responses, loop, Path(figures))
     return measured
 
 
-def _crosstalk(rig: "Rig", frequency_hz: "NDArray[np.float64]", options: MeasurementOptions) -> "CrosstalkResult":
-    from tactuator.api.crosstalk import CrosstalkResult
-    from tactuator.measure.crosstalk import measure_crosstalk
-
+def _crosstalk(rig: Rig, frequency_hz: NDArray[np.float64], options: MeasurementOptions) -> CrosstalkResult:
     rows: list[Crosstalk] = []
     for name in options.channels or rig.channels:
         with working(f"driving {name}") as step:
@@ -436,7 +411,7 @@ def _crosstalk(rig: "Rig", frequency_hz: "NDArray[np.float64]", options: Measure
     return CrosstalkResult(options.level_db_sl, tuple(rows))
 
 
-def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:
+def _common_band(controller: Controller, channels: Sequence[str] | None) -> tuple[float, float]:
     measured = [controller.display.channel(name) for name in channels] if channels else controller.display.channels
     bands = [each.threshold.band_hz for each in measured]
     return max(low for low, _ in bands), min(high for _, high in bands)
@@ -444,26 +419,26 @@ def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tu
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DisturbanceResult(Result):
-    """The effect of a pressing, lifting and trembling finger, one report for each channel."""
+    """The effect of a pressing, lifting and trembling finger, one each for each channel."""
 
-    reports: "tuple[DisturbanceReport, ...]"
+    reports: tuple[DisturbanceReport, ...]
 
     def headline(self) -> Mapping[str, str]:
         return {
-            report.channel: f"press {report.press.peak_mm:.3g} {report.unit}, within a tenth after "
-            f"{report.press.recovery_s:.2f} s"
-            for report in self.reports
+            each.channel: f"press {each.press.peak_mm:.3g} {each.unit}, within a tenth after "
+            f"{each.press.recovery_s:.2f} s"
+            for each in self.reports
         }
 
     def columns(self) -> Mapping[str, Any]:
         rows = [
-            (report.channel, *row)
-            for report in self.reports
+            (each.channel, *row)
+            for each in self.reports
             for row in zip(
-                report.rejection.frequency_hz,
-                report.rejection.measured_db,
-                report.rejection.confidence_db,
-                report.rejection.expected_db,
+                each.rejection.frequency_hz,
+                each.rejection.measured_db,
+                each.rejection.confidence_db,
+                each.rejection.expected_db,
                 strict=True,
             )
         ]
@@ -471,12 +446,12 @@ class DisturbanceResult(Result):
 
     def chart(self) -> Chart:
         curves = []
-        for number, report in enumerate(self.reports):
-            rejection = report.rejection
+        for number, each in enumerate(self.reports):
+            rejection = each.rejection
             hertz, half = rejection.frequency_hz, rejection.confidence_db
             words = "what its model expects" if number == 0 else ""
             curves += [
-                ChartLine(f"{report.channel}, ± 95 %", hertz, rejection.measured_db, "o", half, colour=number),
+                ChartLine(f"{each.channel}, ± 95 %", hertz, rejection.measured_db, "o", half, colour=number),
                 ChartLine(words, hertz, rejection.expected_db, "--", colour=number),
             ]
         return Chart("frequency (Hz)", "motion with the loop over without (dB)", curves, True, limits={"no loop": 0.0})
@@ -484,25 +459,25 @@ class DisturbanceResult(Result):
     def to_dict(self) -> dict[str, Any]:
         return {
             "channels": [
-                {"channel": report.channel, "unit": report.unit}
-                | {name: vars(getattr(report, name)) for name in ("rejection", "press", "tremor")}
-                for report in self.reports
+                {"channel": each.channel, "unit": each.unit}
+                | {name: vars(getattr(each, name)) for name in ("rejection", "press", "tremor")}
+                for each in self.reports
             ]
         }
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows: list[tuple[str, ...]] = []
-        for report in self.reports:
-            unit, press, tremor = report.unit, report.press, report.tremor
+        for each in self.reports:
+            unit, press, tremor = each.unit, each.press, each.tremor
             columns = self.columns()
             for name, hertz, measured, half, expected in zip(*columns.values(), strict=True):
-                if name == report.channel:
+                if name == each.channel:
                     rows.append((name, f"{hertz:g} Hz", f"{measured:.2f} ± {half:.2g} dB", f"{expected:.2f} dB"))
             settled = f"{press.peak_mm:.3g} {unit}, within a tenth after {press.recovery_s:.2f} s"
             rows += [
-                (report.channel, "press", settled, f"{press.without_loop_mm:.3g} {unit} without the loop"),
-                (report.channel, "lift", f"{press.lift_peak_mm:.3g} {unit}", ""),
-                (report.channel, "tremor 4–12 Hz", f"{tremor.rejection_db:.2f} dB", f"{tremor.expected_db:.2f} dB"),
+                (each.channel, "press", settled, f"{press.without_loop_mm:.3g} {unit} without the loop"),
+                (each.channel, "lift", f"{press.lift_peak_mm:.3g} {unit}", ""),
+                (each.channel, "tremor 4–12 Hz", f"{tremor.rejection_db:.2f} dB", f"{tremor.expected_db:.2f} dB"),
             ]
         return [ResultTable("", ("channel", "disturbance", "measured", "expected"), tuple(rows))]
 
@@ -514,22 +489,19 @@ def disturb(
     display: DisplayOption = None,
     channel: Channels = None,
     frequency_hz: Annotated[
-        "ArrayLike | str", Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ))
+        Numbers, Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ))
     ] = REJECTION_HZ,
     excursion_mm: Annotated[float, Option("What each force would move without the loop.")] = EXCURSION_MM,
     seed: Seed = 0,
 ) -> DisturbanceResult:
-    """Press, lift and tremble at the finger port. The rejection against frequency stands beside S.
+    """Test how the loop rejects presses and tremor. They act at the finger port; the rejection over frequency is listed
+    beside |S|.
 
     Raises BadInput for a rig without a finger port, and for a loop that the display's own models call unstable.
 
     >>> tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]).columns()["channel"]
     ['index']
     """
-    import numpy as np
-
-    from tactuator.measure.disturbance import disturbance
-
     loop = chosen_controller(display, controller)
     require_stable(loop)
     reports = []
@@ -550,12 +522,10 @@ def disturb(
 class FingerResult(Result):
     """Mass, damping and stiffness of what touches each channel."""
 
-    estimates: "tuple[FingerEstimate, ...]"
+    estimates: tuple[FingerEstimate, ...]
 
     @property
     def holds(self) -> bool:
-        from tactuator.measure.finger import ONE
-
         return all(estimate.described_by == ONE for estimate in self.estimates)
 
     def headline(self) -> Mapping[str, str]:
@@ -569,8 +539,6 @@ class FingerResult(Result):
         return {name: [getattr(estimate, name) for estimate in self.estimates] for name in names}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.measure.finger import ONE
-
         rows = tuple(
             (
                 estimate.channel,
@@ -599,9 +567,7 @@ class FingerResult(Result):
         return [ResultTable("", columns, rows, (note,)), *lines]
 
 
-def _said(estimate: "FingerEstimate") -> str:
-    from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE
-
+def _said(estimate: FingerEstimate) -> str:
     if estimate.saturated:
         return "cannot tell: the reading came to its end; play more quietly"
     return {
@@ -625,19 +591,14 @@ def finger(
     channel: Channels = None,
     seed: Seed = 0,
 ) -> FingerResult:
-    """Find mass, damping and stiffness of what touches. Played free, touched, free again; exit status 1 where they do
-    not describe it.
+    """Estimate the impedance of the touching finger. A signal is played free, touched and free again; exit status 1
+    where mass, damping and stiffness do not describe what touches.
 
     Raises BadInput for a load that the display does not have.
 
     >>> tt.finger(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=28.0).columns()["channel"]
     ['index', 'thumb', 'middle']
     """
-    import numpy as np
-
-    from tactuator.measure.finger import measure_finger
-    from tactuator.rig.rig import usual_load
-
     loop = chosen_controller(display, controller)
     touching = load or usual_load(loop.display.channels)
     require_stable(loop, touching)

@@ -5,21 +5,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from tactuator.api.parameters import Argument, Curve, Fields, MainsHz, Option, Place, Seed, chosen_display, numbers
-from tactuator.api.result import Result, columns_of, working
+import numpy as np
+
+from tactuator import report
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import Curve, MainsHz, Numbers, Place, Seed, chosen_display, numbers
+from tactuator.api.progress import working
 from tactuator.errors import BadInput, NoDesign
+from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser, calibrate
+from tactuator.model.description import Display
+from tactuator.perception.curve import AMPLITUDE_JND_DB
+from tactuator.result import Result, columns_of
+from tactuator.rig.open import open_rig
+from tactuator.rig.sound.cards import Card, Delay, full_scale_v, list_cards, measure_delay, tone, wire_display
+from tactuator.rig.sound.rig import SoundRig
 from tactuator.table import Chart, ChartLine, ResultTable, picked
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser
-    from tactuator.model.description import Display
-    from tactuator.rig.sound.cards import Card, Delay
-
-_REQUEST = Fields("measure.open_loop:CalibrationRequest")
 
 Device = Annotated[str, Option("Card, as `tactuator sound devices` lists it.")]
 RateHz = Annotated[float, Option("Sampling rate.")]
@@ -31,7 +33,7 @@ Level = Annotated[float, Option("Share of full scale.")]
 class CardsResult(Result):
     """The sound cards that there are."""
 
-    cards: "tuple[Card, ...]"
+    cards: tuple[Card, ...]
 
     def to_dict(self) -> dict[str, Any]:
         return {"devices": [asdict(card) | {"device": card.full_name} for card in self.cards]}
@@ -45,8 +47,6 @@ class CardsResult(Result):
 
 def devices() -> CardsResult:
     """Show the sound cards. Each has its outputs, inputs and rate."""
-    from tactuator.rig.sound.cards import list_cards
-
     return CardsResult(tuple(list_cards()))
 
 
@@ -58,7 +58,7 @@ class LatencyResult(Result):
     rate_hz: float
     output: int
     input_number: int
-    delay: "Delay"
+    delay: Delay
 
     @property
     def holds(self) -> bool:
@@ -89,11 +89,6 @@ def latency(
     level: Level = 0.1,
 ) -> LatencyResult:
     """Measure the delay through a wire. It is latency_samples of [sound]; exit status 1 where it does not stay."""
-    import numpy as np
-
-    from tactuator.rig.open import open_rig
-    from tactuator.rig.sound.cards import measure_delay, wire_display
-
     if input_number < 1:
         raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
     display = wire_display(rate_hz, output, input_number)
@@ -138,9 +133,6 @@ def calibrate_output(
     ] = 0,
 ) -> FullScaleResult:
     """Turn a multimeter's reading into volts at full scale. It reads a tone that is played."""
-    from tactuator.rig.open import open_rig
-    from tactuator.rig.sound.cards import full_scale_v, tone, wire_display
-
     if reading_v is not None:
         full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played
     text = f"{frequency_hz:g} Hz at output {output} for {duration_s:g} s: read the multimeter (V rms)"
@@ -164,7 +156,7 @@ def _asked_number() -> float:
 class EqualisedResult(Result):
     """A display without loop that was calibrated and verified. out: the folder of its files; gaps: of the card."""
 
-    calibrated: "Calibrated"
+    calibrated: Calibrated
     out: Path
     gaps: int
 
@@ -192,8 +184,6 @@ class EqualisedResult(Result):
         return columns_of(("channel", "frequency_hz", "error_db", "confidence_db"), rows)
 
     def chart(self) -> Chart:
-        from tactuator.perception.curve import AMPLITUDE_JND_DB
-
         flats = [(channel.name, channel.last) for channel in self.calibrated.channels]
         curves = [ChartLine(f"{name}, ± 95 %", f.frequency_hz, f.error_db, "o", f.confidence_db) for name, f in flats]
         tolerance = self.calibrated.controller.display.objectives.flatness_db
@@ -212,8 +202,6 @@ class EqualisedResult(Result):
         }
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.report.open_loop import FILES
-
         rows = []
         for channel in self.calibrated.channels:
             low, high = channel.usable.band_hz
@@ -221,7 +209,7 @@ class EqualisedResult(Result):
             rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
         short = [f"{name}: NOT felt flat: {why}" for name, why in self._shortfalls().items() if why]
         columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
-        files = (f"written: {self.out / name}" for name in FILES)
+        files = (f"written: {self.out / name}" for name in report.open_loop.FILES)
         return [ResultTable("", columns, tuple(rows)), *files, *(short or ["felt flat"])]
 
 
@@ -236,16 +224,14 @@ _KEYS = {
 
 def calibrate_display(
     display: Annotated[
-        "Display | Place", Argument("Display file (TOML) with [sound]; its plants are found anew.", file=True)
+        Display | Place, Argument("Display file (TOML) with [sound]; its plants are found anew.", file=True)
     ],
     rig: Annotated[str, Option("sound:DEVICE[@RATE].")] = "sound:",
     out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/calibrated"))] = "out/calibrated",
-    level_db_sl: Annotated[float, Option("Level at which it must be usable and is verified.")] = _REQUEST.default(
-        "level_db_sl"
-    ),
-    band_hz: Annotated[
-        "ArrayLike | str", Option("Frequencies within which it is to be used: low,high.", type=str)
-    ] = "",
+    level_db_sl: Annotated[
+        float, Option("Level at which it must be usable and is verified.")
+    ] = CalibrationRequest.level_db_sl,
+    band_hz: Annotated[Numbers, Option("Frequencies within which it is to be used: low,high.", type=str)] = "",
     mains_hz: MainsHz = None,
     curve: Curve = None,
     seed: Seed = 0,
@@ -260,22 +246,13 @@ def calibrate_display(
     ...
     tactuator.errors.BadInput: rig 'simulated'; allowed: sound:DEVICE[@RATE], a display without loop on a sound card
     """
-    from tactuator.measure.open_loop import CalibrationRequest
-
     described = chosen_display(display, curve)
     mains_hz = described.mains_hz(mains_hz, CalibrationRequest.mains_hz)
     asked = CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz)
     return _equalised(described, rig, Path(out), asked, seed)
 
 
-def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationRequest", seed: int) -> EqualisedResult:
-    import numpy as np
-
-    from tactuator.measure.open_loop import NoEqualiser, calibrate
-    from tactuator.report.open_loop import write_calibrated
-    from tactuator.rig.open import open_rig
-    from tactuator.rig.sound.rig import SoundRig
-
+def _equalised(described: Display, rig: str, out: Path, asked: CalibrationRequest, seed: int) -> EqualisedResult:
     if not rig.startswith("sound:"):
         raise BadInput(f"rig {rig!r}", "sound:DEVICE[@RATE], a display without loop on a sound card")
     with open_rig(rig, described, seed) as card, working("calibrating") as step:
@@ -285,14 +262,12 @@ def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationReq
         except NoEqualiser as reached:
             raise _kept(reached, rig, out) from None
         gaps = card.gaps
-    write_calibrated(out, calibrated, asked, rig, _now(), gaps)
+    report.open_loop.write_calibrated(out, calibrated, asked, rig, _now(), gaps)
     return EqualisedResult(calibrated, out, gaps)
 
 
-def _kept(reached: "NoEqualiser", rig: str, out: Path) -> NoDesign:
-    from tactuator.report.open_loop import write_measured
-
-    names = ", ".join(write_measured(out, reached, rig, _now()))
+def _kept(reached: NoEqualiser, rig: str, out: Path) -> NoDesign:
+    names = ", ".join(report.open_loop.write_measured(out, reached, rig, _now()))
     return NoDesign(
         f"{reached}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
         "from there, with a narrower band_hz or other poles"
@@ -303,7 +278,7 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _band(described: "Display", band_hz: "ArrayLike | str") -> tuple[float, float]:
+def _band(described: Display, band_hz: Numbers) -> tuple[float, float]:
     if isinstance(band_hz, str) and not band_hz:
         bands = [channel.threshold.band_hz for channel in described.channels]
         return max(low for low, _ in bands), min(high for _, high in bands)

@@ -11,30 +11,34 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from tactuator import report
 from tactuator.api.items import LAYOUT_HELP
+from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import (
-    Argument,
     ControllerOption,
     DisplayOption,
     Figures,
-    Option,
     Place,
     RigOption,
     Seed,
     chosen_controller,
     opened,
 )
-from tactuator.api.result import Result, columns_of, figure, working
+from tactuator.api.progress import working
 from tactuator.errors import BadInput
+from tactuator.io.reference import open_reference
+from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.result import Result, columns_of, figure
+from tactuator.rig.player import Played, Wish, play_reference
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.speech.coding import coding_of, write_coding
+from tactuator.speech.folder import RenderedFolder, render_folder, workers_of
 from tactuator.speech.options import CODING, LEVEL_DB_SL
+from tactuator.speech.render import Rendered, RenderJob, kind_of_source, render_file
+from tactuator.speech.taps import read_layout
 from tactuator.table import Chart, ChartLine, ResultTable
-
-if TYPE_CHECKING:
-    from tactuator.rig.player import Played, Wish
-    from tactuator.speech.folder import RenderedFolder
-    from tactuator.speech.render import Rendered, RenderJob
 
 CODING_HELP = "Of speech: direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml."
 MOST_LOSS_DB = 3.0
@@ -46,7 +50,7 @@ class RenderResult(Result):
 
     path: Path
     source: Path
-    rendered: "Rendered"
+    rendered: Rendered
     most_loss_db: float
 
     @property
@@ -73,8 +77,6 @@ class RenderResult(Result):
         return {name: getattr(loss, name) for name in ("time_s", "asked_db_sl", "delivered_db_sl")}
 
     def chart(self) -> Chart:
-        from tactuator.perception.curve import COMFORT_DB_SL
-
         peaks, felt, loss = self.rendered.peak_db_sl, self.rendered.felt, self.rendered.loss
         if loss is not None:
             asked = ChartLine("asked", loss.time_s, loss.asked_db_sl, colour=0)
@@ -129,7 +131,7 @@ class FolderResult(Result):
     """A folder as references. most_loss_db: the shortfall of each clip up to which it holds."""
 
     path: Path
-    folder: "RenderedFolder"
+    folder: RenderedFolder
     most_loss_db: float
 
     def _short(self) -> list[str]:
@@ -202,10 +204,6 @@ def render(
     >>> tt.render("speech.wav", controller, "reference.wav").path.name
     'reference.wav'
     """
-    from tactuator.speech.coding import coding_of, write_coding
-    from tactuator.speech.render import RenderJob, kind_of_source, render_file
-    from tactuator.speech.taps import read_layout
-
     place, target = Path(source), Path(out)
     kind = "folder" if place.is_dir() else kind_of_source(place)
     given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--layout": layout,
@@ -244,22 +242,20 @@ _TAKEN_BY: Mapping[str, tuple[str, ...]] = {
 
 
 def _folder(
-    folder: Path, out: Path, job: "RenderJob", most_loss_db: float, workers: int | None, scheduler: str | None
+    folder: Path, out: Path, job: RenderJob, most_loss_db: float, workers: int | None, scheduler: str | None
 ) -> FolderResult:
-    from tactuator.speech.folder import render_folder, workers_of
-
     with workers_of(workers, scheduler) as doers, working("render") as step:
         return FolderResult(out, render_folder(folder, out, job, doers, step), most_loss_db)
 
 
 def _draw(result: RenderResult, folder: Path, caption: str) -> None:
-    from tactuator.report.chart import chart_plate
-    from tactuator.report.felt import spectrogram_plate
-    from tactuator.report.plate import save_plates
-
     felt = result.rendered.felt
-    plate = chart_plate(result.chart(), result.source.stem) if felt is None else spectrogram_plate(felt, caption)
-    save_plates([plate], folder)
+    plate = (
+        report.chart.chart_plate(result.chart(), result.source.stem)
+        if felt is None
+        else report.felt.spectrogram_plate(felt, caption)
+    )
+    report.plate.save_plates([plate], folder)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -268,7 +264,7 @@ class PlayedResult(Result):
 
     reference: Path
     rig: str
-    played: "Played"
+    played: Played
     gaps: int | None = None
 
     def headline(self) -> Mapping[str, str]:
@@ -315,10 +311,6 @@ def play(
     >>> tt.play(rig, controller, "protocols/a.wav")
     <Played length: 0.50 s, played: 0.50 s, saturated: 0.00 s>
     """
-    from tactuator.io.reference import open_reference
-    from tactuator.rig.player import play_reference
-    from tactuator.rig.sound.rig import SoundRig
-
     source = open_reference(Path(reference))
     loaded = chosen_controller(display, controller)
     with opened(rig, loaded.display, seed) as ready, _wishes() as wish, working("play", source.duration_s) as step:
@@ -337,7 +329,7 @@ def _pace() -> Callable[[float], None]:
 
 
 @contextmanager
-def _wishes() -> "Iterator[Callable[[], Wish]]":
+def _wishes() -> Iterator[Callable[[], Wish]]:
     """Yield a function that tells what the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield lambda: "run"
@@ -347,7 +339,7 @@ def _wishes() -> "Iterator[Callable[[], Wish]]":
     def stop(number: int, frame: FrameType | None) -> None:
         state["wish"] = "stop"
 
-    def wish() -> "Wish":
+    def wish() -> Wish:
         if state["wish"] != "stop" and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
             key = sys.stdin.read(1)
             if key == " ":

@@ -6,18 +6,35 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from tactuator.api.parameters import Argument, Figures, Option, Place
-from tactuator.api.result import Result, promoted
+from tactuator import report
+from tactuator.api.designed import ControllerResult
+from tactuator.api.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import Figures, Place
 from tactuator.errors import BadInput
-from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS
-from tactuator.table import Chart, ChartLine, ResultTable
-
-if TYPE_CHECKING:
-    from tactuator.api.designed import ControllerResult
-    from tactuator.api.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
-    from tactuator.perception.curve import ThresholdCurve
+from tactuator.io import controller as controller_file
+from tactuator.io import csv_tables
+from tactuator.io import display as display_file
+from tactuator.io import model as model_file
+from tactuator.io import record as record_file
+from tactuator.io.display import parse_display
+from tactuator.io.shipped import (
+    DISPLAY_KINDS,
+    PROTOCOL_KINDS,
+    copy_examples,
+    display_template,
+    protocol_files,
+    with_model,
+    write_all,
+)
+from tactuator.io.text import parse_toml
+from tactuator.parameters import parameters
+from tactuator.perception import curve as library
+from tactuator.perception.curve import Contact, ThresholdCurve
+from tactuator.result import Result, promoted
+from tactuator.table import Chart, ChartLine, ResultTable, plain
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,10 +71,6 @@ def init(
     >>> tt.init(out="mine.toml").headline()["first"]
     'mine.toml'
     """
-    from tactuator.io.display import parse_display
-    from tactuator.io.shipped import copy_examples, protocol_files, write_all
-    from tactuator.io.text import parse_toml
-
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
             raise BadInput("--examples with another option", "--examples alone, since it copies everything")
@@ -83,11 +96,12 @@ def init(
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
-    from tactuator.io.model import read_model as read
-    from tactuator.io.shipped import display_template, with_model
-
     text = display_template(kind)
-    return text if model is None else with_model(text, read(Path(model)), os.path.relpath(model, out.parent))
+    return (
+        text
+        if model is None
+        else with_model(text, model_file.read_model(Path(model)), os.path.relpath(model, out.parent))
+    )
 
 
 def examples(folder: Place = ".") -> tuple[Path, ...]:
@@ -99,43 +113,34 @@ def examples(folder: Place = ".") -> tuple[Path, ...]:
     return init(examples=folder).written
 
 
-def read_display(path: Place) -> "DisplayResult":
+def read_display(path: Place) -> DisplayResult:
     """Read a display file (TOML). Raises BadInput for a key that is not known or out of range.
 
     >>> tt.read_display("display.toml")
     <Display name: three-finger tactuator, rate: 4000 Hz, channels: index, thumb, middle, curve: bolanowski-1988>
     """
-    from tactuator.api.nouns import DisplayResult
-    from tactuator.io import display as file
-
-    return promoted(DisplayResult, file.read_display(Path(path)))
+    return promoted(DisplayResult, display_file.read_display(Path(path)))
 
 
-def read_record(path: Place, **columns: Any) -> "RecordResult":
+def read_record(path: Place, **columns: Any) -> RecordResult:
     """Read a record: HDF5, CSV, MATLAB or WAV. columns: input_name, output_name, time_name, rate_hz, where needed.
 
     >>> tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t").duration_s
     8.0
     """
-    from tactuator.api.nouns import RecordResult
-    from tactuator.io import record as file
-
-    return promoted(RecordResult, file.read_record(Path(path), **columns))
+    return promoted(RecordResult, record_file.read_record(Path(path), **columns))
 
 
-def read_curve(name_or_path: Place) -> "CurveResult":
+def read_curve(name_or_path: Place) -> CurveResult:
     """Return a threshold curve of the library, or read one from a CSV file.
 
     >>> tt.read_curve("curve.csv")
     <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
     """
-    from tactuator.api.nouns import CurveResult
-    from tactuator.io.csv_tables import resolve_curve
-
-    return promoted(CurveResult, resolve_curve(str(name_or_path)))
+    return promoted(CurveResult, csv_tables.resolve_curve(str(name_or_path)))
 
 
-def read_model(path: Place) -> "ModelResult":
+def read_model(path: Place) -> ModelResult:
     """Read a model that `identify` wrote. Raises BadInput for another file.
 
     >>> tt.read_model("bench.csv")
@@ -143,23 +148,17 @@ def read_model(path: Place) -> "ModelResult":
     ...
     tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; allowed: a model
     """
-    from tactuator.api.nouns import ModelResult
-    from tactuator.io import model as file
-
-    return promoted(ModelResult, file.read_model(Path(path)))
+    return promoted(ModelResult, model_file.read_model(Path(path)))
 
 
-def read_controller(path: Place) -> "ControllerResult":
+def read_controller(path: Place) -> ControllerResult:
     """Read a controller that `design` made and `write` wrote.
 
     >>> controller.write("controller.json")
     >>> tt.read_controller("controller.json").content_hash == controller.content_hash
     True
     """
-    from tactuator.api.designed import ControllerResult
-    from tactuator.io import controller as file
-
-    return promoted(ControllerResult, file.read_controller(Path(path)))
+    return promoted(ControllerResult, controller_file.read_controller(Path(path)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,21 +168,16 @@ class CurvesResult(Result):
     figures: their folder, where asked for.
     """
 
-    curves: "tuple[ThresholdCurve, ...]"
+    curves: tuple[ThresholdCurve, ...]
     figures: Path | None = None
 
     def headline(self) -> Mapping[str, str]:
         return {curve.name: curve.contact.said.get("site", "nobody said where") for curve in self.curves}
 
     def to_dict(self) -> dict[str, Any]:
-        from tactuator.table import plain
-
         return {"curves": [plain(curve) for curve in self.curves]}
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.parameters import parameters
-        from tactuator.perception.curve import Contact
-
         keys = tuple(parameters(Contact))
         columns = ("curve", "provenance", "band", *(key.rsplit("_", 1)[0] if "_" in key else key for key in keys))
         rows = tuple(
@@ -216,7 +210,7 @@ class CurvesResult(Result):
 
 def curves(
     files: Annotated[
-        "Sequence[Place]", Argument("Curves of your own beside the library's (CSV).", file=True, type=list[Path] | None)
+        Sequence[Place], Argument("Curves of your own beside the library's (CSV).", file=True, type=list[Path] | None)
     ] = (),
     figures: Figures = None,
 ) -> CurvesResult:
@@ -224,14 +218,12 @@ def curves(
 
     A curve holds for the contact that it was measured at.
     """
-    from tactuator.io.csv_tables import read_curve
-    from tactuator.perception.curve import curve, curve_names
-
-    read = [read_curve(Path(file)) for file in files or ()]
-    result = CurvesResult((*map(curve, curve_names()), *read), None if figures is None else Path(figures))
+    read = [csv_tables.read_curve(Path(file)) for file in files or ()]
+    result = CurvesResult(
+        (*map(library.curve, library.curve_names()), *read), None if figures is None else Path(figures)
+    )
     if figures is not None:
-        from tactuator.report.chart import chart_plate
-        from tactuator.report.plate import save_plates
-
-        save_plates([chart_plate(result.chart(), "curves", "Detection thresholds.")], Path(figures))
+        report.plate.save_plates(
+            [report.chart.chart_plate(result.chart(), "curves", "Detection thresholds.")], Path(figures)
+        )
     return result

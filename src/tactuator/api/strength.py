@@ -4,24 +4,31 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from tactuator.api.parameters import Argument, Figures, Option, Place
-from tactuator.api.result import Result, columns_of, finite, working
+from tactuator import report
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import Figures, Place
+from tactuator.api.progress import working
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.result.strength_results import ContourResults, contour_results, person_document
+from tactuator.experiment.store.records import study_names
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import answered_runs, task_keys
+from tactuator.experiment.task.matching import law_table, pairs_table
+from tactuator.experiment.words import shipped_words
+from tactuator.io.csv_tables import resolve_curve, write_contours
+from tactuator.perception.contours import Contours
+from tactuator.result import Result, columns_of, finite
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
-
-if TYPE_CHECKING:
-    from tactuator.arrays import FloatArray
-    from tactuator.experiment.result.strength_results import ContourResults
-    from tactuator.perception.contours import Contours
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoreContours(Result):
     """Equal-strength contours of a store's people and of their group, and the balance between fingers."""
 
-    results: "ContourResults"
+    results: ContourResults
 
     def headline(self) -> Mapping[str, str]:
         figures = {"people": str(len(self.results.people)), "pairs": str(len(self.results.pairs))}
@@ -40,7 +47,7 @@ class StoreContours(Result):
             for column, hertz in enumerate(group.frequency_hz.tolist())
         ]
 
-    def _contours(self) -> "tuple[Contours, FloatArray, FloatArray]":
+    def _contours(self) -> tuple[Contours, FloatArray, FloatArray]:
         """Return the group's contours, and the ends of their bands."""
         group = self.results.group
         if group is None or group.low_db_sl is None or group.high_db_sl is None:
@@ -64,8 +71,6 @@ class StoreContours(Result):
         return Chart(*axes, curves, log_x=True, simulated=self.results.simulated)
 
     def to_dict(self) -> dict[str, Any]:
-        from tactuator.experiment.result.strength_results import person_document
-
         group, names = self.results.group, ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
         document = {
             "people": [person_document(person) for person in self.results.people],
@@ -82,9 +87,6 @@ class StoreContours(Result):
         return answer
 
     def tables(self) -> Sequence[ResultTable | str]:
-        from tactuator.experiment.task.matching import law_table, pairs_table
-        from tactuator.experiment.words import shipped_words
-
         words, lines = shipped_words("en"), list[ResultTable | str]()
         for person in self.results.people:
             lines += [f"{person.subject}: {person.contours.source}", law_table(person.estimate, words)]
@@ -117,9 +119,6 @@ def contours(
     With the threshold curve of the person who matched, they go with a display that is designed for that curve. Raises
     BadInput where there are no finished matching runs, or no such subject.
     """
-    from tactuator.experiment.result.strength_results import contour_results
-    from tactuator.io.csv_tables import resolve_curve, write_contours
-
     basis = None if curve is None else resolve_curve(curve)
     with working("fitting the matches"):
         results = contour_results(Path(store), group, basis)
@@ -130,9 +129,7 @@ def contours(
             raise BadInput(f"subject {subject!r} has no matches", ", ".join(people) or "one who has")
         write_contours(Path(out), result._contours()[0] if subject is None else people[subject])
     if figures is not None and results.group is not None:
-        from tactuator.report.chart import chart_plate
-
-        chart_plate(result.chart(), "contours", results.group.source).save(Path(figures))
+        report.chart.chart_plate(result.chart(), "contours", results.group.source).save(Path(figures))
     return result
 
 
@@ -173,15 +170,10 @@ def judged(
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
     figures: Figures = None,
 ) -> StoreJudged:
-    """Tell what the answers to a task come to. Magnitudes with their exponents, just-noticeable differences, matches.
+    """Summarise the results of a judging task. Magnitudes with their exponents, just-noticeable differences, matches.
 
     Raises BadInput where the store has no finished run of such a task, or several tasks and none is named.
     """
-    from tactuator.experiment.store.records import study_names
-    from tactuator.experiment.store.store import Store
-    from tactuator.experiment.store.stored_runs import answered_runs, task_keys
-    from tactuator.experiment.words import shipped_words
-
     words = shipped_words("en")
     with closing(Store(Path(store), must_exist=True)) as opened:
         kinds = {keys.kind: keys for keys in task_keys(opened)}
@@ -196,7 +188,5 @@ def judged(
     keys, simulated = kinds[kind], any(run.simulated for run in runs)
     result = StoreJudged(kind, len(runs), keys.results(runs, words), keys.chart(runs, words), simulated)
     if figures is not None:
-        from tactuator.report.chart import chart_plate
-
-        chart_plate(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
+        report.chart.chart_plate(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
     return result

@@ -1,88 +1,63 @@
-"""Commands out of the verbs' signatures: the only place that knows how a parameter is spelled on the command line; and
-what is printed of a result: one JSON object for programs, or tables for people; progress goes to standard error.
-
-A verb's module holds nothing heavy (no NumPy, no SciPy, no pydantic), so that a signature is read at once; what the
-verb needs is imported when it runs, after the files that it reads were looked for.
+"""Commands of the functions' signatures: the only place that knows how a parameter is spelled on the command line; and
+what is printed of a result: one JSON object for programs, or text for people; progress goes to standard error.
 """
 
-from __future__ import annotations
-
 import inspect
-import os
+import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib.metadata import version as installed_version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.measure import Measurement
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+from typer._click import Context, HelpFormatter
 from typer.core import TyperGroup
 
-from tactuator.api.parameters import AS_IN_PYTHON, Argument, Option, sentence_of
-from tactuator.api.result import Result, Step, finite, watched
-from tactuator.api.table import FIRST, FUNCTIONS, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
+from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
+from tactuator.api.progress import Step, watched
+from tactuator.cli.table import COMMANDS, FIRST, GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted
+from tactuator.io.text import parse_toml, read_text
+from tactuator.result import Result, finite
 from tactuator.table import ResultTable
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress
-    from rich.table import Table
-    from typer._click import Context, HelpFormatter, Parameter
-
 DOES_NOT_HOLD = 1
-"""Exit status of a verb that is done and whose result does not hold: a requirement is not met, a model not trusted."""
+"""Exit status of a command whose result does not hold: a requirement is not met, a model not trusted."""
 
-ABOUT = "From a tactile actuator and a threshold curve to a display that is felt equally strongly at every frequency."
-SOLE_PROCESSOR = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
-"""How the libraries beneath NumPy are told to use one thread."""
+ABOUT = "Design and test tactile displays that feel equally strong at every frequency."
 _JSON = Option("Print exactly one JSON object on standard output.", ("--json",))
 
 
-class QuickGroup(TyperGroup):
-    """A group whose switches are off, not unknown, where they are not given.
-
-    Typer imports pydantic to look at a value that is unknown, which takes as long as a verb's whole help.
-    """
-
-    def get_params(self, ctx: Context) -> list[Parameter]:
-        """Return the group's options, `--help` among them."""
-        options: list[Parameter] = super().get_params(ctx)
-        for option in options:
-            if getattr(option, "is_flag", False) and option.default is None:
-                option.default = False
-        return options
-
-
-class GroupedHelp(QuickGroup):
-    """The group of all verbs: its help has those of the first meeting, then the rest, in groups."""
+class GroupedHelp(TyperGroup):
+    """The group of all commands: its help has those that a newcomer needs, then the rest, in groups."""
 
     def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
-        """Write a section for every group of verbs that are there, each verb in one whole line."""
+        """Write a section for each group, each command in one whole line."""
         width = max(map(len, self.commands), default=0)
-        rest = [
-            (f"More: {title[0].lower()}{title[1:]}", [name for name in group_verbs(group) if name not in FIRST])
-            for title, group in VERBS.items()
-        ]
-        for title, names in [("The first verbs", FIRST), *rest]:
+        sections: dict[str, dict[str, None]] = {"The first commands": dict.fromkeys(FIRST)}
+        for command in COMMANDS.values():
+            name = command.name.partition(" ")[0]
+            if name not in FIRST:
+                title = f"More: {command.group[0].lower()}{command.group[1:]}"
+                sections.setdefault(title, {})[name] = None
+        for title, names in sections.items():
             known = [(name.ljust(width), self.commands[name].help or "") for name in names if name in self.commands]
             if known:
                 with formatter.section(title):
                     formatter.write_dl(known)
 
 
-def group_verbs(group: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the verbs of a group as the first word of a command."""
-    return tuple(dict.fromkeys(name.partition(" ")[0] for name in group))
-
-
-def build_app(verbs: Sequence[str] | None = None, listed: bool = False, part: str | None = None) -> typer.Typer:
-    """Return the application with the given verbs (None: all); no verb's work is imported before it is run.
-
-    listed: True where the verbs are only named, each with its sentence, and not one of them will be run. part: the only
-    part of a verb that may be run (None: any); the others are named.
-    """
+def build_app(runs: Container[str] = COMMANDS) -> typer.Typer:
+    """Return the application. runs: the commands that may be run; of all others it has the sentence alone."""
     app = typer.Typer(
         name="tactuator", cls=GroupedHelp, help=ABOUT, pretty_exceptions_enable=False, rich_markup_mode=None
     )
@@ -93,36 +68,28 @@ def build_app(verbs: Sequence[str] | None = None, listed: bool = False, part: st
         version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
     ) -> None:
         if version:
-            from tactuator import __version__  # it asks the installer's records, which takes longer than all the rest
-
-            typer.echo(f"tactuator {__version__}")
+            typer.echo(f"tactuator {installed_version('tactuator')}")
         elif context.invoked_subcommand is None:
             typer.echo(context.get_help())
 
-    for name in top_verbs() if verbs is None else verbs:
-        parts = parts_of(name)
-        if listed:
-            app.command(name, help=PARTS[name] if parts else sentence_of(FUNCTIONS[name]))(lambda: None)
-        elif parts:
-            group = typer.Typer(cls=QuickGroup, help=PARTS[name], rich_markup_mode=None)
-            for each in parts:
-                if part in (None, each):
-                    group.command(each)(command_of(verb_of(f"{name} {each}")))
-                else:
-                    group.command(each, help=sentence_of(FUNCTIONS[f"{name} {each}"]))(lambda: None)
-            app.add_typer(group, name=name)
-        else:
-            app.command(name)(command_of(verb_of(name)))
+    groups = {name: typer.Typer(help=sentence, rich_markup_mode=None) for name, sentence in GROUPS.items()}
+    for name in top_commands():
+        if name in groups:
+            app.add_typer(groups[name], name=name)
+        for full in [f"{name} {each}" for each in subcommands(name)] or [name]:
+            home, command = groups.get(name, app), COMMANDS[full]
+            run = command_of(command.function()) if full in runs else lambda: None
+            home.command(full.rpartition(" ")[2], help=None if full in runs else command.sentence)(run)
     return app
 
 
-def command_of(verb: Verb) -> Callable[..., None]:
-    """Return the command of a verb: it looks for the files that are read, calls the verb and prints its result.
+def command_of(function: Callable[..., Any]) -> Callable[..., None]:
+    """Return the command of a function: it looks for the files that are read, calls it and prints its result.
 
-    A verb that returns nothing is at work until it is interrupted, and has no `--json`.
+    A function that returns nothing is at work until it is interrupted, and has no `--json`.
     """
-    signature = inspect.signature(verb)
-    options = {parameter.name: _option_of(parameter) for parameter in signature.parameters.values()}
+    signature = inspect.signature(function)
+    options = {name: option_in(parameter.annotation) for name, parameter in signature.parameters.items()}
     known = {name: option for name, option in options.items() if option is not None}
     ends = signature.return_annotation is not None
 
@@ -132,15 +99,11 @@ def command_of(verb: Verb) -> Callable[..., None]:
             if option.file:
                 _look_for(name, given[name])
         _keep_what_is_read(known, given)
-        # The matrices here are small: a second thread would spin for nothing, and change last digits.
-        for variable in SOLE_PROCESSOR:
-            os.environ.setdefault(variable, "1")
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
         before = {place: _changed_ns(place) for place in places}
-        bytes(_LEARNT_BYTES if ends else 0)
         try:
             with watched(Bars()):
-                result = verb(**given)
+                result = function(**given)
             if result is None:
                 return
             answer(result, as_json, [place for place in places if place.exists() and result.ending is None])
@@ -158,21 +121,13 @@ def command_of(verb: Verb) -> Callable[..., None]:
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
     if ends:
         parameters.append(_typer_parameter(_AS_JSON, _JSON, "as_json"))
-    command.__name__ = verb.__name__
-    command.__doc__ = " ".join((inspect.getdoc(verb) or "").partition("\n\n")[0].split())
+    command.__name__ = function.__name__
+    command.__doc__ = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
     vars(command)["__signature__"] = inspect.Signature(parameters)
     return command
 
 
-_LEARNT_BYTES = (32 << 20) - (1 << 16)
-"""A block, freed untouched, by which glibc learns to keep twice as much of what is freed, to be used again."""
 _AS_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
-
-
-def _option_of(parameter: inspect.Parameter) -> Option | None:
-    """Return what a parameter's annotation tells the command line, None for one that is for Python alone."""
-    marks = get_args(parameter.annotation)[1:] if get_origin(parameter.annotation) is Annotated else ()
-    return next((mark for mark in marks if isinstance(mark, Option)), None)
 
 
 def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) -> inspect.Parameter:
@@ -223,12 +178,10 @@ def _is_same(place: Path, path: Path) -> bool:
 
 
 def _named_in(path: Path) -> tuple[Path, ...]:
-    """Return what the texts of a TOML file would name from its folder, but for what is `measured` anew."""
-    from tactuator.io.text import parse_toml, read_text
-
+    """Return what the texts of a TOML file name from its folder, but for what is `measured` anew."""
     try:
         document = parse_toml(read_text(path)) if path.suffix == ".toml" else {}
-    except BadInput:  # the verb that reads it says so
+    except BadInput:  # it is refused where it is read
         return ()
     return tuple(path.parent / text for text in _texts_of(document))
 
@@ -264,12 +217,8 @@ def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> Non
     for notice in result.notices():
         sys.stderr.write(f"tactuator: {notice}\n")
     if as_json:
-        import json
-
         sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
         return
-    from rich.console import Console, Group
-
     console = Console(file=sys.stdout, markup=False)
     shown = [
         Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in result.tables()
@@ -281,11 +230,6 @@ def drawn(content: ResultTable, console: Console) -> Table:
     """Return a table as wide as the console lets it be: no word is broken where there is room for all of them, and no
     number where there is room for those.
     """
-    from rich.box import SIMPLE_HEAD
-    from rich.measure import Measurement
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
     firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
     for name, *cells in zip(content.columns, *content.rows, strict=True):
@@ -320,9 +264,6 @@ class Bars:
         if not sys.stderr.isatty():
             yield lambda done=None, total=None, text=None: None
             return
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
         with ExitStack() as stack:
             if self._shown is None:
                 columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -1,11 +1,11 @@
-"""The main program: finds the verb, runs it, and turns what went wrong into one line and an exit status."""
+"""The main program: finds the command, runs it, and turns what went wrong into one line and an exit status."""
 
 import atexit
 import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from itertools import pairwise
 from types import FrameType
 from typing import NoReturn
@@ -13,8 +13,8 @@ from typing import NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from tactuator.api.table import parts_of, top_verbs
 from tactuator.cli.commands import build_app
+from tactuator.cli.table import COMMANDS, GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -32,20 +32,22 @@ class _Ear:
         signal.default_int_handler(number, frame)
 
 
-def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
-    """Return the one verb that the arguments name (only its modules are imported then), or all when none is named.
+def needed(arguments: Sequence[str]) -> Container[str]:
+    """Return the commands that may be run with these arguments: the one that is named, all for a shell's completion.
 
-    Raises BadInput for a verb that is not there, with the likely one.
+    Raises BadInput for a command that is not there, with the likely one.
     """
-    verbs = top_verbs()
-    first = next((argument for argument in arguments if not argument.startswith("-")), None)
-    if first is None:
-        return () if "--version" in arguments else verbs
-    if first in verbs:
-        if len(arguments) == 1 and parts_of(first):
-            raise BadInput(f"{first}: no part of it is named", ", ".join(parts_of(first)))
-        return (first,)
-    raise BadInput(f"no verb {first!r}{likely(first, verbs)}; there are {', '.join(verbs)}")
+    if "_TACTUATOR_COMPLETE" in os.environ:
+        return COMMANDS
+    words = [argument for argument in arguments if not argument.startswith("-")]
+    if not words:
+        return ()
+    known = top_commands()
+    if words[0] not in known:
+        raise BadInput(f"no command {words[0]!r}{likely(words[0], known)}; there are {', '.join(known)}")
+    if len(arguments) == 1 and words[0] in GROUPS:
+        raise BadInput(f"{words[0]}: no subcommand is named", ", ".join(subcommands(words[0])))
+    return (words[0], " ".join(words[:2]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,12 +82,16 @@ def _leave_at_once(status: int) -> NoReturn:
     os._exit(status)
 
 
+SOLE_PROCESSOR = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+"""How the libraries beneath NumPy are told to use one thread, before they are loaded."""
+
+
 def _status_of(arguments: Sequence[str]) -> int:
+    # The matrices here are small: a second thread would spin for nothing, and change last digits.
+    for variable in SOLE_PROCESSOR:
+        os.environ.setdefault(variable, "1")
     try:
-        named = [argument for argument in arguments if not argument.startswith("-")]
-        completes = "_TACTUATOR_COMPLETE" in os.environ  # a shell completes options, too
-        part = None if completes else "".join(named[1:2])
-        app = build_app(needed_verbs(arguments), not named and not completes, part)
+        app = build_app(needed(arguments))
         status = app(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -149,7 +155,7 @@ def _raise_again(raised: "sys.UnraisableHookArgs") -> None:
     """Raise an end that was swallowed once more, a moment later; tell of anything else as the interpreter does.
 
     A Ctrl-C may come while a library calls Python back, from where no exception can leave: the interpreter would print
-    it, and the verb would go on.
+    it, and the command would go on.
     """
     ends = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
     if raised.exc_type not in ends:

@@ -6,7 +6,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tactuator.api.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
+from tactuator.api.option import Argument, Option
+from tactuator.api.parameters import AllowedHosts, Host, Place, Seed, TlsCertificate, TlsKey
 from tactuator.errors import BadInput
 
 if TYPE_CHECKING:

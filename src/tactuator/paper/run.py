@@ -13,7 +13,6 @@ from tactuator.api.designed import ControllerResult
 from tactuator.api.identified import CalibrationResult
 from tactuator.api.parameters import paper_controller
 from tactuator.api.response import FeltLevels
-from tactuator.api.result import promoted
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.recursive import RecursiveEstimate, identify_recursively
 from tactuator.measure.noise import noise_verdict
@@ -37,6 +36,7 @@ from tactuator.paper.steps import (
 )
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.result import promoted
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in

@@ -14,13 +14,13 @@ import tactuator as tt
 from tactuator.api.designed import ControllerResult
 from tactuator.api.parameters import paper_controller
 from tactuator.api.response import MeasuredResponses
-from tactuator.api.result import promoted
 from tactuator.api.speech import RenderResult
 from tactuator.arrays import FloatArray
 from tactuator.measure.felt import FeltReport
 from tactuator.model.description import Channel, Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.result import promoted
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins

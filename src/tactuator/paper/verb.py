@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from tactuator.api.parameters import Option, Place, Seed
-from tactuator.api.result import Result, columns_of, working
+from tactuator.api.option import Option
+from tactuator.api.parameters import Place, Seed
+from tactuator.api.progress import working
+from tactuator.result import Result, columns_of
 from tactuator.table import ResultTable
 
 

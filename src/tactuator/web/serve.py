@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tactuator.api.experiment import ProtocolFile, StoreFile
+from tactuator.api.option import Option
 from tactuator.api.parameters import (
     AllowedHosts,
     ControllerOption,
     DisplayOption,
     Host,
     Lsl,
-    Option,
     Place,
     RigOption,
     Seed,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from matplotlib.lines import CARETUPBASE
 
-from tactuator.api.result import finite
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.procedure.refit import refit
@@ -34,6 +33,7 @@ from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
+from tactuator.result import finite
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 LIBRARY = library.curve("bolanowski-1988")

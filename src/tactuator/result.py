@@ -1,23 +1,15 @@
-"""Manners of every verb's result: it prints itself in a few lines, draws itself, becomes plain or a table; and progress
-of a verb, told to whoever watches: the command line's bars, the console, or nobody (the default).
-"""
+"""Results: what each answers in a line, as a table, as JSON, as HTML in a notebook and as a chart."""
 
 import dataclasses
+import html
 import math
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from contextvars import ContextVar
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from tactuator.errors import BadInput
-from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable, plain
-
-if TYPE_CHECKING:
-    from tactuator.model.plant_model import PlantModel
-    from tactuator.report.chart import Axes
+from tactuator.table import Chart, ResultTable, plain
 
 _LONGEST = 499
 _Promoted = TypeVar("_Promoted", bound="Result")
@@ -46,7 +38,7 @@ class Result:
         raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
 
     def chart(self) -> Chart:
-        """Return what `plot` draws; raises BadInput where there is nothing to draw."""
+        """Return what `plot` draws; raises BadInput where there is nothing to report.chart.draw."""
         raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
 
     def to_dict(self) -> dict[str, Any]:
@@ -87,15 +79,12 @@ class Result:
             pandas = import_module("pandas")
         except ImportError:
             raise BadInput("pandas is not installed", "pip install pandas, or to_dict()") from None
-        import numpy as np
 
-        return pandas.DataFrame({name: np.asarray(values) for name, values in columns.items()})
+        return pandas.DataFrame(dict(columns))
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
+    def plot(self, ax: Any = None) -> Any:
         """Draw the result into `ax` (None: the current axes of matplotlib) and return the axes."""
-        from tactuator.report.chart import draw  # matplotlib takes a second to load
-
-        return draw(self.chart(), ax)
+        return import_module("tactuator.report.chart").draw(self.chart(), ax)  # matplotlib takes a second to load
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}: {value}" for name, value in self.headline().items())
@@ -105,8 +94,6 @@ class Result:
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        import html
-
         rows = "".join(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
             for name, value in self.headline().items()
@@ -147,19 +134,6 @@ def coefficients(values: Iterable[float]) -> str:
     return "[" + ", ".join(f"{value:.5g}" for value in values) + "]"
 
 
-def response_chart(model: "PlantModel", *shown: ChartLine) -> Chart:
-    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
-    import numpy as np
-
-    from tactuator.signals.decibels import db
-
-    hertz = np.geomspace(*model.band_hz, 300)
-    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
-    level, half = db(model.response(hertz)), model.band_db(hertz)
-    drawn = ChartLine("model, with its 95 % band", hertz, level, half=half, colour=0)
-    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
-
-
 def figure(value: float, unit: str = "", digits: int = 4) -> str:
     """Return a number with its unit."""
     return f"{value:.{digits}g}{' ' if unit else ''}{unit}"
@@ -169,47 +143,3 @@ def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str,
     """Return the columns of a table from its rows."""
     cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]
     return {name: [row[k] for row in cells] for k, name in enumerate(names)}
-
-
-class Step(Protocol):
-    """Told how far a stretch of work is."""
-
-    def __call__(self, done: float | None = None, total: float | None = None, text: str | None = None) -> None:
-        """Tell what is done of `total` (None: as before), and what is at hand."""
-
-
-Watcher = Callable[[str, float | None], AbstractContextManager[Step]]
-"""Given the name of a stretch of work and its length (None: nobody knows it), the context in which it is shown."""
-
-
-def _nothing(done: float | None = None, total: float | None = None, text: str | None = None) -> None:
-    pass
-
-
-@contextmanager
-def _nobody(text: str, total: float | None) -> Iterator[Step]:
-    yield _nothing
-
-
-_WATCHER: ContextVar[Watcher] = ContextVar("watcher", default=_nobody)
-
-
-@contextmanager
-def watched(watcher: Watcher) -> Iterator[None]:
-    """Let `watcher` show the progress of the verbs that are called in the context."""
-    token = _WATCHER.set(watcher)
-    try:
-        yield
-    finally:
-        _WATCHER.reset(token)
-
-
-def working(text: str, total: float | None = None) -> AbstractContextManager[Step]:
-    """Return the context of a stretch of work; it yields the function to be told how far it is."""
-    return _WATCHER.get()(text, total)
-
-
-def say(text: str) -> None:
-    """Tell the person at the terminal, at once, what is to be done or known while a verb is at work."""
-    sys.stderr.write(f"tactuator: {text}\n")
-    sys.stderr.flush()
