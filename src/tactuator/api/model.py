@@ -254,7 +254,7 @@ def identify(
     order: Annotated[int | None, option_of(Asked, "order")] = Asked.order,
     zeros: Annotated[int | None, option_of(Asked, "zeros")] = Asked.zeros,
     integrators: Annotated[int, option_of(Asked, "integrators")] = Asked.integrators,
-    fix: Annotated[Sequence[str], option_of(Asked, "fixed", "--fix", type=list[str])] = Asked.fixed,
+    fix: Annotated[Sequence[str], option_of(Asked, "fixed", "--fix", type=list[str])] = (),
     hold: Annotated[str, option_of(Asked, "hold")] = Asked.hold,
     method: Annotated[str, option_of(Asked, "method")] = Asked.method,
     quantity: Annotated[str, option_of(Asked, "quantity")] = Asked.quantity,
