@@ -52,10 +52,13 @@ def identification(
     residuals: Sequence[Residual],
     distortion: Distortion | None = None,
     rubbed: FrictionFit | None = None,
+    *,
+    fitted: bool = True,
 ) -> Identification:
     """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain;
     source: who says what the command does between its samples. distortion: what a periodic record shows beside the
-    response. rubbed: the fit of friction that it comes from.
+    response. rubbed: the fit of friction that it comes from. fitted: whether
+    the records' likelihood is greatest there.
     """
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
     model = _model(common, estimate, chosen, distortion, rubbed)
@@ -72,7 +75,7 @@ def identification(
     if estimate.other is not None and not estimate.certain and between.source == "data":
         other = _model(common, estimate, estimate.other, distortion, rubbed)
         model = model.holding(other)
-    tests = _tests(common.signals if rubbed is None else rubbed.signals, estimate, residuals)
+    tests = _tests(common.signals if rubbed is None else rubbed.signals, estimate, residuals, fitted=fitted)
     friction = None if rubbed is None else friction_of(rubbed, tests, common)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
@@ -200,10 +203,12 @@ def _valid(model: PlantModel, estimate: SpectralEstimate) -> tuple[float, float]
     return valid_range(model, (float(lines[0]), float(lines[-1])) if own_lines else moved_range(estimate.spectra))
 
 
-def _tests(signals: Signals, estimate: SpectralEstimate, residuals: Sequence[Residual]) -> ResidualTests:
+def _tests(
+    signals: Signals, estimate: SpectralEstimate, residuals: Sequence[Residual], *, fitted: bool
+) -> ResidualTests:
     """Return the tests of all residuals; a loop counts as seen where it shows under either hold."""
     fit, pairs = estimate.chosen.fit, zip(signals, residuals, strict=True)
-    tests = [judged_residual(command, residual, fit) for (command, _), residual in pairs]
+    tests = [judged_residual(command, residual, fit, fitted=fitted) for (command, _), residual in pairs]
     seen = {test.feedback for test in tests}
     if estimate.other is not None and estimate.other_residuals and not estimate.certain:
         hold = estimate.other.hold

@@ -167,7 +167,7 @@ def fit_friction(
     """
     stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
     level = _level_without_model(stage) if _share_left(bare.residuals) > _POOR else None
-    if level is None and not _shows(stage):
+    if level is None and friction_shown(signals, bare) is None:
         return None
     measured = stage.measured
     level = _stepped(stage, measured) if level is None else level
@@ -209,15 +209,19 @@ def _with_level(stage: _Stage) -> FrictionFit | None:
     return FrictionFit(stage.now, level.off(stage.signals), level.coulomb, deviation, level.presliding, shifts)
 
 
-def _shows(bare: _Stage) -> bool:
-    """Return true where a friction along the model's own path explains more of the residual than chance ever would,
-    beside what the model's parameters make up for: it damps a resonance like any other damping.
+def friction_shown(signals: Signals, bare: SpectralEstimate) -> tuple[float, FloatArray] | None:
+    """Return the level of a friction along the estimate's own path that explains more of the residual than chance ever
+    would, and by how much one unit of it moves the estimate's parameters; None where none shows.
+
+    It counts beside what the parameters make up for: friction damps a resonance like any other damping.
     """
-    if not all(np.all(residual.response) for residual in bare.now.residuals):
-        return False  # nothing moves
-    motion = max(float(np.std(path)) for path in bare.paths)
-    ways = ([dahl_state(path, place) for path in bare.paths] for place in _SHOWN_AT * motion)
-    return any(2.0 * bare.lines.explained(pull)[0] > _CERTAIN for pull in bare.lines.pulls(ways))
+    stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
+    if not all(np.all(residual.response) for residual in bare.residuals):
+        return None  # nothing moves
+    motion = max(float(np.std(path)) for path in stage.paths)
+    ways = ([dahl_state(path, place) for path in stage.paths] for place in _SHOWN_AT * motion)
+    best = max((stage.lines.explained(pull) for pull in stage.lines.pulls(ways)), key=lambda way: way[0])
+    return (best[1], best[3]) if 2.0 * best[0] > _CERTAIN else None
 
 
 def _without_noise(position: FloatArray, rate_hz: float) -> FloatArray:

@@ -156,8 +156,7 @@ def identify(
             if row.refuses:
                 warn(f"{row.name}, {row.where.partition(':')[0]}".rstrip(", "))
         if asked.method == "rls":
-            refined = identify(records, note=note, hold=asked.hold, quantity=asked.quantity)
-            return judged(recursive(common, refined.model), common)
+            return judged(recursive(common), common)
         return judged(_refined(common, note), common)
 
 

@@ -343,25 +343,34 @@ def _size(theta: FloatArray, form: Form, j: int) -> float:
 
 def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time), transients fitted beside, for noise of the weights."""
-    if fit in problem.informed:
-        return problem.informed[fit]
+    if fit not in problem.informed:
+        problem.informed[fit] = _covariance_and_step(problem, fit)[0]
+    return problem.informed[fit]
+
+
+def likelihood_step(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
+    """Return the change of (numerator, theta, dead time) that, to first order, leads to the greatest likelihood."""
+    return _covariance_and_step(problem, fit)[1]
+
+
+def _covariance_and_step(problem: SpectralProblem, fit: SpectralFit) -> tuple[FloatArray, FloatArray]:
     linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
     given = problem.given
     free = freedom(fit.theta, fit.form, fit.rungs)
     columns = given.response_of(np.hstack([linear, bent]) @ free)
+    rest = given.goal - given.response_of((linear @ fit.numerator)[:, None])[:, 0]
     beside = 0
     if problem.with_transient:
         decays = given.transient_of(transient_columns(problem.grid, fit.theta, fit.form))
         beside, columns = decays.shape[1], np.hstack([decays, columns])
-    products = problem.products(problem.weighted(columns))
+    products = problem.products(problem.weighted(columns, rest[:, None]))
     gram = eliminated(products, beside)[1] if beside else products
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    size = np.sqrt(np.maximum(np.diag(gram)[:-1], 0.0))
     size[size == 0.0] = 1.0
+    inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
     # a complex line's noise has half its power in either part
-    inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-14, hermitian=True)
-    problem.informed[fit] = np.asarray(free @ (0.5 * inverse / np.outer(size, size)) @ free.T)
-    return problem.informed[fit]
+    return np.asarray(free @ (0.5 * inverse) @ free.T), np.asarray(free @ (inverse @ gram[:-1, -1]))
 
 
 def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:

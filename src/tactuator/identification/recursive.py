@@ -17,81 +17,76 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.lines import spectrum
+from tactuator.identification import trust
+from tactuator.identification.by_spectrum import identification
+from tactuator.identification.friction import friction_shown
+from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.likelihood import likelihood_step
 from tactuator.identification.prepared import (
     Prepared,
-    check_length,
     empirical_response,
     moved_range,
     require_excitation,
     valid_range,
 )
-from tactuator.identification.residual import feedback_seen, fit_percent, residual_of_record
-from tactuator.identification.residual_tests import check_residual
 from tactuator.identification.result import Identification
-from tactuator.identification.uncertainty import fit_of_model
+from tactuator.identification.spectral_estimate import estimate_of_model
+from tactuator.identification.uncertainty import fit_of_model, log_slopes
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.systems import ContinuousSystem
 
 _PASSES = 3
 """How often E is replaced by the estimate before."""
 
 
-def recursive(common: Prepared, refined: PlantModel) -> Identification:
-    """Return the paper's estimate, judged by the same tests; its band holds the refined model, whose doubts are its.
+def recursive(common: Prepared) -> Identification:
+    """Return the paper's estimate, judged by the same checks as a refined one.
 
-    By itself it has neither friction nor dead time, and does not see that it needs them.
+    It has neither friction nor dead time. Its band holds what its form leaves of the record's own response, and by how
+    much a friction that shows has moved it.
     """
-    (command, position), rate_hz, asked, record = common.signals[0], common.rate_hz, common.asked, common.records[0]
+    (command, position), rate_hz, asked = common.signals[0], common.rate_hz, common.asked
     order, integrated = asked.order or 2, DERIVATIVES[asked.quantity]
     if integrated >= order:
         raise BadInput(f"order {order} for a {asked.quantity} by least squares", f"{integrated + 1} or more")
-    estimate = identify_recursively(
-        command, position, rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting
-    )
-    excitation = replace(common.excitation, needed=order + 1)
-    require_excitation(excitation)
+    require_excitation(replace(common.excitation, needed=order + 1))
+    found = identify_recursively(command, position, rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting)
+    written = common.records[0].about.get("hold")
+    hold: Hold = next((hold for hold in HOLDS if hold in (asked.hold, written)), "zero-order")
     sizes = np.append(np.full(integrated + 1, common.gain), np.ones(order))
     covariance = np.zeros((sizes.size + 1, sizes.size + 1))
-    covariance[:-1, :-1] = estimate.covariance * np.outer(sizes, sizes)
-    model = common.model(estimate.num * common.gain, estimate.den, covariance, method="rls")
-    taken = spectrum(command, position, rate_hz)
-    fit = fit_of_model(model, rate_hz, "zero-order" if asked.hold == "auto" else asked.hold, common.gain)
-    rest = residual_of_record(fit, taken, 0.47 * rate_hz)
-    residual = taken.measured - rest.simulated
-    tests = check_residual(residual, command[: residual.size], command[: residual.size, None], rate_hz)
-    tests = replace(tests, feedback=None if tests.is_misfit else feedback_seen(rest, fit.grid.hold))
-    model = model.judged(*check_length(np.roots(estimate.den), 0.0, record.duration_s))
-    table = refined.excess.frequency_hz
-    none = Excess(table, np.zeros(table.size), np.zeros(table.size))
-    model = replace(model, excess=none).holding(refined)
-    model = model.judged(*(row for row in refined.trust if row.refuses and row not in model.trust))
-    offset = float(record.position.mean())
-    return Identification(
-        model=replace(model, valid_hz=valid_range(model, moved_range([taken]))),
-        order=order,
-        excitation=excitation,
-        tests=tests,
-        fit_percent=fit_percent(rest.taken.measured, rest.simulated),
-        friction=None,
+    covariance[:-1, :-1] = found.covariance * np.outer(sizes, sizes)
+    model = common.model(found.num * common.gain, found.den, covariance, method="rls", record={"hold": hold})
+    estimate = estimate_of_model(fit_of_model(model, rate_hz, hold, common.gain), common.signals[:1])
+    shown = friction_shown(common.signals[:1], estimate)
+    result = identification(common, estimate, "asked", estimate.residuals, fitted=False)
+    own = replace(result.model, num=model.num, den=model.den, delay_s=0.0, covariance=covariance, method="rls")
+    slopes = log_slopes(estimate.chosen.fit, own.excess.frequency_hz)
+    excess = own.excess.joined(slopes @ likelihood_step(estimate.chosen.problem, estimate.chosen.fit))
+    if shown is not None:
+        level, shift = shown
+        excess = excess.joined(slopes @ (level * shift))
+        own = own.judged(trust.LEFT_OUT.of(100.0 * level))
+    own = replace(own, excess=excess)
+    return replace(
+        result,
+        model=replace(own, valid_hz=valid_range(own, moved_range(estimate.spectra))),
+        excitation=replace(common.excitation, needed=order + 1),
         tried=(),
-        empirical=common.own_response,
-        simulated=rest.simulated * common.scale[1] + offset,
-        measured=taken.measured * common.scale[1] + offset,
-        remarks=common.remarks,
+        path=found.path * sizes,
     )
 
 
 @dataclass(frozen=True)
 class RecursiveEstimate:
     """A continuous model. num, den: descending powers, den monic. covariance: of (num descending, den[1:]), by least
-    squares, hence too small where the residual is coloured.
+    squares, hence too small where the residual is coloured. path: the same parameters along the record, (blocks, k).
     """
 
     num: FloatArray
     den: FloatArray
     covariance: FloatArray
+    path: FloatArray
 
     @property
     def model(self) -> ContinuousSystem:
@@ -122,11 +117,11 @@ def identify_recursively(
     filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
     for _ in range(_PASSES):
         regressors, goal, sizes = _regression(filter_polynomial, u, y, rate_hz, zeros)
-        theta, inverse, variance, _ = recursive_least_squares(regressors, goal, forgetting=forgetting)
+        theta, inverse, variance, path = recursive_least_squares(regressors, goal, forgetting=forgetting)
         theta = theta / sizes
         filter_polynomial = _as_filter(np.append(1.0, theta[zeros + 1 :]), corner)
     covariance = inverse * (np.outer(1.0 / sizes, 1.0 / sizes) * variance)
-    return RecursiveEstimate(theta[: zeros + 1], np.append(1.0, theta[zeros + 1 :]), covariance)
+    return RecursiveEstimate(theta[: zeros + 1], np.append(1.0, theta[zeros + 1 :]), covariance, path / sizes)
 
 
 def _corner(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
@@ -222,9 +217,19 @@ def companion_states(
 
     denominator: A, descending powers, monic, length n + 1, in rad/s.
     """
-    n = denominator.size - 1
-    a, b = np.eye(n, k=1), np.eye(n)[:, -1:]
-    a[-1] = -denominator[:0:-1]
-    system = (a, b, np.eye(n), np.zeros((n, 1)))
-    seconds = np.arange(driver.size) / rate_hz
-    return np.asarray(scipy.signal.lsim(system, driver, seconds, interp=hold == "first-order")[2])
+    n, ramp = denominator.size - 1, float(hold == "first-order")
+    # [A b 0; 0 0 1; 0 0 0]: the state, the command and its slope over a period
+    block = np.zeros((n + 2, n + 2))
+    block[:n, :n] = np.eye(n, k=1)
+    block[n - 1, : n + 1] = np.append(-denominator[:0:-1], 1.0)
+    block[:n] /= rate_hz
+    block[n, n + 1] = ramp
+    step = scipy.linalg.expm(block)
+    # triangular, so that state after state is a filter of first order, however close the poles are
+    triangle, turn = scipy.linalg.schur(step[:n, :n], output="complex")
+    change = np.diff(driver, append=driver[-1])
+    pushed = turn.conj().T @ (step[:n, n:] @ np.stack([driver, change]))
+    states = np.zeros((n, driver.size), dtype=np.complex128)
+    for k in reversed(range(n)):
+        states[k] = scipy.signal.lfilter([0.0, 1.0], [1.0, -triangle[k, k]], pushed[k] + triangle[k] @ states)
+    return np.asarray((turn @ states).real.T)

@@ -137,6 +137,7 @@ class Identification:
     validations: tuple[Validation, ...] = ()
     distortion: Distortion | None = None
     fixed: tuple[FixedAgainstOwn, ...] = ()
+    path: FloatArray | None = None
 
     def shown(self) -> tuple[FloatArray, ComplexArray, FloatArray]:
         """Return what the record shows of the plant: frequencies, response, its relative standard error; all (m,).

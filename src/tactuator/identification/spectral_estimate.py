@@ -17,7 +17,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.form import Known, is_stable
 from tactuator.identification.hold import Hold
-from tactuator.identification.likelihood import SpectralFit
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import (
     Equations,
     JoinedEquations,
@@ -407,6 +407,22 @@ def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> 
     chosen = refitted(choice, given)
     residuals = record_residual(chosen, estimated.spectra)
     return replace(estimated, chosen=chosen, residuals=residuals, before=choice.fit)
+
+
+def estimate_of_model(fit: SpectralFit, signals: Sequence[tuple[FloatArray, FloatArray]]) -> SpectralEstimate:
+    """Return the estimate that a model is on records that it was not fitted to: their lines, weighted by what it leaves."""
+    rate_hz, shift = fit.grid.rate_hz, max(int(fit.delay_s * fit.grid.rate_hz + 1e-3) - 1, 0)
+    taken = tuple(spectrum(*pair, rate_hz, min(shift, pair[0].size // 4)) for pair in signals)
+    given = equations_of(taken)
+    grid = replace(fit.grid, frequency_hz=given.frequency_hz, shift=given.shift)
+    highest = COMPARED * rate_hz
+    flat = SpectralProblem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
+    problem = replace(flat, weight=weights(given, flat.residual(fit), highest))
+    choice = Choice(fit.grid.hold, replace(fit, grid=grid), {}, problem)
+    choice.fits[fit.form] = choice.fit
+    return SpectralEstimate(
+        choice, None, True, np.inf, CERTAIN, _local(taken, rate_hz), taken, record_residual(choice, taken)
+    )
 
 
 def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:

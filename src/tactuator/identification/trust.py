@@ -52,6 +52,8 @@ DISTORTION = Standard("distortion over the position", "%", 5.0)
 RULED = Standard("power of the command that follows friction alone", "%", 2.0)
 RUBBING = Standard("residual over what friction takes", "", 0.5)
 FRICTION = Standard("half-width of the Coulomb level", "%", 100.0)
+LEFT_OUT = Standard("friction that the method leaves out, over the command", "%", 3.0)
+"""Coulomb friction c under a sine of rms u takes 4 c / (pi sqrt(2) u) of it: 3 % moves a response by 0.24 dB."""
 FIXED = Standard("fixed value off the record's own", "%", 10.0)
 FIXED_DB = Standard("response with what is fixed off the record's own", "dB", 1.0)
 HOLD = Standard("evidence for the hold (--hold) over what is enough", "", 1.0, "cannot tell", least=True)
