@@ -410,7 +410,7 @@ def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> 
 
 
 def estimate_of_model(fit: SpectralFit, signals: Sequence[tuple[FloatArray, FloatArray]]) -> SpectralEstimate:
-    """Return the estimate that a model is on records that it was not fitted to: their lines, weighted by what it leaves."""
+    """Return what a model is on records that it was not fitted to: their lines, weighted by what it leaves of them."""
     rate_hz, shift = fit.grid.rate_hz, max(int(fit.delay_s * fit.grid.rate_hz + 1e-3) - 1, 0)
     taken = tuple(spectrum(*pair, rate_hz, min(shift, pair[0].size // 4)) for pair in signals)
     given = equations_of(taken)
