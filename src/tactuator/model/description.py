@@ -120,9 +120,9 @@ class Converter:
     bits: Annotated[Whole, Field(ge=8, le=24, description="of A/D and D/A")] = 16
     range_v: Annotated[Positive, Field(description="+/- volts")] = 10.0
     polarity: Annotated[
-        Literal[1, -1], Wording("1 or -1"), Field(description="`-1` where a positive command moves the sensor down")
+        Literal[1, -1], Wording("1 or -1"), Field(description="`-1` if a positive command moves the sensor down")
     ] = 1
-    offset_v: Annotated[Number, Field(description="volts of command at the motor that nobody asked for")] = 0.0
+    offset_v: Annotated[Number, Field(description="offset of the command at the motor")] = 0.0
 
     def __post_init__(self) -> None:
         if not abs(self.offset_v) < self.range_v:
@@ -144,10 +144,10 @@ class Threshold:
         Wording("a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points"),
         Field(
             description="a curve of the library (`bolanowski-1988`: inferred, thenar eminence; `morioka-griffin-2006`: "
-            "digitised, hand on a handle), or one of your own"
+            "digitised, hand on a handle), or your own"
         ),
     ]
-    band_hz: Annotated[Band, Field(description="over which the response follows the curve, which must cover it")] = (
+    band_hz: Annotated[Band, Field(description="where the response follows the curve, which must cover it")] = (
         0.4,
         300.0,
     )
@@ -172,23 +172,20 @@ class Strength:
         Contours | None,
         Wording("the path of a CSV (`level_db_sl,frequency_hz,db_sl`), or a table with the points"),
         Field(
-            description="equal-strength contours: a reference of some level is then felt as strong as a tone of that "
-            "level at their reference frequency; without them it lies that far above threshold"
+            description="equal-strength contours, which make all references of one level equally strong; without them, "
+            "they are equally far above threshold"
         ),
     ] = None
     strength_db_sl: Annotated[
-        NotNegative, Field(le=COMFORT_DB_SL, description="of the contour that the prefilter is made for")
+        NotNegative, Field(le=COMFORT_DB_SL, description="level of the contour that the prefilter follows")
     ] = 30.0
     blended: Annotated[
         Flag,
-        Field(
-            description="the prefilter follows the contour of the reference's own short-time level, in place of the "
-            "one of `strength_db_sl`"
-        ),
+        Field(description="follow the contour of the reference's own short-time level instead of `strength_db_sl`"),
     ] = False
     balance_db: Annotated[
         Number,
-        Field(ge=-20.0, le=20.0, description="what this finger gets more, so that all feel one reference alike"),
+        Field(ge=-20.0, le=20.0, description="gain of this finger, so that all fingers feel a reference alike"),
     ] = 0.0
 
     __repr__ = brief
@@ -218,16 +215,18 @@ class Environment:
     """
 
     hum_hz: Annotated[tuple[Positive, ...], Field(description="lines of hum at the sensor")] = (60.0, 120.0, 180.0)
-    hum_v_peak: Annotated[
-        tuple[NotNegative, ...], Field(description="volts peak at the sensor, for each of `hum_hz`")
-    ] = (1.0e-3, 0.3e-3, 0.2e-3)
-    noise_v_rms: Annotated[NotNegative, Field(description="white noise at the sensor, volts rms")] = 0.2e-3
-    friction_v: Annotated[NotNegative, Field(description="Coulomb level in volts of command")] = 4.0e-3
-    presliding_v: Annotated[Positive, Field(description="sensor volts over which friction builds up (Dahl)")] = 10.0e-3
+    hum_v_peak: Annotated[tuple[NotNegative, ...], Field(description="their peak voltages at the sensor")] = (
+        1.0e-3,
+        0.3e-3,
+        0.2e-3,
+    )
+    noise_v_rms: Annotated[NotNegative, Field(description="white noise at the sensor")] = 0.2e-3
+    friction_v: Annotated[NotNegative, Field(description="Coulomb friction, in volts of command")] = 4.0e-3
+    presliding_v: Annotated[Positive, Field(description="presliding distance (Dahl), in sensor volts")] = 10.0e-3
     assumed: Annotated[
         tuple[Disturbance, ...],
         Wording(default="what has no key here"),
-        Field(description="what nobody stated or measured: told, not judged"),
+        Field(description="values that were neither stated nor measured; reported, not judged"),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -247,10 +246,7 @@ class MeasuredEnvironment:
     measured: Annotated[
         str | None,
         Wording("the path of a file"),
-        Field(
-            description="a file of `noise --write` (a path beside this file), in place of `hum_hz`, `hum_v_peak` and "
-            "`noise_v_rms`"
-        ),
+        Field(description="a file of `noise --write`, in place of `hum_hz`, `hum_v_peak` and `noise_v_rms`"),
     ] = None
 
 
@@ -261,11 +257,9 @@ _IN_PLACE = Wording(default="none")
 class ForceSensor:
     """A sensor of the force that moves a known mass, in place of `sensor_gain_v_per_mm`."""
 
-    mass_kg: Annotated[
-        Positive, _IN_PLACE, Field(description='with `quantity = "force"` alone: the mass that the force moves')
-    ]
+    mass_kg: Annotated[Positive, _IN_PLACE, Field(description='only with `quantity = "force"`: the moving mass')]
     sensor_gain_v_per_n: Annotated[
-        Positive, _IN_PLACE, Field(description='with `quantity = "force"` alone, in place of `sensor_gain_v_per_mm`')
+        Positive, _IN_PLACE, Field(description='only with `quantity = "force"`, in place of `sensor_gain_v_per_mm`')
     ]
 
 
@@ -288,19 +282,17 @@ class Channel:
     design must hold for them too. covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
     """
 
-    name: Annotated[str, Field(description="each name once")]
+    name: Annotated[str, Field(description="unique name")]
     finger: Annotated[str, Wording(default="the name"), InFile(""), Field(description="whose finger")]
-    sensor_gain_v_per_mm: Annotated[
-        Positive, Field(description="volts of the sensor per mm (or mm/s, mm/s², by `quantity`)")
-    ]
+    sensor_gain_v_per_mm: Annotated[Positive, Field(description="sensor volts per mm (or mm/s, mm/s², by `quantity`)")]
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
         System,
         Wording("`{ num, den }`, `{ zeros, poles, gain }`, the path of a file, or a list of paths"),
         Field(
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
-            "in rad/s (complex roots as `[re, im]`), and perhaps `delay_s`; or a `model.json` of `identify`, or a list "
-            "of them: the design holds for all, and the first is the nominal one; with "
+            "in rad/s (complex roots as `[re, im]`), optionally `delay_s`; or a `model.json` of `identify`, or a list "
+            "of them, of which the first is the nominal one; with "
             '`structure = "none"` also a response (`frequency_hz` with `magnitude` or `magnitude_db`, no phase)'
         ),
     ]
@@ -308,15 +300,15 @@ class Channel:
     quantity: Annotated[
         Quantity,
         Wording('"displacement", "velocity", "acceleration", or "force" on a known mass'),
-        Field(description="what the sensor's voltage is proportional to"),
+        Field(description="what the sensor measures"),
     ] = "displacement"
     loads: Annotated[
         tuple[Load, ...],
         Wording("a list of tables"),
         Field(
-            description="what may touch it: `name`, `mass`, `damping`, `stiffness` of an impedance (mass·s² + "
-            "damping·s + stiffness)/num[0] that turns P into P/(1 + PZ): of a motor what is added to `den`, so kg, "
-            "N·s/m and N/m over the moving mass in kg (1, 1/s, 1/s²)"
+            description="what can touch it: `name`, `mass`, `damping`, `stiffness` of an impedance Z = (mass·s² + "
+            "damping·s + stiffness)/num[0], with which P becomes P/(1 + PZ); for a motor, kg, N·s/m and N/m divided "
+            "by the moving mass"
         ),
     ] = ()
     converter: Converter = field(default_factory=Converter)
@@ -327,47 +319,45 @@ class Channel:
     contact: Contact = field(default_factory=Contact)
     family: Annotated[
         tuple[System, ...],
-        Field(description="other plants that identification cannot tell from `plant`; a design must hold for them too"),
+        Field(description="other plants that fit the record; a design holds for them too"),
     ] = ()
     models: Annotated[
         tuple[str, ...],
         Wording(default="the names of the files, where `plant` is a list"),
-        Field(description="whose `plant` and whose each of `family` is; the same name for what cannot be told apart"),
+        Field(description="names of the models that `plant` and each of `family` belong to"),
     ] = ()
     covariance: Annotated[
         tuple[tuple[Number, ...], ...],
         Wording("a list of rows"),
         Field(
-            description="of the plant's `num`, its monic `den` after the leading one, and its `delay_s`; a "
-            "`model.json` brings its own"
+            description="of the plant's `num`, its monic `den` after the leading one, and its `delay_s`; set by a "
+            "`model.json`"
         ),
     ] = ()
     valid_hz: Annotated[
         Band | None,
         Wording(default="everywhere"),
         Field(
-            description="from where to where the plant is known; a `model.json` brings its own, a response its ends. "
-            "Nothing beyond is judged, and without a loop nothing is equalised there"
+            description="where the plant is known (set by a `model.json` or response). Outside, nothing is judged and, "
+            "without a loop, nothing equalised"
         ),
     ] = None
-    model_error_db: Annotated[
-        NotNegative, Field(description="what the plant's magnitude may be off there; a response brings it")
-    ] = 0.0
-    model_error_hz: Annotated[
-        Band | None, Field(description="between which two frequencies it is off the most; a response brings them")
-    ] = None
+    model_error_db: Annotated[NotNegative, Field(description="error of the plant's magnitude (set by a response)")] = (
+        0.0
+    )
+    model_error_hz: Annotated[Band | None, Field(description="where this error is greatest (set by a response)")] = None
     recorded: Annotated[
         Recorded | None,
         Wording("a table", default="none"),
         Field(
-            description="the record that the plant came from: `rate_hz`, half the span of `command` and `position`, "
-            "`position_unit`, and `distrust`: why the plant is not to be trusted; a `model.json` brings its own"
+            description="the plant's record (set by a `model.json`): `rate_hz`, amplitudes of `command` and `position`, "
+            "`position_unit`, and `distrust`, why not to trust the plant"
         ),
     ] = None
     unchanged: Annotated[
         tuple[str, ...],
         Wording(default="the keys whose line says CHANGE THIS"),
-        Field(description="keys that still have what a template gave them: told"),
+        Field(description="keys that still have the template's value; reported"),
     ] = ()
 
     __repr__ = brief
@@ -446,7 +436,7 @@ class Channel:
 class Display:
     """Channels that share one rate and one computing delay. sound: their wiring to a sound card, or None."""
 
-    name: Annotated[str, InFile("display"), Field(description="how it is called in reports")]
+    name: Annotated[str, InFile("display"), Field(description="its name in reports")]
     rate_hz: Annotated[
         Positive,
         Field(le=HIGHEST_RATE_HZ, description="sampling rate, at least four times the highest frequency of the band"),
@@ -454,7 +444,7 @@ class Display:
     delay_samples: Annotated[
         Whole,
         InFile(1),
-        Field(ge=0, le=8, description="periods from reading the sensor to putting out the command computed from it"),
+        Field(ge=0, le=8, description="periods from reading the sensor to the output of the resulting command"),
     ]
     channels: tuple[Channel, ...]
     objectives: Objectives = field(default_factory=Objectives)

@@ -26,15 +26,13 @@ class Wires:
     input: Annotated[
         Whole,
         _IN_ORDER,
-        Field(ge=0, le=MOST_CHANNELS, description="input of the card that the sensor is on; `0`: there is no sensor"),
+        Field(ge=0, le=MOST_CHANNELS, description="input of the card with the sensor; `0`: no sensor"),
     ]
     output_full_scale_v: Annotated[
         Positive,
-        Field(
-            description="volts at the motor for a sample of 1.0, amplifier included, as `sound calibrate` measures them"
-        ),
+        Field(description="volts at the motor for a sample of 1.0, with the amplifier, from `sound calibrate`"),
     ]
-    input_full_scale_v: Annotated[Positive, Field(description="volts at the input that are read as 1.0")] = 1.0
+    input_full_scale_v: Annotated[Positive, Field(description="volts at the input for a sample of 1.0")] = 1.0
 
 
 @table("[sound]")
@@ -44,18 +42,15 @@ class SoundCard:
     wires: tuple[Wires, ...]
     device: Annotated[
         str,
-        Field(description="card as `tactuator sound devices` lists it, for `--rig sound:` without a name"),
+        Field(description="card from `tactuator sound devices`, for `--rig sound:` without a name"),
     ] = ""
-    input_device: Annotated[
-        str, Field(description="where the inputs are, if they are another device of the system")
-    ] = ""
+    input_device: Annotated[str, Field(description="card of the inputs, if different")] = ""
     latency_samples: Annotated[
         Whole,
         Field(
             ge=0,
             le=1_000_000,
-            description="from a sample's output to its input through a wire, as `tactuator sound latency` measures it; "
-            "the inputs are put back by it",
+            description="delay from output to input, from `tactuator sound latency`; it is removed from the inputs",
         ),
     ] = 0
     lead_s: Annotated[
@@ -63,7 +58,7 @@ class SoundCard:
         Field(
             ge=LEAD_S[0],
             le=LEAD_S[1],
-            description="time by which a stream is fed ahead; pause and stop come later by as much",
+            description="buffer of a stream; pause and stop are delayed by it",
         ),
     ] = 0.25
 
@@ -89,13 +84,13 @@ class FeedbackRequirements:
 
     structure: Annotated[
         Structure,
-        Field(description='`"paper"`: C is given; `"none"`: no loop, the prefilter equalises the plant itself'),
+        Field(description='`"paper"`: C is given; `"none"`: no loop, the prefilter equalises the plant'),
     ] = "integrator-lead-lag"
     phase_margin_deg: Annotated[Positive | None, Field(description="at least")] = 50.0
     sensitivity_peak: Annotated[Positive | None, Field(description="max|S|, at most")] = 1.45
     mains_hz: Annotated[tuple[Positive, ...], Field(description="where hum reaches the finger through T")] = ()
     mains_max_db: Annotated[tuple[Number, ...], Field(description="|T| at each of `mains_hz`, at most")] = ()
-    rejection_hz: Annotated[tuple[Positive, ...], Field(description="where disturbances are to be rejected")] = ()
+    rejection_hz: Annotated[tuple[Positive, ...], Field(description="where disturbances must be rejected")] = ()
     rejection_max_db: Annotated[tuple[Number, ...], Field(description="|S| at each of `rejection_hz`, at most")] = ()
     command_noise_gain_max: Annotated[
         Positive | None, Field(description="rms of CS for white sensor noise of rms 1, at most")
@@ -103,8 +98,8 @@ class FeedbackRequirements:
     rejection_band_hz: Annotated[
         Band,
         Field(
-            description="what is left to choose minimises the mean of |S| in dB over it, even in log frequency, "
-            "for the worst load"
+            description="among loops within the limits, minimise the mean of |S| in dB over log frequency here, for the "
+            "worst load"
         ),
     ] = (0.4, 10.0)
     controller: Annotated[
@@ -123,10 +118,10 @@ class PrefilterRequirements:
     """Requirements on the prefilter."""
 
     poles: Annotated[
-        Whole, Field(ge=2, le=MOST_POLES, description="number of its poles; more follow the curve more closely")
+        Whole, Field(ge=2, le=MOST_POLES, description="number of poles; more follow the curve more closely")
     ] = 4
     falls_above_hz: Annotated[
-        Positive, Field(description="from here on nothing is passed harder than the strongest frequency in the band")
+        Positive, Field(description="above this, the gain does not exceed the greatest in the band")
     ] = 400.0
 
 
@@ -134,16 +129,14 @@ class PrefilterRequirements:
 class Objectives:
     """Tolerances of the paper's four objectives (its section 2)."""
 
-    flatness_db: Annotated[Positive, Field(description="i: |H| against the curve over the band")] = 1.0
-    from_db_sl: Annotated[Number, Field(description="i: lowest level it holds at, with friction and steps")] = 10.0
+    flatness_db: Annotated[Positive, Field(description="i: deviation of |H| from the curve over the band")] = 1.0
+    from_db_sl: Annotated[Number, Field(description="i: lowest level with friction and converter steps")] = 10.0
     mains_max_db_sl: Annotated[Number, Field(description="ii: felt level of every mains line")] = 0.0
     noise_max_db_sl: Annotated[Number, Field(description="iii: felt noise in every third octave")] = 0.0
     resonance_peak: Annotated[Positive, Field(description="iii: max|T|")] = 1.3
-    load_max_db: Annotated[Positive, Field(description="iv: |H| with a load against without, up to `load_band_hz`")] = (
-        1.0
-    )
-    load_band_hz: Annotated[Positive, Field(description="iv: highest frequency that `load_max_db` holds for")] = 10.0
-    comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = COMFORT_DB_SL
+    load_max_db: Annotated[Positive, Field(description="iv: change of |H| by a load, up to `load_band_hz`")] = 1.0
+    load_band_hz: Annotated[Positive, Field(description="iv: highest frequency for `load_max_db`")] = 10.0
+    comfort_db_sl: Annotated[Positive, Field(description="the greatest level presented")] = COMFORT_DB_SL
 
 
 @table("[touch]")
@@ -153,7 +146,6 @@ class Touch:
     adaptive: Annotated[
         Flag,
         Field(
-            description="feed forward what the finger takes, with weights learnt while it plays "
-            "([a finger on the display](touch.md)); designed for the first of `loads`"
+            description="compensate the [finger](touch.md) by adaptive feed-forward, designed for the first of `loads`"
         ),
     ] = False

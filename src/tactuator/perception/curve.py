@@ -31,14 +31,12 @@ class Contact:
     """
 
     site: Annotated[str, Field(description='where the skin is touched, as "index fingertip" or "thenar"')] = ""
-    area_mm2: Annotated[Positive | None, Field(description="of the contactor that moves")] = None
-    surround: Annotated[
-        str, Field(description='what stands still around the contactor, as "rigid, gap 1 mm" or "none"')
-    ] = ""
+    area_mm2: Annotated[Positive | None, Field(description="of the moving contactor")] = None
+    surround: Annotated[str, Field(description='around the contactor, as "rigid, gap 1 mm" or "none"')] = ""
     preload_n: Annotated[Positive | None, Field(description="the force that presses skin and contactor together")] = (
         None
     )
-    age_years: Annotated[Band | None, Field(description="of the people, the youngest and the oldest")] = None
+    age_years: Annotated[Band | None, Field(description="of the people, youngest and oldest")] = None
 
     @property
     def said(self) -> dict[str, str]:
