@@ -350,8 +350,8 @@ class Channel:
         Recorded | None,
         Wording("a table", default="none"),
         Field(
-            description="the plant's record (set by a `model.json`): `rate_hz`, amplitudes of `command` and `position`, "
-            "`position_unit`, and `distrust`, why not to trust the plant"
+            description="the plant's record (set by a `model.json`): `rate_hz`, amplitudes of `command` and "
+            "`position`, `position_unit`, and `distrust`, why not to trust the plant"
         ),
     ] = None
     unchanged: Annotated[

@@ -98,8 +98,8 @@ class FeedbackRequirements:
     rejection_band_hz: Annotated[
         Band,
         Field(
-            description="among loops within the limits, minimise the mean of |S| in dB over log frequency here, for the "
-            "worst load"
+            description="among loops within the limits, minimise the mean of |S| in dB over log frequency here, for "
+            "the worst load"
         ),
     ] = (0.4, 10.0)
     controller: Annotated[
