@@ -35,21 +35,24 @@ MOST_DB = {
     "piezo 250 Hz Q 50": -74.5,
     "3 ms of dead time": -25.8,
     "90/80 Hz pair": -38.3,
+    "drawn 7: with a mode": -20.1,
     "drawn 14: no spring": -40.7,
-    "drawn 15: with a mode": -23.0,
+    "drawn 15: with a mode": -23.5,
     "drawn 25: motor": -41.4,
 }
-"""What a search from outside knows at best (witnesses.loops.search), less 1 dB."""
+"""What a search from outside knows at best (witnesses.loops.search), less 1 dB; less 0.1 dB for slow modes."""
 PLANTS = {plant.name: plant for plant in [*named(), *drawn(26)]}
 
 
-SLOW = ("90/80 Hz pair", "drawn 14: no spring", "drawn 25: motor")
-MARKS = dict.fromkeys(SLOW, pytest.mark.slow) | {"drawn 15: with a mode": pytest.mark.soak}  # the pair has one as well
+SLOW = ("90/80 Hz pair", "drawn 14: no spring", "drawn 15: with a mode", "drawn 25: motor")
+MARKS = dict.fromkeys(SLOW, pytest.mark.slow)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MOST_DB])
 def test_synthesise__plants_of_the_list__within_1_db_of_the_best_known(name) -> None:
-    zeros, poles, gain, _ = delivered(PLANTS[name])
+    found, _ = delivered(PLANTS[name])
+    assert found is not None
+    zeros, poles, gain = found.zeros, found.poles, found.gain
     judge = Judge(PLANTS[name])
     mean, excess = judge.figures(zeros, poles, gain)
     assert excess < 2e-3

@@ -1,8 +1,9 @@
 """Loop synthesis: the controller that keeps every requirement on every plant, with the least mean |S| in dB.
 
-Local optima in the parameters of `LoopStructure` are looked for from a few starts that invert the plant. Where these
-find nothing, steps lead from one local optimum to the next (`problem.hops`). Where nothing is found, the diagnosis says
-which requirements bind, and what has been tried instead.
+Local optima in the parameters of `LoopStructure` are looked for from a few starts that invert the plant; where these
+find one loop or none, from starts that cross over below a mode of the plant; where these find nothing either, steps
+lead from one local optimum to the next (`problem.hops`). Where nothing is found, the diagnosis says which requirements
+bind, and what has been tried instead.
 
 Beyond the file's limits a loop keeps half of the display's resonance objective in reserve where that is possible
 (max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable where the plant allows that: a command
@@ -11,8 +12,9 @@ at its limit is a loop of lower gain, and that has to be stable too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from operator import itemgetter
 
 import numpy as np
@@ -24,13 +26,26 @@ from tactuator.signals.loop import UnstableLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
 from tactuator.synthesis.limits import Limit
-from tactuator.synthesis.problem import LoopProblem, Solution, carried_on, hops, is_sound, problem_of, solve, starts
+from tactuator.synthesis.problem import (
+    LoopProblem,
+    Solution,
+    carried_on,
+    hops,
+    is_sound,
+    problem_of,
+    solve,
+    starts,
+    starts_below_modes,
+)
 from tactuator.synthesis.task import Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 """What each round of settling keeps beyond the limits, dB: grids and assessment agree to about that."""
 _SAME_DB, _AGAIN_DB, _ENOUGH = 0.02, 0.05, 3
+_CARRIED_ON = 2
+"""Solutions whose programs go on until they settle: the first end 0.5 to 2 dB early around a resonator, the second best
+often ends ahead of the best."""
 _RESONANCE_SHARES = (0.5, 1.0)
 Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
@@ -53,7 +68,8 @@ def synthesise(task: Task) -> Iterator[Candidate]:
 
 def is_possible(task: Task) -> bool:
     """Tell whether `synthesise` yields anything from its starts."""
-    return next(_settled(problem_of(task)), None) is not None
+    problem = problem_of(task)
+    return any(next(_settled(problem, begin), None) is not None for begin in (starts, starts_below_modes))
 
 
 def judged(task: Task, feedback: SampledSystem) -> tuple[MemberAssessment, ...]:
@@ -75,8 +91,8 @@ _mean_db = itemgetter(0)
 
 def _improved(task: Task) -> Iterator[Candidate]:
     """Yield local optima that keep every requirement, all different, the best first."""
-    for share in _RESONANCE_SHARES:
-        optima = _settled(problem_of(task, share))
+    for begin, share in product((starts, starts_below_modes), _RESONANCE_SHARES):
+        optima = _settled(problem_of(task, share), begin)
         best = next(optima, None)
         if best is not None:
             yield best
@@ -84,10 +100,14 @@ def _improved(task: Task) -> Iterator[Candidate]:
             return
 
 
-def _settled(problem: LoopProblem) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, the best first to the tenths of a dB that settling changes."""
-    solutions = sorted(_solutions(problem, starts(problem)), key=lambda solution: solution.merit_db)
-    solutions[:1] = [carried_on(problem, solution) for solution in solutions[:1]]
+def _settled(problem: LoopProblem, begin: Callable[[LoopProblem], Sequence[FloatArray]]) -> Iterator[Candidate]:
+    """Yield local optima that keep every requirement, the best first to the tenths of a dB that settling changes; one
+    optimum alone may be a poor one, and those below the modes are asked as well."""
+    solutions = _solutions(problem, begin(problem))
+    if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
+        solutions += _solutions(problem, starts_below_modes(problem))
+    solutions = sorted(solutions, key=lambda solution: solution.merit_db)
+    solutions[:_CARRIED_ON] = [carried_on(problem, solution) for solution in solutions[:_CARRIED_ON]]
     means: list[float] = []
     ready: list[Candidate] = []
     for solution in sorted(solutions, key=lambda solution: solution.mean_db):

@@ -388,37 +388,67 @@ _LIGHT, _HEAVY = (1.0, 0.25, 2.0), (2.0, 0.5, 4.0)
 _STARTS = ((0.02, _LIGHT), (0.035, _HEAVY), (0.02, _HEAVY), (0.008, _LIGHT), (0.008, _HEAVY), (0.035, _LIGHT))
 """Starts, the most fruitful first: crossover as a share of the rate, and a lag: a frequency (hertz) and a share of the
 crossover, between which its poles lie, and their damping."""
+_BELOW_MODE, _ROLL_OFF = (0.1, 0.2), 4.0
+"""Crossovers of the starts that stay below a mode, and where their poles lie, as shares of the mode's frequency."""
+_FAR = 2.5
+"""A root out of the way, rad/sample: close to half the rate."""
 _LOWER, _TIMES_LOWER = 0.5, 14
+"""Log of the gain that a start which is unstable at some lower gain gives up at a time, and how often (-61 dB)."""
 
 
 def starts(problem: LoopProblem) -> list[FloatArray]:
     """Return starts that invert the plant's two slowest poles and its next mode and fall twice as steeply far below the
     crossover, for several crossovers; the gain as far below that as the loop is stable. A plant that integrates and has
     no mode gets one more, the first: its single pole is as slow as allowed, with zeros around the crossover."""
-    task, structure = problem.task, problem.structure
-    nominal, rate_hz = task.family[0], task.rate_hz
-    slow, damping = slow_pair(nominal.continuous)
-    others = [mode for mode in modes(nominal.continuous) if abs(mode[0] / slow - 1.0) > 0.2]
-    integrates = not others and bool(np.any(nominal.continuous.poles == 0.0))
+    nominal, rate_hz = problem.task.family[0].continuous, problem.task.rate_hz
+    slow, damping = slow_pair(nominal)
+    others = _other_modes(nominal)
+    integrates = not others and bool(np.any(nominal.poles == 0.0))
     beginnings = []
     for index, (share, (lag_hz, lag_share, lag_damping)) in enumerate(_STARTS[3:4] * integrates + _STARTS):
         omega = 2.0 * np.pi * share
         lag = np.sqrt(2.0 * np.pi * lag_hz / rate_hz * lag_share * omega)
-        notch, depth = (others[0][0] / rate_hz, max(others[0][1], 1e-3)) if others else (2.5, 1.0)
-        pole, far = 2.5, 3.0 * omega
+        notch, depth = (others[0][0] / rate_hz, max(others[0][1], 1e-3)) if others else (_FAR, 1.0)
+        pole, far = _FAR, 3.0 * omega
         if integrates and index == 0:
             pole, notch, depth, far = 2.0 * np.pi * _SLOWEST_POLE_HZ / rate_hz, 1.7 * omega, 4.0, 1.25 * omega
         second = [0.25 * omega, 0.8, lag, lag_damping, notch, depth, far, 0.9]
-        values = [1.0, slow / rate_hz, damping, pole, *second]
-        parameters = np.clip(np.log(values), *bounds(task))
-        unit = structure.system(parameters).response(share * rate_hz) * nominal.sampled.response(share * rate_hz)
-        parameters[0] -= np.log(np.abs(unit))
-        for _ in range(_TIMES_LOWER):
-            if problem.turned_db(parameters) <= 0.0:
-                break
-            parameters[0] -= _LOWER
-        beginnings.append(parameters)
+        beginnings.append(_with_gain(problem, [slow / rate_hz, damping, pole, *second], share * rate_hz))
     return beginnings
+
+
+def starts_below_modes(problem: LoopProblem) -> list[FloatArray]:
+    """Return starts whose crossover lies below a mode of the plant: they invert its two slowest poles and that mode,
+    and roll off above it. There are none without a mode. What inverts a slow mode up to a fast crossover (`starts`)
+    sends too much noise to the motor, and no way leads from there to a slow one."""
+    nominal, rate_hz = problem.task.family[0].continuous, problem.task.rate_hz
+    slow, damping = slow_pair(nominal)
+    beginnings = []
+    for natural, softness in _other_modes(nominal):
+        mode = natural / rate_hz
+        pole = min(_ROLL_OFF * mode, _FAR)
+        values = [slow / rate_hz, damping, pole, _FAR, 1.0, pole, 0.9, mode, max(softness, 1e-3), pole, 0.9]
+        beginnings += [_with_gain(problem, values, share * natural / (2.0 * np.pi)) for share in _BELOW_MODE]
+    return beginnings
+
+
+def _other_modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
+    """Return the modes that are not the plant's slowest pair (within 20 %)."""
+    slow, _ = slow_pair(plant)
+    return [mode for mode in modes(plant) if abs(mode[0] / slow - 1.0) > 0.2]
+
+
+def _with_gain(problem: LoopProblem, values: Sequence[float], crossover_hz: float) -> FloatArray:
+    """Return the parameters of a shape, with the gain of that crossover, or as far below that as the loop is stable."""
+    nominal = problem.task.family[0].sampled
+    parameters = np.clip(np.log([1.0, *values]), *bounds(problem.task))
+    unit = problem.structure.system(parameters).response(crossover_hz) * nominal.response(crossover_hz)
+    parameters[0] -= np.log(np.abs(unit))
+    for _ in range(_TIMES_LOWER):
+        if problem.turned_db(parameters) <= 0.0:
+            break
+        parameters[0] -= _LOWER
+    return parameters
 
 
 _HOPS, _HOPS_LEAST, _HOPS_TIMES_DB = 128, 6, 24.0
