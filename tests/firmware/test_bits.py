@@ -15,7 +15,7 @@ from tests.firmware.drawn import Expected
 from tests.firmware.emulator import MACHINES, Emulator
 from tests.rig.guard.guarded import adaptive, designed
 
-FEW_CASES, CASES = 60, 2_000
+FEW_CASES, CASES = 20, 2_000
 BOARDS = [name for name, machine in MACHINES.items() if machine.has_fifos]
 """The STM32F405 is a Cortex-M4F as one of these; what it has besides is in test_verify.py."""
 
@@ -39,7 +39,7 @@ def differs(board: str, program: Path | None, cases: int, is_adaptive: bool = Fa
     ("board", "cases"),
     [
         ("mps2-an500", FEW_CASES),
-        pytest.param("mps2-an386", 2 * FEW_CASES, marks=pytest.mark.slow),
+        pytest.param("mps2-an386", FEW_CASES, marks=pytest.mark.slow),
         *(pytest.param(board, 10 * CASES, marks=pytest.mark.soak) for board in BOARDS),
     ],
 )

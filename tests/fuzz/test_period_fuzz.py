@@ -11,7 +11,7 @@ from tactuator.runtime.safety_table import safety_bytes
 from tactuator.runtime.tables import simulated_board_bytes
 from tests.firmware.drawn import drawn
 from tests.fuzz.conftest import fuzz
-from tests.rig.guard.guarded import adaptive, designed, uncommon
+from tests.rig.guard.guarded import adaptive, designed, spoilt
 
 DRAWN = 24
 """Cases of each kind of controller, whose tables are swapped in."""
@@ -21,7 +21,7 @@ CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMA
 
 
 def write_tables(folder: Path) -> None:
-    usual = (designed(), uncommon(designed()), adaptive())
+    usual = (designed(), spoilt(designed(), 0.5), adaptive())
     cases = [drawn(seed, of) for seed in range(DRAWN) for of in (designed(), adaptive())]
     images = [(build_image(of), 1) for of in usual] + [(case.image, case.safety.delay_samples) for case in cases]
     safeties = [(safety_bytes(table), 0) for table in (safety_table(designed().display), *(c.safety for c in cases))]

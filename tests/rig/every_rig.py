@@ -13,7 +13,6 @@ from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport import InProcess
-from tests.firmware.emulated_ports import socket_board
 from tests.firmware.emulator import emulated_rig
 from tests.rig.guard.guarded import designed
 from tests.rig.own_rig import installed_example
@@ -65,17 +64,10 @@ def _lossy(display: Display) -> BoardRig:
     return rig
 
 
-@contextmanager
-def _at_a_socket(display: Display) -> Iterator[Rig]:
-    with socket_board() as (url, _), open_rig(f"board:{url}", display, SEED) as rig:
-        yield rig
-
-
 BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {
     "in-process": lambda display: in_process_rig(display, SEED),
     "lossy": _lossy,
     "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, SEED),
-    "board:socket": _at_a_socket,
 }
 RIGS: dict[str, Callable[[Display], AbstractContextManager[Rig]]] = {
     "simulated": lambda display: SimulatedRig(display, SEED),

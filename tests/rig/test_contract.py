@@ -25,19 +25,11 @@ from tests.runtime import paper_display
 from tests.runtime.paper_display import controller, display
 from tests.strength import reshaped
 
-
-def _marked(mark: pytest.MarkDecorator, *of_example: pytest.MarkDecorator) -> list[object]:
-    """The rigs, with a mark on the board at a socket: its emulator works for 4 ms at every sample that it plays."""
-    marks = {"board:socket": [mark], "docs/rig.md": of_example}
-    return [pytest.param(name, marks=marks.get(name, ())) for name in RIGS]
+#: For tests that play a second and more: the example of docs/rig.md is computed in Python, sample by sample.
+_long = pytest.mark.parametrize("opened", sorted(RIGS.keys() - {"docs/rig.md"}), indirect=True, scope="module")
 
 
-_NAMES = _marked(pytest.mark.slow)
-#: For tests that play a second and more; the example of docs/rig.md is computed in Python, sample by sample.
-_long = pytest.mark.parametrize("opened", _marked(pytest.mark.soak, pytest.mark.slow), indirect=True, scope="module")
-
-
-@pytest.fixture(scope="module", params=_NAMES)
+@pytest.fixture(scope="module", params=RIGS)
 def opened(request):
     """A rig's name, and a board that is kept from test to test; None for what is opened anew."""
     if request.param in BOARDS or request.param.startswith("emulated:"):
@@ -74,7 +66,7 @@ def at_rest(rig: Rig) -> bool:
     return bool(np.max(np.abs(rig.play(np.zeros((1, 3))).command_v)) < 1e-3)
 
 
-@pytest.mark.parametrize("name", sorted(RIGS.keys() - {"emulated:mps2-an500", "board:socket"}))
+@pytest.mark.parametrize("name", sorted(RIGS.keys() - {"emulated:mps2-an500"}))
 def test_play__before_any_controller__is_refused(name: str) -> None:
     with RIGS[name](designed().display) as rig:
         with pytest.raises(BadInput, match="no controller is loaded; allowed: load one before playing a reference"):

@@ -31,25 +31,14 @@ def adaptive() -> Controller:
     return design_controller(replace(paper_display(), touch=Touch(adaptive=True)))
 
 
-def with_feedback(controller: Controller, gains: dict[int, float]) -> Controller:
-    """The same with sections of its feedback `gains` times as strong."""
+def spoilt(controller: Controller, gain: float) -> Controller:
+    """The same with its feedback `gain` times as strong: unstable, for most."""
     channels = []
     for channel in controller.channels:
         sections = np.array(channel.feedback_sos)
-        for index, gain in gains.items():
-            sections[index, :3] *= gain
+        sections[0, :3] *= gain
         channels.append(replace(channel, feedback_sos=sections))
     return replace(controller, channels=tuple(channels))
-
-
-def spoilt(controller: Controller, gain: float) -> Controller:
-    """The same with its feedback `gain` times as strong: unstable, for most."""
-    return with_feedback(controller, {0: gain})
-
-
-def uncommon(controller: Controller) -> Controller:
-    """The same in a form that has no piece of its own: C's last gain is not 1, but its first makes up."""
-    return with_feedback(controller, {0: 2.0, 2: 0.5})
 
 
 @dataclass

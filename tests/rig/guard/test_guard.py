@@ -1,4 +1,4 @@
-"""The guard trips, names and clears what is amiss; the short way of a steady period is the long way to the bit."""
+"""The guard trips, names and clears what is amiss; a period commands what its controllers say, to the bit."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem
-from tests.rig.guard.guarded import Guarded, designed, spoilt, uncommon
+from tests.rig.guard.guarded import Guarded, designed, spoilt
 from tests.runtime.paper_display import changed, controller
 from tests.synthesis.displays import channel as finger
 
@@ -149,20 +149,12 @@ def test_guard__plant_that_falls_over__is_ended_below_the_least_gain():
         assert np.max(np.abs(run.displacement_mm[: run.fault_at and run.fault_at + 1])) < TRAVEL_MM
 
 
-LEFT = 1e-29
-"""What an hour of silence leaves of a prefilter's states, a little before it comes to rest."""
-
-
-def answers(guarded, rows, left=0.0):
-    """What the board put into its queue at every tick, and what the controllers say; until it is in a fault. left: in
-    all states of the prefilters to begin with."""
+def answers(guarded, rows):
+    """What the board put into its queue at every tick, and what the controllers say; until it is in a fault."""
     board, simulated = guarded.board, guarded.simulated
     states = [ffi.new("tact_controller_state *") for _ in range(3)]
     for c, state in enumerate(states):
         lib.tact_controller_reset(ffi.addressof(board.image.controller, c), state)
-        for one in (state, board.channel[c].controller):
-            for section in one.prefilter[0:2]:
-                section.s1 = section.s2 = left
     found, wanted = [], []
     for row in np.asarray(rows, dtype=np.float32):
         fade, command_fade, slot = np.float32(board.fade), np.float32(board.command_fade), board.delay_at
@@ -182,33 +174,19 @@ def answers(guarded, rows, left=0.0):
     return np.array(found), np.array(wanted)
 
 
-@pytest.mark.parametrize("made", [designed, lambda: uncommon(designed())], ids=["designed", "uncommon"])
-def test_period__tones_and_silence__commands_are_the_controllers_to_the_bit(made):
-    controller = made()
-    guarded = Guarded(controller)
+def test_period__tones_silence_and_limits__commands_are_the_controllers_to_the_bit():
+    guarded = Guarded(designed())
     time_s = np.arange(SOFT + 1500) / 4000.0
     rows = np.stack([150.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 31.0, 187.0)], axis=1)
     rows[SOFT + 700 : SOFT + 900] = 0.0
     found, wanted = answers(guarded, rows)
     assert guarded.board.mode == lib.TACT_RUNNING
     assert np.array_equal(found, wanted)
-
-
-def test_period__commands_beyond_their_limits__are_limited_as_the_controllers_are():
     guarded = Guarded(spoilt(designed(), 3.0))
     found, wanted = answers(guarded, np.full((SOFT, 3), 1e9) * np.sign(np.sin(np.arange(SOFT) * 2.5))[:, None])
     assert any(guarded.board.channel[c].controller.clamped for c in range(3))
     before = slice(0, found.size - 3)  # a fault's own tick empties the queue
     assert np.array_equal(found[before], wanted[before])
-
-
-def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are():
-    guarded = Guarded(designed())
-    found, wanted = answers(guarded, np.zeros((30_000, 3)), LEFT)  # a prefilter's slowest pole may lie at 0.3 Hz
-    assert np.array_equal(found, wanted)
-    for c in range(3):
-        for section in guarded.board.channel[c].controller.prefilter[0:2]:
-            assert (section.s1, section.s2) == (0.0, 0.0)
 
 
 def test_guard__armed_and_moved_by_hand__is_no_fault_but_a_sensor_that_lies_is():

@@ -11,7 +11,7 @@ command within its range, and the guard (comfort, stopping distance, disagreemen
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from tests.rig.guard.guarded import SENSORS, Guarded, adaptive, designed
 TRAVEL_MM = 12.5
 LOUDEST_DB_SL = 55.0 + 1.0
 QUARTER_S = 1000
-FEW = [*((designed, seed) for seed in range(5)), (adaptive, 5)]
+FEW = [*((designed, seed) for seed in range(3)), (adaptive, 5)]
 MANY = ((of, seed) for of in (designed, adaptive) for seed in range(6, 300))
 OF_EACH = [*FEW, *(pytest.param(*each, marks=pytest.mark.soak) for each in MANY)]
 Rows = NDArray[np.float64]
@@ -168,7 +168,7 @@ def test_felt_reference__tones_and_rest__are_what_was_asked() -> None:
 
 
 RATE_HZ, HALF_SOFT, ENDING = 4000.0, 200, 200
-CHANNEL, HISTORY, AFTER = 1, 600, 300
+CHANNEL, HISTORY, AFTER = 1, 300, 300
 
 
 class Course:
@@ -287,27 +287,19 @@ def worst_reference(course: Course, tick: int) -> tuple[Rows, float]:
     return reference, float(20.0 * np.log10(-found.fun * safety.reference_max))
 
 
-@lru_cache
-def worst_case(lifted: int | None, stopped: int | None, tick: int) -> tuple[Course, Rows, float]:
-    course = Course(tick + AFTER, lifted, stopped)
-    return course, *worst_reference(course, tick)
-
-
 @pytest.mark.parametrize(
     ("lifted", "stopped", "tick"),
     [
-        pytest.param(1000, None, 1006, id="lifted"),
-        pytest.param(702, 700, 705, id="stopped and lifted"),
-        pytest.param(None, None, 500, id="finger", marks=pytest.mark.slow),
-        pytest.param(400, None, 405, id="lifted as it begins", marks=pytest.mark.soak),
-        pytest.param(None, 700, 1505, id="restarted", marks=pytest.mark.soak),
-        pytest.param(1500, 700, 1505, id="restarted and lifted", marks=pytest.mark.slow),
+        pytest.param(710, None, 716, id="lifted"),
+        pytest.param(702, 700, 705, id="stopped and lifted", marks=pytest.mark.soak),
+        pytest.param(1500, 700, 1505, id="restarted and lifted", marks=pytest.mark.soak),
     ],
 )
 def test_comfort__worst_reference_there_is__is_not_passed_by_1_db(
     lifted: int | None, stopped: int | None, tick: int
 ) -> None:
-    course, reference, expected_db_sl = worst_case(lifted, stopped, tick)
+    course = Course(tick + AFTER, lifted, stopped)
+    reference, expected_db_sl = worst_reference(course, tick)
     guarded = Guarded(designed())
     rows = np.zeros((course.length, 3))
     rows[:, CHANNEL] = reference
