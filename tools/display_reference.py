@@ -1,11 +1,11 @@
-"""Write the keys in docs/display.md anew from the fields of the dataclasses: `make docs`. A test holds them
-current."""
+"""Write the keys in docs/display.md from the fields of the dataclasses (`make docs`); a test fails when they are out of
+date."""
 
 import re
 from pathlib import Path
 
 from tactuator.model.description import TABLES, keys_of
-from tactuator.parameters import allowed, default, unit
+from tactuator.parameters import allowed, default
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "display.md"
 TABLE = re.compile(r"(<!-- keys of (\w+) -->\n).*?(<!-- end -->)", flags=re.DOTALL)
@@ -14,8 +14,12 @@ TABLE = re.compile(r"(<!-- keys of (\w+) -->\n).*?(<!-- end -->)", flags=re.DOTA
 SHORT = {
     "each a number, ": "each ",
     "each a number": "of numbers",
-    "each a text": "of texts",
+    "each a text": "of strings",
+    "a text": "string",
     "a whole number": "whole",
+    "above 0": "> 0",
+    "0 or more": "≥ 0",
+    "two frequencies, 0 < low < high": "low, high",
 }
 
 
@@ -25,16 +29,15 @@ def reference(page):
 
 
 def table(name):
-    """Return the keys of one table of the display file, a line each: key, unit, what is allowed, default, meaning."""
+    """Return the keys of one table of the display file, a line each: key, what is allowed, default, meaning."""
     lines = []
     for key, about in keys_of(name).items():
         usual, may_be = default(about), allowed(about)
         may_be = may_be.removeprefix("a number, ")
-        if unit(key):
-            may_be = may_be.removeprefix("a number")
+        may_be = "" if may_be == "a number" else may_be
         for words, short in SHORT.items():
             may_be = may_be.replace(words, short)
-        said = (unit(key), may_be, {None: "required", "none": "optional"}.get(usual, f"default {usual}"))
+        said = (may_be, {None: "required", "none": "optional"}.get(usual, f"default {usual}"))
         lines.append(f"- `{key}` ({'; '.join(part for part in said if part)}): {about.description}")
     return "\n".join(lines) + "\n"
 
