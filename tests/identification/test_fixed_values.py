@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import optimize, signal
 
-from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
+from tactuator.identification.check import ExcitationReport, prepared, valid_range
 from tactuator.identification.identify import identify, judged
-from tactuator.identification.prepared import ExcitationReport, prepared, valid_range
+from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.result import Identification
 from tactuator.identification.trust import VALID
 from tactuator.model.plant_model import Excess
@@ -102,7 +102,7 @@ def test_identify__dead_time_fixed__stands_without_variance() -> None:
 def test_identify_response__gain__the_rest_is_that_of_an_outside_optimiser() -> None:
     """Witness: scipy's least squares over mass, damping and dead time alone, weighted as the response says."""
     given = response(MOTION)
-    made = identify_response(given, Asked(order=2, zeros=0, fixed=(Fixed("gain", 1.0 / STIFFNESS),))).model
+    made = identify_response(given, IdentifyOptions(order=2, zeros=0, fixed=(Fixed("gain", 1.0 / STIFFNESS),))).model
     value, s = given.value(), 2j * np.pi * HERTZ
 
     def left(theta: np.ndarray) -> np.ndarray:
@@ -118,7 +118,7 @@ def test_identify_response__gain__the_rest_is_that_of_an_outside_optimiser() -> 
 
 def test_identify_response__value_a_fifth_wrong__is_not_trusted() -> None:
     for plant, text in ((MOTION, f"gain={1.2 / STIFFNESS!r}"), (FILTERED, "pole=100")):
-        made = identify_response(response(plant), Asked(fixed=(Fixed.parse(text),)))
+        made = identify_response(response(plant), IdentifyOptions(fixed=(Fixed.parse(text),)))
         assert any("off the record's own" in reason for reason in made.distrust), text
 
 
@@ -163,7 +163,7 @@ def test_identify__record_s_own_response__is_in_the_model_s_units(found_by: Iden
 def test_judged__band_wide_everywhere__is_a_reason(record: Record) -> None:
     found_by = identify(record, method="rls", order=2)
     wide = replace(found_by.model, valid_hz=(1.0, 1.05))
-    common = replace(prepared([record], Asked()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
+    common = replace(prepared([record], IdentifyOptions()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
     reasons = judged(replace(found_by, model=wide), common).distrust
     assert any(VALID.name in one for one in reasons)
 

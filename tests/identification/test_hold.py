@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.identification.asked import Fixed
-from tactuator.identification.form import Form, ladder
+from tactuator.identification.form import Form, stages_of
 from tactuator.identification.hold import Grid, held_slopes, response_columns
 from tactuator.identification.identify import identify
+from tactuator.identification.options import Fixed
 from tactuator.identification.result import resonances
 from tactuator.identification.trust import FASTEST, HOLD
 from tactuator.signals.record import Record
@@ -158,12 +158,12 @@ def test_held_slopes__every_form__are_those_of_the_response(name: str) -> None:
     form, coefficients, delay = FORMS[name]
     theta = np.array(coefficients)
     grid = Grid(np.geomspace(1.0, 480.0, 200), 1000.0, 2.0 * np.pi * 60.0, "zero-order")
-    rungs, numerator = ladder(theta, form), np.random.default_rng(0).standard_normal(form.numerators)
+    stages, numerator = stages_of(theta, form), np.random.default_rng(0).standard_normal(form.numerators)
 
     def response(at: np.ndarray, late: float) -> np.ndarray:
-        return response_columns(grid, at, late, form, rungs) @ numerator
+        return response_columns(grid, at, late, form, stages) @ numerator
 
-    found = held_slopes(grid, theta, delay, form, rungs, numerator, np.full(theta.size, 1e-7))
+    found = held_slopes(grid, theta, delay, form, stages, numerator, np.full(theta.size, 1e-7))
     moves = [(step, 0.0, step.sum()) for step in 1e-5 * np.eye(theta.size) * np.maximum(np.abs(theta), 0.1)]
     moves += [(np.zeros(theta.size), 1e-5, 1e-5)] * form.dead_time
     for j, (step, late, size) in enumerate(moves):
@@ -174,4 +174,4 @@ def test_held_slopes__every_form__are_those_of_the_response(name: str) -> None:
 def test_held_slopes__poles_that_coincide__are_left_to_differences() -> None:
     form, theta = Form(2, 0), np.array([2.0, 1.0])
     grid = Grid(np.array([1.0, 50.0]), 1000.0, 300.0, "zero-order")
-    assert held_slopes(grid, theta, 0.0, form, ladder(theta, form), np.ones(1), np.full(2, 1e-7)) is None
+    assert held_slopes(grid, theta, 0.0, form, stages_of(theta, form), np.ones(1), np.full(2, 1e-7)) is None

@@ -5,9 +5,9 @@ import pytest
 from scipy import optimize, signal
 
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.fixed_values import FixedAgainstOwn, weighed_against_own
 from tactuator.identification.identify import identify
+from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.recursive import identify_recursively
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.excitation import log_chirp, prbs, steps
@@ -114,9 +114,9 @@ def test_identify__acceleration__zeros_at_the_origin() -> None:
     record = Record(RATE_HZ, command, clean + 0.02 * clean.std() * rng.standard_normal(5000))
     found = identify(record, quantity="acceleration")
     for written, taken in (("acceleration", "acceleration"), ("warmth", "displacement")):  # in a file, as `record` does
-        assert Asked(order=2).of({"quantity": written}).quantity == taken
+        assert IdentifyOptions(order=2).of({"quantity": written}).quantity == taken
     with pytest.raises(BadInput, match="order is 1 for the acceleration; allowed: 2 to 8"):
-        Asked(order=1).of({"quantity": "acceleration"})
+        IdentifyOptions(order=1).of({"quantity": "acceleration"})
     assert (found.order, found.model.quantity) == (2, "acceleration")
     np.testing.assert_array_equal(found.model.num[1:], 0.0)
     np.testing.assert_allclose(found.model.num, [5.0, 0.0, 0.0], rtol=0.01)

@@ -7,9 +7,9 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
+from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.trust import FIXED_DB, RESPONSE_ALIKE, RESPONSE_OFF
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
 from tests.cli.refusals import refused
@@ -30,7 +30,7 @@ def test_identify_response__of_a_known_plant__recovers_it(with_phase: bool) -> N
     value = PLANT.response(HERTZ) * (1.0 + 0.003 * rng.standard_normal(HERTZ.size))
     phase = np.unwrap(np.angle(value)) if with_phase else None
     given = FrequencyResponse(HERTZ, np.abs(value), phase, np.full(HERTZ.size, 0.003 if with_phase else 0.01))
-    found = identify_response(given, Asked())
+    found = identify_response(given, IdentifyOptions())
     assert found.order == 2
     assert not found.distrust
     off = np.log(found.model.response(HERTZ) / PLANT.response(HERTZ))
@@ -47,7 +47,7 @@ def test_identify_response__without_confidence_and_with_noise__keeps_to_its_pole
         seen = value * (1.0 + deviation * noise)
         guess = np.full(HERTZ.size, 0.01)
         given = FrequencyResponse(HERTZ, np.abs(seen), np.unwrap(np.angle(seen)), guess, assumed=True)
-        found = identify_response(given, Asked())
+        found = identify_response(given, IdentifyOptions())
         assert found.order == 2
         assert not found.distrust
         assert any("the error is" in remark for remark in found.remarks)
@@ -63,7 +63,7 @@ def test_identify_response__bad_readings__are_left_out_and_named(assumed: bool, 
     value[bad] *= 10.0 ** (off_db / 20.0)
     phase = np.unwrap(np.angle(value)) if with_phase else None
     given = FrequencyResponse(HERTZ, np.abs(value), phase, np.full(60, 0.007), assumed=assumed)
-    found = identify_response(given, Asked())
+    found = identify_response(given, IdentifyOptions())
     assert (found.order, found.distrust) == (2, ())
     (remark,) = (remark for remark in found.remarks if "left out" in remark)
     assert all(f"{HERTZ[k]:.5g}" in remark for k in bad)
@@ -81,7 +81,7 @@ def test_identify_response__magnitudes_alone__is_right_or_refused(order, right):
     hertz, below = np.geomspace(1.0, 500.0, 90), np.geomspace(1.0, 300.0, 500)
     size = np.abs(plant.response(hertz)) * (1.0 + 0.012 * np.random.default_rng(7).standard_normal(90))
     given = FrequencyResponse(hertz, size, None, np.full(90, 0.01), assumed=True)
-    found = identify_response(given, Asked(order=order))
+    found = identify_response(given, IdentifyOptions(order=order))
     off_db = 20.0 * np.log10(np.abs(found.model.response(below) / plant.response(below)))
     assert (found.order, found.distrust == (), np.max(np.abs(off_db)) < 0.2) == (order or 4, right, right)
     assert (found.model.valid_hz[1] < 200.0) is not right
@@ -96,7 +96,9 @@ def test_identify_response__bad_first_of_few__the_band_holds_reading_and_pole() 
     )
     value[0] *= 5.0
     phase = np.unwrap(np.angle(value))
-    found = identify_response(FrequencyResponse(hertz, np.abs(value), phase, np.full(21, 0.01), assumed=True), Asked())
+    found = identify_response(
+        FrequencyResponse(hertz, np.abs(value), phase, np.full(21, 0.01), assumed=True), IdentifyOptions()
+    )
     assert not found.distrust
     off_db = 20.0 * np.log10(np.abs(found.model.response(low)))  # of one
     assert np.all(np.abs(off_db) < found.model.band_db(low) + 0.3)
@@ -111,7 +113,7 @@ def test_identify_response__bad_first_of_few__the_band_holds_reading_and_pole() 
 )
 def test_identify_response__that_the_form_does_not_have__is_not_trusted(magnitude, assumed, order, reason) -> None:
     given = FrequencyResponse(HERTZ, magnitude, np.angle(PLANT.response(HERTZ)), np.full(60, 0.01), assumed=assumed)
-    found = identify_response(given, Asked(order=order, zeros=0))
+    found = identify_response(given, IdentifyOptions(order=order, zeros=0))
     assert any(reason.name in one for one in found.distrust)
 
 
@@ -164,7 +166,7 @@ def test_parse__no_value__is_refused(text: str, words: str) -> None:
 )
 def test_asked__values_that_contradict__are_refused(texts: list[str], asked: dict, words: str) -> None:
     with pytest.raises(BadInput, match=words):
-        Asked(**asked, fixed=tuple(map(Fixed.parse, texts)))
+        IdentifyOptions(**asked, fixed=tuple(map(Fixed.parse, texts)))
 
 
 def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(tmp_path, capsys) -> None:

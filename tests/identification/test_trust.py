@@ -43,7 +43,7 @@ def test_page__on_identification__has_the_table_as_the_code_has_it() -> None:
     assert sum(told) == len(told) > 20
 
 
-def test_weighed__beyond_its_limit__refuses_trust_and_says_both_numbers() -> None:
+def test_quality_check__beyond_its_limit__refuses_trust_and_says_both_numbers() -> None:
     assert reasons([GROWING.of(0.0)]) == ()
     (reason,) = reasons([GROWING.of(0.0), GROWING.of(2.0, "here")])
     assert reason == f"{GROWING.name}, here: 2 (at most 0)"

@@ -27,10 +27,10 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import working
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.calibration import fit_line
 from tactuator.identification.identify import identify as identified
+from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.validation import validated
 from tactuator.io.csv_tables import read_pairs
 from tactuator.io.record import read_measured, read_record, write_record
@@ -251,15 +251,17 @@ def identify(
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
     from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
     to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
-    order: Annotated[int | None, option_of(Asked, "order")] = Asked.order,
-    zeros: Annotated[int | None, option_of(Asked, "zeros")] = Asked.zeros,
-    integrators: Annotated[int, option_of(Asked, "integrators")] = Asked.integrators,
-    fix: Annotated[Sequence[str], option_of(Asked, "fixed", "--fix", type=list[str])] = (),
-    hold: Annotated[str, option_of(Asked, "hold")] = Asked.hold,
-    method: Annotated[str, option_of(Asked, "method")] = Asked.method,
-    quantity: Annotated[str, option_of(Asked, "quantity")] = Asked.quantity,
-    forgetting: Annotated[float, option_of(Asked, "forgetting")] = Asked.forgetting,
-    friction: Annotated[bool, option_of(Asked, "friction", "--friction/--no-friction")] = Asked.friction,
+    order: Annotated[int | None, option_of(IdentifyOptions, "order")] = IdentifyOptions.order,
+    zeros: Annotated[int | None, option_of(IdentifyOptions, "zeros")] = IdentifyOptions.zeros,
+    integrators: Annotated[int, option_of(IdentifyOptions, "integrators")] = IdentifyOptions.integrators,
+    fix: Annotated[Sequence[str], option_of(IdentifyOptions, "fixed", "--fix", type=list[str])] = (),
+    hold: Annotated[str, option_of(IdentifyOptions, "hold")] = IdentifyOptions.hold,
+    method: Annotated[str, option_of(IdentifyOptions, "method")] = IdentifyOptions.method,
+    quantity: Annotated[str, option_of(IdentifyOptions, "quantity")] = IdentifyOptions.quantity,
+    forgetting: Annotated[float, option_of(IdentifyOptions, "forgetting")] = IdentifyOptions.forgetting,
+    friction: Annotated[
+        bool, option_of(IdentifyOptions, "friction", "--friction/--no-friction")
+    ] = IdentifyOptions.friction,
     validate: Annotated[
         Record | Place | Sequence[Record | Place] | None,
         Option(
@@ -282,7 +284,7 @@ def identify(
     2
     """
     fixed = tuple(map(Fixed.parse, fix))
-    asked = Asked(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
+    asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}

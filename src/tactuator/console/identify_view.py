@@ -15,7 +15,7 @@ from tactuator.console.fields import Finite, Name
 from tactuator.console.requests import Answer, Functions, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked
+from tactuator.identification.options import IdentifyOptions
 from tactuator.io.model import identified_text
 from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
@@ -67,9 +67,9 @@ def model(
     output: Name | None = None,
     time: Name | None = None,
     rate_hz: RateHz | None = None,
-    order: int | None = Asked.order,
-    zeros: int | None = Asked.zeros,
-    hold: Name = Asked.hold,
+    order: int | None = IdentifyOptions.order,
+    zeros: int | None = IdentifyOptions.zeros,
+    hold: Name = IdentifyOptions.hold,
     validate_on: Annotated[tuple[Name, ...], Field(max_length=8)] = (),
 ) -> Answer:
     """Return the model of a record, its curves and tables, how it stands on others that its fit does not see, the text
@@ -87,7 +87,7 @@ def model(
         input=input,
         output=output,
         time=time,
-        **options | {"hold": None if hold == Asked.hold else hold},
+        **options | {"hold": None if hold == IdentifyOptions.hold else hold},
         validate=[other.name for other in unseen],
         out="model.json",
     )

@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
-from tactuator.identification.asked import Asked, Fixed, solvable
+from tactuator.identification.check import valid_range
+from tactuator.identification.fit import CERTAIN
 from tactuator.identification.fixed_values import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.form import (
     Form,
     Known,
     free_poles,
     is_stable,
-    ladder,
     numerator_polynomial,
     numerator_weights,
     sections_of,
+    stages_of,
 )
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem, information
 from tactuator.identification.lines import LocalResponse
-from tactuator.identification.prepared import valid_range
+from tactuator.identification.options import Fixed, IdentifyOptions, solvable
 from tactuator.identification.search import Choice, best_few, choose, propose, pruned
-from tactuator.identification.spectral_estimate import CERTAIN
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
 from tactuator.model.plant_model import Excess, PlantModel
@@ -61,24 +61,24 @@ class ResponseFit:
 
 @np.errstate(all="ignore")
 def identify_response(
-    given: FrequencyResponse, asked: Asked, note: Callable[[str], None] = lambda _: None
+    given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None] = lambda _: None
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
-    asked = asked.of(given.about)
+    options = options.of(given.about)
     if given.phase_rad is None:
-        if asked.gain_and_poles:
+        if options.gain_and_poles:
             raise BadInput("fixed values with a magnitude without phase", "with a response of both, or a record")
-        asked = replace(asked, fixed=(Fixed("delay_s", asked.delay_s or 0.0),))
+        options = replace(options, fixed=(Fixed("delay_s", options.delay_s or 0.0),))
     with single_threaded(scipys=False), solvable():
-        fits = _beginning(given, asked, note)
+        fits = _beginning(given, options, note)
         astray, is_clear = _astray(given, fits)
         if not is_clear:
-            whole = _identify_response(_with_own_noise(given, fits), asked, note)
+            whole = _identify_response(_with_own_noise(given, fits), options, note)
         if not astray.any():
             return _narrowed(whole, given)
         note("leaving out points that stand off all others")
         kept = _at(given, ~astray)
-        without = _identify_response(_with_own_noise(kept, _beginning(kept, asked, note)), asked, note)
+        without = _identify_response(_with_own_noise(kept, _beginning(kept, options, note)), options, note)
         without = _reaching(_narrowed(without, kept), given, kept, "far off what all others follow, left out")
         if is_clear:
             return without
@@ -94,7 +94,7 @@ def _narrowed(result: ResponseFit, given: FrequencyResponse) -> ResponseFit:
         return result
     (low, high), valid = result.model.band_hz, valid_range(result.model, result.model.band_hz, np.inf)
     share = 100.0 * float(np.log(valid[1] / valid[0]) / np.log(high / low))
-    return replace(result, model=replace(result.model, valid_hz=valid).judged(trust.VALID.of(share)))
+    return replace(result, model=replace(result.model, valid_hz=valid).with_checks(trust.VALID.of(share)))
 
 
 def _at(given: FrequencyResponse, kept: NDArray[np.bool_]) -> FrequencyResponse:
@@ -110,10 +110,10 @@ def _off(fit: SpectralFit | PlantModel, given: FrequencyResponse) -> ComplexArra
     return np.asarray(np.log(fit.response(given.frequency_hz) / given.value()))
 
 
-def _beginning(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> list[SpectralFit]:
+def _beginning(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> list[SpectralFit]:
     """Return fits of all forms, best first, that leave half the equations to tell the noise by."""
     local, rate_hz, scale = _prepared(given)
-    fits = propose(local, rate_hz, scale, ("band-limited",), _free(given, asked), note)["band-limited"]
+    fits = propose(local, rate_hz, scale, ("band-limited",), _free(given, options), note)["band-limited"]
     fits = [fit for fit in fits if fit.form.count < given.magnitude.size]
     problem = _problem(given)
     return [problem.sized(fit, _FEW_STEPS) for fit in fits] if isinstance(problem, _Magnitudes) else fits
@@ -227,15 +227,15 @@ def _prepared(given: FrequencyResponse) -> tuple[LocalResponse, float, float]:
     return local, 4.0 * float(given.frequency_hz[-1]), 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
 
 
-def _free(given: FrequencyResponse, asked: Asked) -> Known:
+def _free(given: FrequencyResponse, options: IdentifyOptions) -> Known:
     """Return what is known without fixed values, and where magnitudes alone have to tell, without a form asked for."""
-    known = asked.known(1.0).without_values
+    known = options.known(1.0).without_values
     return known if given.phase_rad is not None else replace(known, poles=None, zeros=None)
 
 
-def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> ResponseFit:
+def _identify_response(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> ResponseFit:
     local, rate_hz, scale = _prepared(given)
-    known, alone, problem = asked.known(1.0), _free(given, asked), _problem(given)
+    known, alone, problem = options.known(1.0), _free(given, options), _problem(given)
 
     def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
         fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note, near={"band-limited": near})
@@ -253,20 +253,20 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
         return stable if stable.criterion(stable.fit) < best.criterion(best.fit) + CERTAIN else best
 
     free = best_of(alone)
-    free_fit = _judged(given, free, local, asked)
-    if not asked.gain_and_poles and known.allows(free.fit.form):
+    free_fit = _judged(given, free, local, options)
+    if not options.gain_and_poles and known.allows(free.fit.form):
         return free_fit
-    bound = best_of(known, tuple(free.fits.values()) if asked.gain_and_poles else ())
+    bound = best_of(known, tuple(free.fits.values()) if options.gain_and_poles else ())
     form, better = free.fit.form, free.criterion(free.fit) < bound.criterion(bound.fit)
     zeros = form.zeros if known.zeros is None else known.zeros
     poles = known.poles or max(form.poles, zeros)
     if isinstance(problem, _Magnitudes) and better and poles >= form.poles and zeros >= form.zeros:
         more = problem.sized(problem.shown(free.fit, replace(form, poles=poles, zeros=zeros))[0], 0)
-        padded = _judged(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, asked)
+        padded = _judged(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, options)
         said = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
         return replace(padded, remarks=(*padded.remarks, said))
-    bound_fit = _judged(given, bound, local, asked)
-    both: ResponseFit = beside_free(bound_fit, free_fit.model, asked.gain_and_poles, bound, [free])
+    bound_fit = _judged(given, bound, local, options)
+    both: ResponseFit = beside_free(bound_fit, free_fit.model, options.gain_and_poles, bound, [free])
     return both
 
 
@@ -324,13 +324,13 @@ class _Magnitudes(SpectralProblem):
         """Return the fit in that form, its poles and zeros moved to where the points show them, those that it lacks far
         off, and what it leaves of the magnitudes' logarithms in their errors, (m,).
         """
-        zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, fit.form)[: fit.form.numerators])
+        zeros = np.roots(numerator_polynomial(fit.stages, fit.numerator, fit.form)[: fit.form.numerators])
         pairs = (zeros, form.numerators - 1), (free_poles(fit.theta, fit.form), form.free)
         above, below = (self._within(np.append(roots, np.full(count - roots.size, -np.inf))) for roots, count in pairs)
         theta = sections_of(below)
-        rungs = ladder(theta, form)
-        numerator = numerator_weights(rungs, np.atleast_1d(np.poly(above)).real, form)
-        fit = replace(fit, form=form, theta=theta, rungs=rungs, numerator=numerator)
+        stages = stages_of(theta, form)
+        numerator = numerator_weights(stages, np.atleast_1d(np.poly(above)).real, form)
+        fit = replace(fit, form=form, theta=theta, stages=stages, numerator=numerator)
         weight = np.abs(self.weight * self.given.goal)
         rest = np.log(np.abs(self.given.goal / fit.response(self.grid.frequency_hz)))
         gain = np.average(rest, weights=weight**2)
@@ -351,7 +351,7 @@ class _Magnitudes(SpectralProblem):
         return np.asarray(np.where(roots.imag == 0.0, -size, -decay + 1j * turn))
 
 
-def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, asked: Asked) -> ResponseFit:
+def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, options: IdentifyOptions) -> ResponseFit:
     fit, covariance = choice.fit, information(choice.problem, choice.fit)
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
@@ -371,13 +371,13 @@ def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, aske
         delay_s=fit.delay_s,
         covariance=spread,
         band_hz=(low, high),
-        quantity=asked.quantity,
+        quantity=options.quantity,
         method="response",
         record=dict(given.about),
         excess=excess,
         valid_hz=(low, high),
     )
-    fixed = [value for value in asked.fixed if value.binds(fit.form)]
+    fixed = [value for value in options.fixed if value.binds(fit.form)]
     if fixed and given.phase_rad is not None:
         model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, fixed))}), fixed)
     off = _off(model, given)
@@ -385,7 +385,7 @@ def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, aske
     doubts = response_doubts(given)
     is_coarse = given.assumed and departure > 0.5
     largest = float(np.max(np.abs(off_db)))
-    model = model.judged(
+    model = model.with_checks(
         trust.GROWING.of(float(np.sum(np.roots(den).real > 0.0))),
         trust.RESPONSE_OFF.of(departure, f"by up to {largest:.3g} dB"),
         trust.RESPONSE_ALIKE.of(alike if is_coarse else 0.0),

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from tactuator.identification.asked import Fixed
+from tactuator.identification.options import Fixed
 from tactuator.identification.search import Choice
 from tactuator.identification.trust import FIXED, FIXED_DB
-from tactuator.model.plant_model import PlantModel, Weighed
+from tactuator.model.plant_model import PlantModel, QualityCheck
 
 _BEHIND = 3.0
 """Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to
@@ -72,7 +72,7 @@ def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Cho
     fit = replace(fit, fixed=known)
     if not (disagrees(chosen, free) or cancelled(known, fit.model)):
         return fit
-    return replace(fit, model=fit.model.holding(alone).judged(*weighed_against_own(known, fit.model, alone)))
+    return replace(fit, model=fit.model.holding(alone).with_checks(*checks_against_own(known, fit.model, alone)))
 
 
 def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
@@ -105,7 +105,7 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
     )
 
 
-def weighed_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> list[Weighed]:
+def checks_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> list[QualityCheck]:
     """Return what decides on values that the record does not agree with: each value's distance from the record's own
     beyond its confidence (all of it where the record has no such thing), and that of the responses.
     """

@@ -1,6 +1,6 @@
 """The form of a transfer function, what is known of it beforehand, and the freedom that known values leave.
 
-Its denominator stands as sections, its numerator on a ladder of products of sections. Sections keep the numbers well
+Its denominator stands as sections, its numerator on stages of products of sections. Sections keep the numbers well
 conditioned over many decades and eight poles, where coefficients of one polynomial do not. Time is scaled: s is in
 units of `scale_rad_s`. A gain at s = 0 that is known binds the numerator's weights, which are linear: they move in a
 plane, and its foot follows the denominator. So all derivatives are exact.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
-Ladder = tuple[tuple[FloatArray, int], ...]
+Stages = tuple[tuple[FloatArray, int], ...]
 MOST_POLES = 8
 
 
@@ -137,28 +137,28 @@ def separated(poles: ComplexArray) -> ComplexArray:
     return moved
 
 
-def ladder(theta: FloatArray, form: Form) -> Ladder:
+def stages_of(theta: FloatArray, form: Form) -> Stages:
     """Return numerators of ascending degree as products of sections, slow ones first: (polynomial, power of s) each."""
     slow_first = sorted(all_sections(theta, form), key=lambda factor: abs(factor[-1]) ** (1.0 / (factor.size - 1)))
     rows = [np.array([1.0, 0.0])] * form.integrators + slow_first
-    rungs: list[tuple[FloatArray, int]] = []
+    stages: list[tuple[FloatArray, int]] = []
     done = np.array([1.0])
     for section in rows:
-        rungs.append((done, 0))
+        stages.append((done, 0))
         if section.size == 3:
-            rungs.append((done, 1))
+            stages.append((done, 1))
         done = np.convolve(done, section)
-    rungs.append((done, 0))
-    return tuple(rungs)
+    stages.append((done, 0))
+    return tuple(stages)
 
 
-def numerator_values(rungs: Ladder, s: ComplexArray, form: Form) -> ComplexArray:
+def numerator_values(stages: Stages, s: ComplexArray, form: Form) -> ComplexArray:
     """Return the numerators at s (m,), shape (m, numerators)."""
     values = np.empty((s.size, form.numerators), dtype=np.complex128)
     last: FloatArray | None = None
     for j in range(form.numerators):
-        polynomial, power = rungs[j]
-        # both rungs of a pair stand on the same product
+        polynomial, power = stages[j]
+        # both stages of a pair stand on the same product
         if polynomial is not last:
             value, last = monic_values(polynomial, s), polynomial
         power += form.origin_zeros
@@ -176,23 +176,23 @@ def monic_values(polynomial: FloatArray, s: ComplexArray) -> ComplexArray:
     return np.asarray(value)
 
 
-def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> FloatArray:
+def numerator_polynomial(stages: Stages, weights: FloatArray, form: Form) -> FloatArray:
     """Return the numerator with those weights (numerators,) as one polynomial, descending, of degree `zeros`."""
     numerator = np.zeros(form.zeros + 1)
-    for (polynomial, power), weight in zip(rungs, weights, strict=False):
+    for (polynomial, power), weight in zip(stages, weights, strict=False):
         term = np.append(polynomial, np.zeros(power + form.origin_zeros))
         numerator[numerator.size - term.size :] += weight * term
     return numerator
 
 
-def numerator_basis(rungs: Ladder, form: Form) -> FloatArray:
-    """Return the numerators of weight one on each rung as columns, descending, (zeros + 1, numerators)."""
-    return np.stack([numerator_polynomial(rungs, unit, form) for unit in np.eye(form.numerators)], axis=1)
+def numerator_basis(stages: Stages, form: Form) -> FloatArray:
+    """Return the numerators of weight one on each stage as columns, descending, (zeros + 1, numerators)."""
+    return np.stack([numerator_polynomial(stages, unit, form) for unit in np.eye(form.numerators)], axis=1)
 
 
-def numerator_weights(rungs: Ladder, polynomial: FloatArray, form: Form) -> FloatArray:
+def numerator_weights(stages: Stages, polynomial: FloatArray, form: Form) -> FloatArray:
     """Return the weights (numerators,) of the numerator that is this polynomial, descending, of degree `zeros`."""
-    basis = numerator_basis(rungs, form)[: form.numerators]
+    basis = numerator_basis(stages, form)[: form.numerators]
     return np.asarray(np.linalg.solve(basis, polynomial[: form.numerators]), dtype=np.float64)
 
 
@@ -324,23 +324,23 @@ def _less(poles: ComplexArray, rate: float) -> ComplexArray | None:
     return np.concatenate([pairs, np.conj(pairs), real]).astype(np.complex128)
 
 
-def weights_left(theta: FloatArray, form: Form, rungs: Ladder) -> tuple[FloatArray, FloatArray]:
+def weights_left(theta: FloatArray, form: Form, stages: Stages) -> tuple[FloatArray, FloatArray]:
     """Return the numerator's weights nearest to zero that have the known gain, (numerators,), and an orthonormal basis
     of the changes that they are free to make, (numerators, k).
     """
     if form.gain is None:
         return np.zeros(form.numerators), np.eye(form.numerators)
-    row, wanted, _ = _gain_condition(theta, form, form.gain, rungs)
+    row, wanted, _ = _gain_condition(theta, form, form.gain, stages)
     return row * wanted, np.linalg.svd(row[None])[2][1:].T
 
 
-def freedom(theta: FloatArray, form: Form, rungs: Ladder) -> FloatArray:
-    """Return how (numerator, theta, dead time), the ladder as it is, move with what is free of them, (all, free)."""
+def freedom(theta: FloatArray, form: Form, stages: Stages) -> FloatArray:
+    """Return how (numerator, theta, dead time), the stages as they are, move with what is free of them, (all, free)."""
     size, first = form.numerators + theta.size + int(form.dead_time), form.numerators
     if form.gain is None:
         return np.eye(size)
-    _, basis = weights_left(theta, form, rungs)
-    row, _, slopes = _gain_condition(theta, form, form.gain, rungs)
+    _, basis = weights_left(theta, form, stages)
+    row, _, slopes = _gain_condition(theta, form, form.gain, stages)
     directions = np.zeros((size, size - 1))
     directions[:first, : first - 1] = basis
     directions[:first, first - 1 : first - 1 + theta.size] = np.outer(row, slopes)
@@ -348,11 +348,11 @@ def freedom(theta: FloatArray, form: Form, rungs: Ladder) -> FloatArray:
     return directions
 
 
-def _gain_condition(theta: FloatArray, form: Form, gain: float, rungs: Ladder) -> tuple[FloatArray, float, FloatArray]:
+def _gain_condition(theta: FloatArray, form: Form, gain: float, stages: Stages) -> tuple[FloatArray, float, FloatArray]:
     """Return a row of unit length (numerators,) and what it has to make of the numerator's weights for that gain at
     s = 0, and how this moves with theta, (free,).
     """
-    row = numerator_basis(rungs, form)[-1]
+    row = numerator_basis(stages, form)[-1]
     size = max(float(np.linalg.norm(row)), 1e-300)
     lasts = np.array([section[-1] for section in all_sections(theta, form)])
     slopes, free = np.zeros(theta.size), -(-form.free // 2)

@@ -16,12 +16,12 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.check import Signals
+from tactuator.identification.fit import SpectralEstimate, refitted, simplified
 from tactuator.identification.form import Known, freedom
 from tactuator.identification.likelihood import eliminated
 from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
-from tactuator.identification.prepared import Signals
 from tactuator.identification.residual import Residual, record_residual
-from tactuator.identification.spectral_estimate import SpectralEstimate, refitted, simplified
 from tactuator.identification.uncertainty import log_slopes
 from tactuator.runtime._core import ffi, lib
 from tactuator.signals.record import Record
@@ -185,12 +185,12 @@ def fit_friction(
         level = _settled(stage, measured)
         if abs(level.coulomb - stage.level.coulomb) < _STILL * level.deviation:
             break
-    rubbed = _with_level(stage)
-    simpler = now if rubbed is None else simplified(now, known, rubbed.shifts)
+    friction_fit = _with_level(stage)
+    simpler = now if friction_fit is None else simplified(now, known, friction_fit.shifts)
     if simpler is now:
-        return rubbed
+        return friction_fit
     level = _settled(_Stage(signals, simpler, stage.level), measured)
-    return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or rubbed
+    return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or friction_fit
 
 
 def _with_level(stage: _Stage) -> FrictionFit | None:
@@ -365,7 +365,7 @@ class _FrictionLines:
         fit, columns_of, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
         self._spectra, self._weighted = now.spectra, list[ComplexArray]()
         # values that are known stay as they are
-        self._free = freedom(fit.theta, fit.form, fit.rungs)
+        self._free = freedom(fit.theta, fit.form, fit.stages)
         self.power, self.lines = 0.0, 0
         for k, (taken, residual) in enumerate(zip(now.spectra, now.residuals, strict=True)):
             weighted = residual.response * residual.weight[1:]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import (
     Form,
-    Ladder,
+    Stages,
     all_poles,
     denominator_values,
     numerator_values,
@@ -103,14 +103,14 @@ class Grid:
         return self._lags[key]
 
 
-def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder) -> ComplexArray:
-    """Return what each numerator of the ladder makes of the command's lines, (m, numerators)."""
+def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, stages: Stages) -> ComplexArray:
+    """Return what each numerator stage makes of the command's lines, (m, numerators)."""
     if grid.hold == "band-limited":
         under = denominator_values(theta, form, grid.s)
-        return np.asarray(numerator_values(rungs, grid.s, form) * (grid.late(delay) / under)[:, None])
+        return np.asarray(numerator_values(stages, grid.s, form) * (grid.late(delay) / under)[:, None])
     poles = separated(all_poles(theta, form))
     slope = _slopes_at(poles)
-    columns = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
+    columns = _held(grid, poles, delay) @ (numerator_values(stages, poles, form) / slope[:, None])
     if form.zeros == form.poles:
         whole, part = divmod(delay / grid.period - grid.shift, 1.0)
         columns[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
@@ -141,7 +141,7 @@ def _rows(columns: ComplexArray) -> ComplexArray:
 
 
 def held_slopes(
-    grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder, numerator: FloatArray, steps: FloatArray
+    grid: Grid, theta: FloatArray, delay: float, form: Form, stages: Stages, numerator: FloatArray, steps: FloatArray
 ) -> ComplexArray | None:
     """Return the derivatives of the zero-order hold's response by theta and dead time, (m, k), over `steps` of each
     coefficient; None where poles lie so close together that they do not move smoothly.
@@ -155,7 +155,7 @@ def held_slopes(
         return None
 
     places = np.stack([poles, *(all_poles(theta + step, form) for step in np.diag(steps))])
-    tops = (numerator_values(rungs, places.ravel(), form) @ numerator).reshape(places.shape)
+    tops = (numerator_values(stages, places.ravel(), form) @ numerator).reshape(places.shape)
     weights, by_step = tops / _slopes_at(places), steps[:, None]
     here = weights[0]
     turned, shifted = (weights[1:] - here) / by_step, here * (places[1:] - poles) / by_step

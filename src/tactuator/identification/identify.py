@@ -11,19 +11,19 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.identification import trust
 from tactuator.identification.alignment import clock_skew_ppm
-from tactuator.identification.asked import Asked, solvable
-from tactuator.identification.by_spectrum import identification
+from tactuator.identification.check import Prepared, Signals, check_rise, prepared
 from tactuator.identification.distortion import distortion_of
+from tactuator.identification.fit import SpectralEstimate, estimate, estimate_lines, following
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction, ruled_by_friction
 from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.judge import identification
 from tactuator.identification.lines import LocalResponse
-from tactuator.identification.prepared import Prepared, Signals, check_rise, prepared
+from tactuator.identification.options import IdentifyOptions, solvable
 from tactuator.identification.recursive import recursive
 from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import Identification
-from tactuator.identification.spectral_estimate import SpectralEstimate, estimate, estimate_lines, following
-from tactuator.model.plant_model import PlantModel, Weighed
+from tactuator.model.plant_model import PlantModel, QualityCheck
 from tactuator.processors import single_threaded
 from tactuator.signals.multisine import Periods, periods_of
 from tactuator.signals.record import Record
@@ -105,20 +105,20 @@ def judged(result: Identification, common: Prepared) -> Identification:
         rows.append(trust.FRICTION.of(100.0 * friction.confidence / friction.coulomb))
         if not result.tests.uncorrelated_with_input:
             rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
-    model = model.judged(*rows)
+    model = model.with_checks(*rows)
     skew = max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)
     if model.distrust or skew > trust.SKEW.limit:  # a residual tells of small ones alone
         skew = max(skew, *map(clock_skew_ppm, common.records))
-    model = model.judged(trust.SKEW.of(skew, remedy=_ONE_CLOCK))
+    model = model.with_checks(trust.SKEW.of(skew, remedy=_ONE_CLOCK))
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
-        model = model.judged(
-            *(doubt.weighed() for doubt in check_rise(common.response)),
+        model = model.with_checks(
+            *(doubt.quality_check() for doubt in check_rise(common.response)),
             trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), remedy=_NO_LOOP),
         )
     return replace(result, model=model)
 
 
-def _ranges(model: PlantModel, common: Prepared) -> list[Weighed]:
+def _ranges(model: PlantModel, common: Prepared) -> list[QualityCheck]:
     """Return what decides on the valid range: its part of what was excited, and the band inside it."""
     if model.valid_hz is None:
         return []
@@ -138,32 +138,32 @@ def identify(
     *,
     note: Callable[[str], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
-    **wishes: Any,
+    **options: Any,
 ) -> Identification:
     """Return a continuous model of a record, or of several records of one mechanism at one rate.
 
     note: told what is at hand; warn: why the model will not be trusted, known before it is fitted.
-    wishes: the fields of `Asked`. Several records are for the method "refined" alone. Raises BadInput for a record that
-    cannot tell this.
+    options: the fields of `IdentifyOptions`. Several records are for the method "refined" alone. Raises BadInput for a
+    record that cannot tell this.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    asked = Asked(**wishes).of(records[0].about)
-    if asked.method != "refined" and len(records) > 1:
-        raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
+    options = IdentifyOptions(**options).of(records[0].about)
+    if options.method != "refined" and len(records) > 1:
+        raise BadInput(f"{len(records)} records with the method {options.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
-        common = prepared(records, asked)
-        for row in common.weighed:
+        common = prepared(records, options)
+        for row in common.checks:
             if row.refuses:
                 warn(f"{row.name}, {row.where.partition(':')[0]}".rstrip(", "))
-        if asked.method == "rls":
+        if options.method == "rls":
             return judged(recursive(common), common)
         return judged(_refined(common, note), common)
 
 
 def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
-    asked = common.asked
-    holds, source = _holds(common.records[0], asked)
-    known = asked.known(common.gain)
+    options = common.options
+    holds, source = _holds(common.records[0], options)
+    known = options.known(common.gain)
     plans = plans_of(common)
     if plans is not None:
         return identify_periods(common, plans, holds, source, known, note)
@@ -171,26 +171,28 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     def estimate_of(signals: Signals, before: SpectralEstimate | None = None, quick: bool = False) -> SpectralEstimate:
         return estimate(signals, common.rate_hz, holds, known, note, before, quick)
 
-    rubbed = first = None
-    if asked.friction and common.references is None:
+    friction_fit = first = None
+    if options.friction and common.references is None:
         first = estimate_of(common.signals, quick=True)
         note("looking for friction")
-        rubbed = fit_friction(common.signals, first, known, estimate_of)
-    if rubbed is not None:
-        return identification(common, rubbed.estimate, source, rubbed.estimate.residuals, rubbed=rubbed)
+        friction_fit = fit_friction(common.signals, first, known, estimate_of)
+    if friction_fit is not None:
+        return identification(
+            common, friction_fit.estimate, source, friction_fit.estimate.residuals, friction_fit=friction_fit
+        )
     estimated = estimate_of(common.signals, first)
     if estimated.chosen.hold == "band-limited" and common.references is not None:
         note("fitting what follows the reference")
         estimated = following(estimated, common.references)
-    if asked.friction and estimated.before is None:
-        rubbed = fit_friction(common.signals, estimated, known, estimate_of)
-    estimated = estimated if rubbed is None else rubbed.estimate
-    return identification(common, estimated, source, estimated.residuals, rubbed=rubbed)
+    if options.friction and estimated.before is None:
+        friction_fit = fit_friction(common.signals, estimated, known, estimate_of)
+    estimated = estimated if friction_fit is None else friction_fit.estimate
+    return identification(common, estimated, source, estimated.residuals, friction_fit=friction_fit)
 
 
-def _holds(record: Record, asked: Asked) -> tuple[tuple[Hold, ...], str]:
+def _holds(record: Record, options: IdentifyOptions) -> tuple[tuple[Hold, ...], str]:
     """Return the holds to try, and who says so: the user, the record's own file, or the data."""
-    if asked.hold != "auto":
-        return (asked.hold,), "asked"
+    if options.hold != "auto":
+        return (options.hold,), "asked"
     written = tuple(hold for hold in HOLDS if hold == record.about.get("hold"))
     return (written, "file") if written else (("zero-order", "band-limited"), "data")

@@ -14,15 +14,15 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import (
     Form,
-    Ladder,
+    Stages,
     all_poles,
     denominator_values,
     freedom,
     is_stable,
-    ladder,
     monic_values,
     numerator_values,
     section_list,
+    stages_of,
     weights_left,
 )
 from tactuator.identification.hold import Grid, held_slopes, response_columns, transient_columns
@@ -38,21 +38,21 @@ _LOST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SpectralFit:
-    """A transfer function of scaled time: theta (sections), delay, numerator weights on its ladder; cost: half of
+    """A transfer function of scaled time: theta (sections), delay, numerator weights on its stages; cost: half of
     -2 log likelihood for known noise."""
 
     form: Form
     theta: FloatArray
     delay: float
     numerator: FloatArray
-    rungs: Ladder
+    stages: Stages
     grid: Grid
     cost: float
 
     def response(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the complex response at `frequency_hz` (m,), dead time included."""
         s: ComplexArray = np.asarray(2j * np.pi * frequency_hz / self.grid.scale_rad_s)
-        top = numerator_values(self.rungs, s, self.form) @ self.numerator
+        top = numerator_values(self.stages, s, self.form) @ self.numerator
         return np.asarray(top * np.exp(-s * self.delay) / denominator_values(self.theta, self.form, s))
 
     @property
@@ -83,11 +83,11 @@ class SpectralProblem:
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
-        rungs = ladder(theta, form)
-        response = response_columns(self.grid, theta, delay, form, rungs)
+        stages = stages_of(theta, form)
+        response = response_columns(self.grid, theta, delay, form, stages)
         parts, goal = [self.given.response_of(response)], self.given.goal
         if form.gain is not None:
-            foot, basis = weights_left(theta, form, rungs)
+            foot, basis = weights_left(theta, form, stages)
             columns = np.ascontiguousarray(parts[0])
             goal, parts = goal - columns @ foot, [columns @ basis]
         if self.with_transient:
@@ -103,7 +103,7 @@ class SpectralProblem:
         if form.gain is not None:
             weights = foot + basis @ weights
         cost = float(max(rest[0, 0], 0.0))
-        return _Point(form, theta, delay, weights, rungs, response @ weights, rows, along, products, turning, cost)
+        return _Point(form, theta, delay, weights, stages, response @ weights, rows, along, products, turning, cost)
 
     def products(self, rows: FloatArray) -> FloatArray:
         """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
@@ -161,15 +161,15 @@ class SpectralProblem:
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
-        bent = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
+        bent = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.stages, at.response)
         if at.form.gain is not None:
-            linear = response_columns(self.grid, at.theta, at.delay, at.form, at.rungs)
+            linear = response_columns(self.grid, at.theta, at.delay, at.form, at.stages)
             bent = np.hstack([linear, bent]) @ self._nonlinear(at)
         return self.weighted(self.given.response_of(bent))
 
     def _nonlinear(self, at: _Point) -> FloatArray:
         """Return what of the freedom at a point bends the response: all of it but the numerator's own."""
-        free = freedom(at.theta, at.form, at.rungs)
+        free = freedom(at.theta, at.form, at.stages)
         return free[:, free.shape[1] - at.form.bending :]
 
     def descend(
@@ -206,7 +206,7 @@ class SpectralProblem:
         if now is None:
             return None
         self.keep(now)
-        return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
+        return SpectralFit(form, now.theta, now.delay, now.numerator, now.stages, self.grid, now.cost)
 
     def _ran_away(self, at: _Point) -> bool:
         """Return true where a known gain was obeyed by a pole so far away that nothing shows it."""
@@ -271,7 +271,7 @@ class SpectralProblem:
 
     def residual(self, fit: SpectralFit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
-        response = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator
+        response = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.stages) @ fit.numerator
         rest = self.given.goal - self.given.response_of(response[:, None])[:, 0]
         if not self.with_transient:
             return np.asarray(rest)
@@ -291,7 +291,7 @@ class _Point:
     theta: FloatArray
     delay: float
     numerator: FloatArray
-    rungs: Ladder
+    stages: Stages
     response: ComplexArray
     rows: FloatArray
     along: FloatArray
@@ -306,14 +306,14 @@ def nonlinear_slopes(
     theta: FloatArray,
     delay: float,
     numerator: FloatArray,
-    rungs: Ladder,
+    stages: Stages,
     response: ComplexArray | None = None,
 ) -> ComplexArray:
     """Return the derivatives of the response by theta and dead time with the numerator as it is, (m, k).
 
     response: as it is here, (m,), if that is at hand.
     """
-    here = response_columns(grid, theta, delay, form, rungs) @ numerator if response is None else response
+    here = response_columns(grid, theta, delay, form, stages) @ numerator if response is None else response
     if grid.hold == "band-limited":
         slopes = []
         for section in section_list(theta, form):
@@ -322,16 +322,16 @@ def nonlinear_slopes(
         slopes += [-grid.s * here] * form.dead_time
         return np.stack(slopes, axis=1) if slopes else np.zeros((grid.s.size, 0), dtype=np.complex128)
     steps = np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
-    smooth = held_slopes(grid, theta, delay, form, rungs, numerator, steps) if grid.hold == "zero-order" else None
+    smooth = held_slopes(grid, theta, delay, form, stages, numerator, steps) if grid.hold == "zero-order" else None
     if smooth is not None:
         return smooth
     slopes = []
     for step in np.diag(steps):
-        moved = response_columns(grid, theta + step, delay, form, rungs) @ numerator
+        moved = response_columns(grid, theta + step, delay, form, stages) @ numerator
         slopes.append((moved - here) / step.sum())
     if form.dead_time:
         late = 1e-6 * grid.period
-        slopes.append((response_columns(grid, theta, delay + late, form, rungs) @ numerator - here) / late)
+        slopes.append((response_columns(grid, theta, delay + late, form, stages) @ numerator - here) / late)
     return np.stack(slopes, axis=1) if slopes else np.zeros((grid.s.size, 0), dtype=np.complex128)
 
 
@@ -354,10 +354,10 @@ def likelihood_step(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
 
 
 def _covariance_and_step(problem: SpectralProblem, fit: SpectralFit) -> tuple[FloatArray, FloatArray]:
-    linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
-    bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
+    linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.stages)
+    bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.stages)
     given = problem.given
-    free = freedom(fit.theta, fit.form, fit.rungs)
+    free = freedom(fit.theta, fit.form, fit.stages)
     columns = given.response_of(np.hstack([linear, bent]) @ free)
     rest = given.goal - given.response_of((linear @ fit.numerator)[:, None])[:, 0]
     beside = 0

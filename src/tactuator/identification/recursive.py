@@ -18,19 +18,19 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
-from tactuator.identification.by_spectrum import identification
-from tactuator.identification.friction import friction_shown
-from tactuator.identification.hold import HOLDS, Hold
-from tactuator.identification.likelihood import likelihood_step
-from tactuator.identification.prepared import (
+from tactuator.identification.check import (
     Prepared,
     empirical_response,
     moved_range,
     require_excitation,
     valid_range,
 )
+from tactuator.identification.fit import estimate_of_model
+from tactuator.identification.friction import friction_shown
+from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.judge import identification
+from tactuator.identification.likelihood import likelihood_step
 from tactuator.identification.result import Identification
-from tactuator.identification.spectral_estimate import estimate_of_model
 from tactuator.identification.uncertainty import fit_of_model, log_slopes
 from tactuator.model.plant import DERIVATIVES
 from tactuator.signals.systems import ContinuousSystem
@@ -45,14 +45,16 @@ def recursive(common: Prepared) -> Identification:
     It has neither friction nor dead time. Its band holds what its form leaves of the record's own response, and by how
     much a friction that shows has moved it.
     """
-    (command, position), rate_hz, asked = common.signals[0], common.rate_hz, common.asked
-    order, integrated = asked.order or 2, DERIVATIVES[asked.quantity]
+    (command, position), rate_hz, options = common.signals[0], common.rate_hz, common.options
+    order, integrated = options.order or 2, DERIVATIVES[options.quantity]
     if integrated >= order:
-        raise BadInput(f"order {order} for a {asked.quantity} by least squares", f"{integrated + 1} or more")
+        raise BadInput(f"order {order} for a {options.quantity} by least squares", f"{integrated + 1} or more")
     require_excitation(replace(common.excitation, needed=order + 1))
-    found = identify_recursively(command, position, rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting)
+    found = identify_recursively(
+        command, position, rate_hz, poles=order, zeros=integrated, forgetting=options.forgetting
+    )
     written = common.records[0].about.get("hold")
-    hold: Hold = next((hold for hold in HOLDS if hold in (asked.hold, written)), "zero-order")
+    hold: Hold = next((hold for hold in HOLDS if hold in (options.hold, written)), "zero-order")
     sizes = np.append(np.full(integrated + 1, common.gain), np.ones(order))
     covariance = np.zeros((sizes.size + 1, sizes.size + 1))
     covariance[:-1, :-1] = found.covariance * np.outer(sizes, sizes)
@@ -66,7 +68,7 @@ def recursive(common: Prepared) -> Identification:
     if shown is not None:
         level, shift = shown
         excess = excess.joined(slopes @ (level * shift))
-        own = own.judged(trust.LEFT_OUT.of(100.0 * level))
+        own = own.with_checks(trust.LEFT_OUT.of(100.0 * level))
     own = replace(own, excess=excess)
     return replace(
         result,

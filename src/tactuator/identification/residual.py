@@ -70,7 +70,9 @@ def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> 
     return line_residual(fit, part, weights(part, flat.residual(fit), highest_hz), taken)
 
 
-def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True) -> ResidualTests:
+def check_record_residual(
+    command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True
+) -> ResidualTests:
     """Return the tests of what the fit leaves of a record; command: (n,), all; fitted: did it take part in it?"""
     taken, residual = of_lines.taken, of_lines.taken.measured - of_lines.simulated
     whitener = whitening_filter(residual)
@@ -83,7 +85,7 @@ def judged_residual(command: FloatArray, of_lines: Residual, fit: SpectralFit, *
         # around the record's ends the filter turns in a circle, no farther than what is left out before the tests
         white = np.fft.rfft(whitener, taken.samples)[1:] * of_lines.response * taken.command[1:]
         free = log_slopes(fit, taken.frequency_hz[1:])
-        free = free @ freedom(fit.theta, fit.form, fit.rungs) if fit.form.gain is not None else free
+        free = free @ freedom(fit.theta, fit.form, fit.stages) if fit.form.gain is not None else free
         lines = np.zeros((free.shape[1], taken.command.size), dtype=np.complex128)
         np.multiply(free.T, white, out=lines[:, 1:])
         slopes = np.fft.irfft(lines, taken.samples)[:, tested].T

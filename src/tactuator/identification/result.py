@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.check import EmpiricalResponse, ExcitationReport
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.hold import HOLDS, Hold
-from tactuator.identification.prepared import EmpiricalResponse, ExcitationReport
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
-from tactuator.model.plant_model import PlantModel, Weighed, reasons
+from tactuator.model.plant_model import PlantModel, QualityCheck, reasons
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Validation:
 
     fit_percent: 100 (1 - |y - simulated| / |y - mean|). tests: of what is left. inside: share of the record's own
     response (points: how many there are, magnitude and phase counted each) within the model's 95 % band and its own
-    error, nan where nothing can be compared. weighed: what decides whether the model holds there. remarks: what was
+    error, nan where nothing can be compared. checks: what decides whether the model holds there. remarks: what was
     done to the record.
     """
 
@@ -100,13 +100,13 @@ class Validation:
     tests: ResidualTests
     inside: float
     points: int
-    weighed: tuple[Weighed, ...]
+    checks: tuple[QualityCheck, ...]
     remarks: tuple[str, ...]
 
     @property
     def failures(self) -> tuple[str, ...]:
         """Return why the model fails there, empty if it does not."""
-        return reasons(self.weighed)
+        return reasons(self.checks)
 
 
 @dataclass(frozen=True, eq=False)

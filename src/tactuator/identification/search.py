@@ -219,7 +219,7 @@ def choose(
     first, first_hz = kept[0], kept[0].grid.frequency_hz[0]
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
 
-    def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
+    def reweighted(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
         noise = weights(given, now.residual(fit), highest) if weight is None else weight * flat
         return replace(now, weight=noise)
 
@@ -227,7 +227,7 @@ def choose(
         grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
         problem = SpectralProblem(given, flat, grid, with_transient=weight is None, stable=stable)
         for _ in range(2):
-            problem = weighed(problem, first)
+            problem = reweighted(problem, first)
             first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
@@ -239,15 +239,15 @@ def choose(
     fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
     best = _best(problem, fits) if quick else pruned(problem, fits, known)
     for _ in range(1 if quick else 2):
-        problem = weighed(problem, best)
+        problem = reweighted(problem, best)
         best = _again(problem, best, 10) or best
     for added in _with_slow_poles(problem, best, known, float(first_hz)):
-        problem = weighed(problem, added)
+        problem = reweighted(problem, added)
         best = _again(problem, added, 10) or added
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
-    return _preferred(Choice(hold, best, fits, problem), weighed)
+    return _preferred(Choice(hold, best, fits, problem), reweighted)
 
 
 SHOWN_LATE = 10.0
@@ -281,7 +281,7 @@ def _with_slow_poles(
         yield best
 
 
-def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit], SpectralProblem]) -> Choice:
+def _preferred(choice: Choice, reweighted: Callable[[SpectralProblem, SpectralFit], SpectralProblem]) -> Choice:
     """Return the choice by the weights that belong to its best form, by which another may be better: those before were
     an earlier fit's.
     """
@@ -289,7 +289,7 @@ def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit],
     near = _near(problem, choice.fits, best) | {best.form: best}
     preferred = _best(problem, near)
     if _score(problem, preferred) < _score(problem, best):
-        again = weighed(problem, preferred)
+        again = reweighted(problem, preferred)
         fitted = _again(again, preferred, 10) or preferred
         # by weights of its own residual a fit's cost is the number of equations, unless its numbers ran away
         if fitted.cost < _ASTRAY * problem.given.goal.size:
@@ -379,7 +379,7 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
     with a zero less, the one that a zero cancels best with that zero less, a zero less, no dead time.
     """
     form = fit.form
-    zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, form))
+    zeros = np.roots(numerator_polynomial(fit.stages, fit.numerator, form))
     cancelled = without_cancelled(free_poles(fit.theta, form), zeros)
     fewer = 0 if cancelled is None else form.free - cancelled.size
     if cancelled is not None and form.zeros - fewer >= form.origin_zeros and form.poles > fewer > 0:

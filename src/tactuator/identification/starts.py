@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.form import Form, denominator_values, ladder, numerator_values, sections_of, separated
+from tactuator.identification.form import Form, denominator_values, numerator_values, sections_of, separated, stages_of
 from tactuator.identification.hold import Grid, Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import LocalResponse, points
@@ -144,7 +144,7 @@ class Starter:
     def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         theta = sections_of(self._relocated(form, lag, chosen, 4))
-        columns = numerator_values(ladder(theta, form), s, form)
+        columns = numerator_values(stages_of(theta, form), s, form)
         columns = columns * (weight * np.exp(-s * lag) / denominator_values(theta, form, s))[:, None]
         weights, matrix, values = _least_squares(columns, self._target[chosen] * weight)
         return float(np.sum((values - matrix @ weights) ** 2)) if np.all(np.isfinite(matrix)) else np.inf
@@ -157,7 +157,7 @@ class Starter:
         for _ in range(rounds if form.free else 0):
             poles = separated(poles)
             theta = sections_of(poles)
-            top = numerator_values(ladder(theta, form), s, form) / denominator_values(theta, form, s)[:, None]
+            top = numerator_values(stages_of(theta, form), s, form) / denominator_values(theta, form, s)[:, None]
             fractions = _fractions(s, poles)
             columns = np.hstack([top, -target[:, None] * fractions]) * weight[:, None]
             solution = _least_squares(columns, target * weight)[0]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactuator.model.plant_model import Decides, Weighed
+from tactuator.model.plant_model import Decides, QualityCheck
 
 _MOST = 1e9
 """Size beyond which a number is told as this."""
@@ -28,11 +28,11 @@ class Standard:
     decides: Decides = "refuses trust"
     least: bool = False
 
-    def of(self, value: float, where: str = "", remedy: str = "") -> Weighed:
+    def of(self, value: float, where: str = "", remedy: str = "") -> QualityCheck:
         """Return it with its value; remedy: what may help, told where it is beyond its limit."""
         size = float(np.clip(np.nan_to_num(value, nan=0.0 if self.least else _MOST), -_MOST, _MOST))
-        weighed = Weighed(self.name, size, self.unit, self.limit, self.decides, self.least, where)
-        return replace(weighed, where=", ".join(filter(None, (where, remedy)))) if weighed.beyond else weighed
+        check = QualityCheck(self.name, size, self.unit, self.limit, self.decides, self.least, where)
+        return replace(check, where=", ".join(filter(None, (where, remedy)))) if check.beyond else check
 
 
 EXPLAINED = Standard("power of the position that the model explains", "%", 0.1, least=True)

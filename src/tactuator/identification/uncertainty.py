@@ -12,13 +12,13 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import (
     Form,
     denominator_polynomial,
-    ladder,
     monic_values,
     numerator_polynomial,
     numerator_values,
     numerator_weights,
     section_list,
     sections_of,
+    stages_of,
 )
 from tactuator.identification.hold import Grid, Hold, response_columns
 from tactuator.identification.likelihood import SpectralFit, information, nonlinear_slopes
@@ -39,9 +39,9 @@ _EDGES: tuple[tuple[float, Literal["left", "right"]], ...] = ((-1.0, "left"), (1
 def log_slopes(fit: SpectralFit, frequency_hz: FloatArray) -> ComplexArray:
     """Return the derivatives of the response's logarithm by (numerator, theta, dead time), (m, k)."""
     s: ComplexArray = np.asarray(2j * np.pi * frequency_hz / fit.grid.scale_rad_s)
-    rungs = numerator_values(fit.rungs, s, fit.form)
-    top = rungs @ fit.numerator
-    columns: list[ComplexArray] = [rung / top for rung in rungs.T]
+    stages = numerator_values(fit.stages, s, fit.form)
+    top = stages @ fit.numerator
+    columns: list[ComplexArray] = [stage / top for stage in stages.T]
     for section in section_list(fit.theta, fit.form):
         under = monic_values(section, s)
         columns += [-s / under] * (section.size == 3) + [-1.0 / under]
@@ -147,8 +147,8 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
     share = share * max(1.0, chance / max(abs(share), 1e-300))
     beyond = np.geomspace(top, 50.0 * top, 400)
     grid = replace(problem.grid, frequency_hz=beyond, shift=0)
-    linear = response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs)
-    bent = nonlinear_slopes(grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
+    linear = response_columns(grid, fit.theta, fit.delay, fit.form, fit.stages)
+    bent = nonlinear_slopes(grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.stages)
     slopes = np.hstack([linear, bent])
     lines_per_hz = sum(1.0 / taken.spacing_hz for taken in spectra)
     missing = -np.trapezoid((slopes * share).real, beyond, axis=0) * lines_per_hz
@@ -156,7 +156,7 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
 
 
 def moved(fit: SpectralFit, change: FloatArray) -> SpectralFit:
-    """Return the fit with (numerator, theta, dead time) changed, its ladder as it was."""
+    """Return the fit with (numerator, theta, dead time) changed, its stages as they were."""
     first, last = fit.numerator.size, fit.numerator.size + fit.theta.size
     delay = max(fit.delay + float(change[-1]), 0.0) if fit.form.dead_time else fit.delay
     return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
@@ -184,7 +184,7 @@ def physical(fit: SpectralFit, covariance: FloatArray, gain: float) -> tuple[Flo
 def _polynomials(fit: SpectralFit, gain: float) -> tuple[FloatArray, FloatArray]:
     form: Form = fit.form
     scale = fit.grid.scale_rad_s
-    num = numerator_polynomial(fit.rungs, fit.numerator, form)
+    num = numerator_polynomial(fit.stages, fit.numerator, form)
     den = denominator_polynomial(fit.theta, form)
     top, under = np.arange(num.size - 1, -1, -1.0), np.arange(den.size - 1, -1, -1.0)
     n = den.size - 1
@@ -198,7 +198,7 @@ def response_of_rows(fit: SpectralFit, rows: FloatArray) -> ComplexArray:
 
 def response_on(fit: SpectralFit, grid: Grid) -> ComplexArray:
     """Return the sampled response (hold included) on the lines of a grid in the fit's scale, (m,)."""
-    return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)
+    return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.stages) @ fit.numerator)
 
 
 def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> SpectralFit:
@@ -208,8 +208,8 @@ def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> 
     scale = float(np.exp(np.mean(np.log(size)))) if size.size else rate_hz
     form = Form(poles.size, zeros, dead_time=True)
     theta = sections_of(poles / scale)
-    rungs = ladder(theta, form)
+    stages = stages_of(theta, form)
     powers = poles.size - np.arange(zeros, -1, -1.0)
-    numerator = numerator_weights(rungs, model.num / gain / scale**powers, form)
+    numerator = numerator_weights(stages, model.num / gain / scale**powers, form)
     grid = Grid(np.zeros(0), rate_hz, scale, hold)
-    return SpectralFit(form, theta, model.delay_s * scale, numerator, rungs, grid, 0.0)
+    return SpectralFit(form, theta, model.delay_s * scale, numerator, stages, grid, 0.0)

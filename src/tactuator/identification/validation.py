@@ -9,13 +9,13 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.asked import solvable
+from tactuator.identification.check import check_record
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import LocalResponse, local_response, spectrum
-from tactuator.identification.prepared import check_record
-from tactuator.identification.residual import Residual, fit_percent, judged_residual, residual_of_record
+from tactuator.identification.options import solvable
+from tactuator.identification.residual import Residual, check_record_residual, fit_percent, residual_of_record
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.trust import UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
@@ -40,9 +40,9 @@ def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> 
     """Return the identification with its standing on each named record; what fails speaks against trusting it."""
     with single_threaded(scipys=False), solvable():
         validations = tuple(validate(result, record, name) for name, record in records)
-    rows = (row for validation in validations for row in validation.weighed)
+    rows = (row for validation in validations for row in validation.checks)
     remarks = (*result.remarks, *(remark for validation in validations for remark in validation.remarks))
-    return replace(result, model=result.model.judged(*rows), validations=validations, remarks=remarks)
+    return replace(result, model=result.model.with_checks(*rows), validations=validations, remarks=remarks)
 
 
 @np.errstate(all="ignore")
@@ -74,7 +74,7 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
         path = residual.simulated
     local = local_response(spectrum(moving, position, record.rate_hz), 0.45 * record.rate_hz)
     return _judged(
-        result, called, fit, judged_residual(moving, residual, fit, fitted=False), residual, local, record.remarks
+        result, called, fit, check_record_residual(moving, residual, fit, fitted=False), residual, local, record.remarks
     )
 
 

@@ -18,7 +18,7 @@ from tactuator.io.record import are_of_response, response_of
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Recorded
 from tactuator.model.plant import system_of
-from tactuator.model.plant_model import Weighed, reasons
+from tactuator.model.plant_model import QualityCheck, reasons
 from tactuator.model.response_plant import plant_of_response
 from tactuator.parameters import Number, from_table
 from tactuator.signals.record import FrequencyResponse
@@ -87,9 +87,9 @@ def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
     said = {key: record[name] for key, name in spans.items() if name in record}
     if isinstance(units, Mapping):
         said["position_unit"] = units.get("position", "")
-    weighed = document.get("trust")
-    if isinstance(weighed, list):
-        said["distrust"] = reasons(from_table(Weighed, row, where, "plant", "trust") for row in weighed)
+    checks = document.get("trust")
+    if isinstance(checks, list):
+        said["distrust"] = reasons(from_table(QualityCheck, row, where, "plant", "trust") for row in checks)
     return from_table(Recorded, said, where, "plant", "record") if said else None
 
 

@@ -13,8 +13,8 @@ import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
+from tactuator.identification.options import IdentifyOptions
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import PlantModel
@@ -189,7 +189,7 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
     remarks: list[str] = []
     for poles, zeros in FORMS:
         try:
-            fit = identify_response(given, Asked(poles, zeros, quantity=channel.quantity, friction=False))
+            fit = identify_response(given, IdentifyOptions(poles, zeros, quantity=channel.quantity, friction=False))
         except BadInput as error:
             remarks.append(f"{poles} poles: {error}")
             continue

@@ -21,7 +21,7 @@ Decides = Literal["refuses trust", "narrows the valid range", "cannot tell"]
 
 
 @table("trust")
-class Weighed:
+class QualityCheck:
     """A number by which a model is judged. name, value, unit; limit: the most that is allowed, or the least where
     `least`; decides: what follows where the value is beyond its limit; where: the place or record it speaks of.
     """
@@ -64,9 +64,9 @@ class Weighed:
         return f"{self.name}{place}: {self.measured} ({self.allowed})"
 
 
-def reasons(weighed: Iterable[Weighed]) -> tuple[str, ...]:
+def reasons(checks: Iterable[QualityCheck]) -> tuple[str, ...]:
     """Return why a model is not to be trusted, empty if it is."""
-    return tuple(str(row) for row in weighed if row.refuses)
+    return tuple(str(row) for row in checks if row.refuses)
 
 
 _Z95 = 1.959964
@@ -124,7 +124,7 @@ class PlantModel:
     friction: dict[str, Number] = field(default_factory=dict)
     excess: Excess = field(default_factory=Excess.none)
     valid_hz: tuple[Number, Number] | None = None
-    trust: tuple[Weighed, ...] = ()
+    trust: tuple[QualityCheck, ...] = ()
 
     __repr__ = brief
 
@@ -138,7 +138,7 @@ class PlantModel:
         """Return why the model is not to be trusted, empty if it is."""
         return reasons(self.trust)
 
-    def judged(self, *rows: Weighed) -> PlantModel:
+    def with_checks(self, *rows: QualityCheck) -> PlantModel:
         """Return the model with more numbers that it was judged by."""
         return replace(self, trust=(*self.trust, *rows))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ
-from tactuator.model.plant_model import Weighed
+from tactuator.model.plant_model import QualityCheck
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
@@ -63,11 +63,11 @@ class Doubt:
         """Return the bound that is passed."""
         return self.expected.high if self.value > self.expected.high else self.expected.low
 
-    def weighed(self) -> Weighed:
+    def quality_check(self) -> QualityCheck:
         """Return it as a number that a model is judged by: what cannot be refuses trust."""
         check, decides = self.expected, "refuses trust" if self.expected.impossible else "cannot tell"
         least = self.value < check.low
-        return Weighed(check.what, self.value, check.unit, self.bound, decides, least, self.slip)  # type: ignore[arg-type]
+        return QualityCheck(check.what, self.value, check.unit, self.bound, decides, least, self.slip)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         check, side = self.expected, "up to" if self.value > self.expected.high else "from"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, within
 from tactuator.identification.alignment import require_aligned
-from tactuator.identification.asked import Asked
 from tactuator.identification.lines import Spectrum
+from tactuator.identification.options import IdentifyOptions
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
-from tactuator.model.plant_model import PlantModel, Weighed
+from tactuator.model.plant_model import PlantModel, QualityCheck
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
 from tactuator.signals.record import Record
 
@@ -28,7 +28,7 @@ _OFTEN = 0.005
 """Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
 
 
-def check_record(record: Record, where: str = "") -> tuple[Weighed, ...]:
+def check_record(record: Record, where: str = "") -> tuple[QualityCheck, ...]:
     """Return what decides on a record by itself; BadInput where it cannot be used at all."""
     if record.command.size < FEWEST:
         raise BadInput(f"the record has {record.command.size} samples", f"{FEWEST} or more")
@@ -89,14 +89,16 @@ def check_rise(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     return tuple(EXPECTED["rise"].doubts(float(np.median(phase[-few:]) - np.median(phase[:few]))))
 
 
-def check_polarity(num: FloatArray, den: FloatArray) -> tuple[Weighed, ...]:
+def check_polarity(num: FloatArray, den: FloatArray) -> tuple[QualityCheck, ...]:
     """Return what is open where the position goes against where the command pushes; num, den: descending powers."""
     lowest = num[np.flatnonzero(num)[-1]] if np.any(num) else 1.0
     against = lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0)
     return (AGAINST.of(1.0, "a polarity or the columns may be swapped"),) if against else ()
 
 
-def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[Weighed, ...]:
+def check_length(
+    poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float
+) -> tuple[QualityCheck, ...]:
     """Return what decides on the record's length, and refuse one shorter than the slowest time constant, unless the
     mechanism integrates.
 
@@ -312,8 +314,8 @@ class Prepared:
     scale: tuple[float, float]
     response: EmpiricalResponse
     excitation: ExcitationReport
-    asked: Asked
-    weighed: tuple[Weighed, ...]
+    options: IdentifyOptions
+    checks: tuple[QualityCheck, ...]
     remarks: tuple[str, ...]
 
     @property
@@ -355,7 +357,7 @@ class Prepared:
         record, about = self.records[0], more.pop("record", {})
         lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
         low, high = max(0.4, lowest), min(300.0, highest)
-        whole = {"delay_s": 0.0, "quantity": self.asked.quantity} | more
+        whole = {"delay_s": 0.0, "quantity": self.options.quantity} | more
         # a display's figures are compared with these
         figures = {"rate_hz": record.rate_hz, "duration_s": record.duration_s}
         figures |= {f"{name}_half_span": swing(getattr(record, name)) for name in ("command", "position")}
@@ -367,21 +369,21 @@ class Prepared:
             command_unit=record.command_unit,
             position_unit=record.position_unit,
             record=record.about | figures | about,
-            trust=self.weighed,
+            trust=self.checks,
             **whole,
         )
 
 
-def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
+def prepared(records: Sequence[Record], options: IdentifyOptions) -> Prepared:
     """Return the records made ready. Raises BadInput for records that cannot be used, or not together."""
     remarks: list[str] = []
     parts: list[Record] = []
-    weighed = list[Weighed]()
+    checks = list[QualityCheck]()
     for k, record in enumerate(records):
         where = () if len(records) == 1 else (f"record {k + 1}",)
         part, shortened = _liveliest(record, LONGEST // len(records))
         with within(*where):
-            weighed += check_record(record, *where)
+            checks += check_record(record, *where)
             require_aligned(part)
         parts.append(part)
         remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened]]
@@ -394,7 +396,7 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
         for part in parts
     ]
     rate_hz = parts[0].rate_hz
-    reports = [excitation_report(command, rate_hz, (asked.order or 2) + 1) for command, _ in signals]
+    reports = [excitation_report(command, rate_hz, (options.order or 2) + 1) for command, _ in signals]
     liveliest = max(range(len(parts)), key=lambda k: (reports[k].order, parts[k].duration_s))
     require_excitation(reports[liveliest])
     response = empirical_response(*signals[liveliest], rate_hz)
@@ -406,8 +408,8 @@ def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
         scale=(command_unit, position_unit),
         response=response,
         excitation=reports[liveliest],
-        asked=asked,
-        weighed=(*weighed, COHERENT.of(response.clearest), *(doubt.weighed() for doubt in cannot_be)),
+        options=options,
+        checks=(*checks, COHERENT.of(response.clearest), *(doubt.quality_check() for doubt in cannot_be)),
         remarks=tuple(remarks),
     )
 

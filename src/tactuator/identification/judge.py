@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.check import Prepared, Signals, check_length, check_polarity, moved_range, valid_range
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.fit import REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
 from tactuator.identification.friction import BENT, FrictionFit
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.nonlinear import distortion_left
-from tactuator.identification.prepared import Prepared, Signals, check_length, check_polarity, moved_range, valid_range
-from tactuator.identification.residual import Residual, along_record, feedback_seen, fit_percent, judged_residual
+from tactuator.identification.residual import Residual, along_record, check_record_residual, feedback_seen, fit_percent
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
-from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
 from tactuator.identification.trust import DISTORTION, HOLD, KNOCK
 from tactuator.identification.uncertainty import (
     FLOOR,
@@ -51,17 +51,17 @@ def identification(
     source: str,
     residuals: Sequence[Residual],
     distortion: Distortion | None = None,
-    rubbed: FrictionFit | None = None,
+    friction_fit: FrictionFit | None = None,
     *,
     fitted: bool = True,
 ) -> Identification:
     """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain;
     source: who says what the command does between its samples. distortion: what a periodic record shows beside the
-    response. rubbed: the fit of friction that it comes from. fitted: whether
+    response. friction_fit: the fit of friction that it comes from. fitted: whether
     the records' likelihood is greatest there.
     """
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
-    model = _model(common, estimate, chosen, distortion, rubbed)
+    model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
     if bent[0] > 0.0 and estimate.advantage < _BENT_TELLS * estimate.enough:  # no form here has what bends it
         estimate = replace(estimate, certain=False, enough=_BENT_TELLS * estimate.enough)
@@ -73,15 +73,15 @@ def identification(
     if estimate.before is not None:
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if estimate.other is not None and not estimate.certain and between.source == "data":
-        other = _model(common, estimate, estimate.other, distortion, rubbed)
+        other = _model(common, estimate, estimate.other, distortion, friction_fit)
         model = model.holding(other)
-    tests = _tests(common.signals if rubbed is None else rubbed.signals, estimate, residuals, fitted=fitted)
-    friction = None if rubbed is None else friction_of(rubbed, tests, common)
+    tests = _tests(common.signals if friction_fit is None else friction_fit.signals, estimate, residuals, fitted=fitted)
+    friction = None if friction_fit is None else friction_of(friction_fit, tests, common)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     rows += check_polarity(model.num, model.den)
     rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
-    model = _with_what_is_left(model.judged(*rows), tests, bent, common)
+    model = _with_what_is_left(model.with_checks(*rows), tests, bent, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     offset = float(common.records[0].position.mean())
     simulated = np.concatenate([residual.simulated for residual in residuals])
@@ -111,7 +111,7 @@ def _beside_free(
     alone = _model(common, free, free.chosen)
     alone = replace(alone, valid_hz=_valid(alone, free))
     beside = [choice for choice in (free.chosen, free.other) if choice is not None]
-    both: Identification = beside_free(result, alone, common.asked.gain_and_poles, estimate.chosen, beside)
+    both: Identification = beside_free(result, alone, common.options.gain_and_poles, estimate.chosen, beside)
     return replace(both, model=replace(both.model, valid_hz=_valid(both.model, estimate)))
 
 
@@ -128,12 +128,12 @@ def _with_what_is_left(
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
     beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
     return replace(
-        model.judged(jump, DISTORTION.of(100.0 * share)),
+        model.with_checks(jump, DISTORTION.of(100.0 * share)),
         excess=beyond,
     )
 
 
-def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
+def friction_of(friction_fit: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
     """Return friction in the record's units, with the interval and the distance that the record allows to tell.
 
     Where friction builds up between two samples only that it is short can be seen.
@@ -141,11 +141,11 @@ def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> 
     to_unit, to_position = common.scale
     count = sum(command.size for command, _ in common.signals)
     more = 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
-    half_width = 1.959964 * rubbed.deviation * float(np.sqrt(more))
-    distance: float | None = rubbed.presliding * to_position
-    if rubbed.presliding <= float(np.median(np.abs(np.diff(common.signals[0][1])))):
-        half_width, distance = float(np.hypot(half_width, _UNRESOLVED * rubbed.coulomb**2)), None
-    return Friction(rubbed.coulomb * to_unit, half_width * to_unit, distance)
+    half_width = 1.959964 * friction_fit.deviation * float(np.sqrt(more))
+    distance: float | None = friction_fit.presliding * to_position
+    if friction_fit.presliding <= float(np.median(np.abs(np.diff(common.signals[0][1])))):
+        half_width, distance = float(np.hypot(half_width, _UNRESOLVED * friction_fit.coulomb**2)), None
+    return Friction(friction_fit.coulomb * to_unit, half_width * to_unit, distance)
 
 
 def _tried(estimate: SpectralEstimate) -> tuple[Candidate, ...]:
@@ -163,15 +163,15 @@ def _model(
     estimate: SpectralEstimate,
     choice: Choice,
     distortion: Distortion | None = None,
-    rubbed: FrictionFit | None = None,
+    friction_fit: FrictionFit | None = None,
 ) -> PlantModel:
     fit = choice.fit
     covariance = information(choice.problem, fit)
-    if rubbed is not None:
+    if friction_fit is not None:
         covariance = covariance * BENT
         if choice is estimate.chosen:
-            covariance += rubbed.shifts.T @ rubbed.shifts
-    fixed = [value for value in common.asked.fixed if value.binds(fit.form)]
+            covariance += friction_fit.shifts.T @ friction_fit.shifts
+    fixed = [value for value in common.options.fixed if value.binds(fit.form)]
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
     bias = fed_back(choice, estimate.spectra) if choice.problem.with_transient else None
@@ -179,8 +179,8 @@ def _model(
         beyond = beyond.joined(REMAINS * np.log(estimate.before.response(table) / fit.response(table)))
     elif bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
-    if rubbed is not None and choice is not estimate.chosen:
-        for away in rubbed.shifts @ log_slopes(estimate.chosen.fit, table).T:
+    if friction_fit is not None and choice is not estimate.chosen:
+        for away in friction_fit.shifts @ log_slopes(estimate.chosen.fit, table).T:
             beyond = beyond.joined(away)
     if distortion is not None:
         bent = _BENT * distortion.distortion / np.abs(distortion.value)
@@ -208,7 +208,7 @@ def _tests(
 ) -> ResidualTests:
     """Return the tests of all residuals; a loop counts as seen where it shows under either hold."""
     fit, pairs = estimate.chosen.fit, zip(signals, residuals, strict=True)
-    tests = [judged_residual(command, residual, fit, fitted=fitted) for (command, _), residual in pairs]
+    tests = [check_record_residual(command, residual, fit, fitted=fitted) for (command, _), residual in pairs]
     seen = {test.feedback for test in tests}
     if estimate.other is not None and estimate.other_residuals and not estimate.certain:
         hold = estimate.other.hold

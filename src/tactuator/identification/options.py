@@ -84,7 +84,7 @@ class Fixed:
 
 
 @dataclass(frozen=True)
-class Asked:
+class IdentifyOptions:
     """Things known or wished beforehand. Raises BadInput for what is out of bounds or contradicts itself."""
 
     order: Annotated[int | None, Field(ge=1, le=MOST_POLES, description="Number of poles (default: chosen).")] = None
@@ -155,7 +155,7 @@ class Asked:
         """Return the fixed values that are held against the record's own."""
         return tuple(value for value in self.fixed if value.name != "delay_s")
 
-    def of(self, about: Mapping[str, str]) -> Asked:
+    def of(self, about: Mapping[str, str]) -> IdentifyOptions:
         """Return the same for a record of which that is told: its quantity, where none was asked for."""
         if self.quantity != "auto":
             return self
@@ -172,7 +172,9 @@ class Asked:
 
 @cache
 def _checks() -> dict[str, tuple[Any, TypeAdapter[Any]]]:
-    return {name: (hint, TypeAdapter(hint)) for name, hint in get_type_hints(Asked, include_extras=True).items()}
+    return {
+        name: (hint, TypeAdapter(hint)) for name, hint in get_type_hints(IdentifyOptions, include_extras=True).items()
+    }
 
 
 def _allowed(annotation: Any) -> str:
