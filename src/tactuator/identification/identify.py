@@ -147,15 +147,15 @@ def identify(
     record that cannot tell this.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    options = IdentifyOptions(**options).of(records[0].about)
-    if options.method != "refined" and len(records) > 1:
-        raise BadInput(f"{len(records)} records with the method {options.method!r}", "several with 'refined' alone")
+    known = IdentifyOptions(**options).of(records[0].about)
+    if known.method != "refined" and len(records) > 1:
+        raise BadInput(f"{len(records)} records with the method {known.method!r}", "several with 'refined' alone")
     with single_threaded(scipys=False), solvable():
-        common = prepared(records, options)
+        common = prepared(records, known)
         for row in common.checks:
             if row.refuses:
                 warn(f"{row.name}, {row.where.partition(':')[0]}".rstrip(", "))
-        if options.method == "rls":
+        if known.method == "rls":
             return judged(recursive(common), common)
         return judged(_refined(common, note), common)
 
