@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,13 +30,56 @@ from tactuator.perception.curve import (
 )
 
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
-_NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """A table of text. head: its lines `# key: value`, by key; names: of the columns; rows: of cells."""
+
+    head: Mapping[str, str]
+    names: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def cells(self, name: str) -> list[str | None]:
+        """Return a column, None where a row has no such cell."""
+        place = self.names.index(name)
+        return [row[place] if place < len(row) else None for row in self.rows]
+
+    def numbers(self, name: str) -> FloatArray:
+        """Return a column of numbers, (n,). Raises BadInput with the row that has none."""
+        values = []
+        for row, cell in enumerate(self.cells(name), start=1):
+            value = None if cell is None else _number(cell)
+            if value is None:
+                raise BadInput(
+                    f"{name} is {'missing' if cell is None else repr(cell)} in row {row}", "a number in each"
+                )
+            values.append(value)
+        return np.array(values)
+
+    def optional(self, name: str) -> FloatArray | None:
+        """Return a column of numbers, or None where the table has no such column."""
+        return self.numbers(name) if name in self.names else None
 
 
 @contextmanager
-def _read(kind: str, path: Path) -> Iterator[tuple[list[str], list[list[str]]]]:
-    """Yield the lines and the rows of a CSV; what is refused within tells the kind and the file."""
-    with within(f"{kind} {path}"):
+def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
+    """Yield the table in a CSV file of that kind, whose first row names the columns. What is refused within names the
+    noun and the file; columns that are needed and not there, and a table without rows, are refused.
+    """
+    with _lines(noun, kind, path) as (lines, rows):
+        names = [cell.lower() for cell in rows[0]] if rows else []
+        if not set(needed) <= set(names) or len(rows) < 2:
+            got = f"columns {', '.join(names) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
+            raise BadInput(got, f"{', '.join(needed)}, one row or more")
+        yield _Sheet(_head(lines), names, rows[1:])
+
+
+@contextmanager
+def _lines(noun: str, kind: str, path: Path) -> Iterator[tuple[list[str], list[list[str]]]]:
+    """Yield the lines of a CSV file, and the cells of those that are no remarks."""
+    require_kind(path, kind)
+    with within(f"{noun} {path}"):
         try:
             lines = read_text(path).split("\n")
         except BadInput as error:
@@ -51,18 +94,14 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _columns(rows: list[list[str]], names: Sequence[str]) -> dict[str, FloatArray]:
-    """Return the columns of those names that are there, (n,) each. Raises BadInput for rows that have not all."""
-    places = {name: rows[0].index(name) for name in names if name in rows[0]}
-    columns: dict[str, list[float]] = {name: [] for name in places}
-    for row in rows[1:]:
-        for name, place in places.items():
-            value = _number(row[place]) if place < len(row) else None
-            if value is None:
-                got = repr(row[place]) if place < len(row) else "missing"
-                raise BadInput(f"{name} is {got} in a row", "a number in each")
-            columns[name].append(value)
-    return {name: np.array(column) for name, column in columns.items()}
+def _text(head: str, names: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return the text of a table, its head before it."""
+    stream = io.StringIO()
+    stream.write(head)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    return stream.getvalue()
 
 
 def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
@@ -83,27 +122,22 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
-    require_kind(path, "curve")
-    with _read("threshold curve", path) as (lines, rows):
-        header = rows[0] if rows else []
-        if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
-            allowed = f"frequency_hz and {_LEVEL} (or {_ACCELERATION})"
-            raise BadInput(f"columns {', '.join(header) or 'nothing'}", allowed)
-        if any(len(row) < len(header) for row in rows[1:]) or len(rows) < 2:
-            raise BadInput("rows of unequal length", f"{len(header)} cells a row")
-        columns = _columns(rows, _NUMBERS)
-    level = columns.get(_LEVEL)
-    if level is None:
-        positive = np.where(columns[_ACCELERATION] > 0.0, columns[_ACCELERATION], np.nan)
-        level = level_from_acceleration(columns["frequency_hz"], positive)
-    head = _head(lines)
+    with _sheet("threshold curve", "curve", path, "frequency_hz") as sheet:
+        frequency, level = sheet.numbers("frequency_hz"), sheet.optional(_LEVEL)
+        if level is None:
+            acceleration = sheet.optional(_ACCELERATION)
+            if acceleration is None:
+                raise BadInput(f"columns {', '.join(sheet.names)}", f"{_LEVEL} or {_ACCELERATION} beside frequency_hz")
+            level = level_from_acceleration(frequency, np.where(acceleration > 0.0, acceleration, np.nan))
+        error = sheet.optional(_ERROR)
+    head = sheet.head
     return ThresholdCurve(
         head.get("name", path.stem),
-        columns["frequency_hz"],
+        frequency,
         level,
         cast(Provenance, head.get("provenance", ThresholdCurve.provenance)),
         head.get("source", path.name),
-        columns.get(_ERROR),
+        error,
         _contact(head, path),
     )
 
@@ -142,14 +176,9 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
 
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
-    path, names = Path(path), ("frequency_hz", "level_db_sl")
-    require_kind(path, "loss")
-    with _read("curve", path) as (_, rows):
-        if not rows or not set(names) <= set(rows[0]) or len(rows) < 2:
-            got = f"columns {', '.join(rows[0]) if rows else 'nothing'}, {max(len(rows) - 1, 0)} rows"
-            raise BadInput(got, f"{' and '.join(names)}, one row or more")
-        columns = _columns(rows, names)
-    return RelativeCurve(columns["frequency_hz"], columns["level_db_sl"], path.stem)
+    path = Path(path)
+    with _sheet("curve", "loss", path, "frequency_hz", "level_db_sl") as sheet:
+        return RelativeCurve(sheet.numbers("frequency_hz"), sheet.numbers("level_db_sl"), path.stem)
 
 
 def write_curve(
@@ -171,12 +200,7 @@ def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[o
         **({} if errors is None else {_ERROR: errors.tolist()}),
         **(circumstances or {}),
     }
-    stream = io.StringIO()
-    stream.write(_head_text(threshold))
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return stream.getvalue()
+    return _text(_head_text(threshold), columns, zip(*columns.values(), strict=True))
 
 
 _CONTOUR_COLUMNS = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
@@ -191,23 +215,17 @@ def read_contours(path: str | Path) -> Contours:
     Raises BadInput for a file that is missing, not a table, without a level for each contour and frequency, or none.
     """
     path = Path(path)
-    require_kind(path, "contours")
-    with _read("contours", path) as (lines, rows):
-        header = rows[0] if rows else []
-        if not set(_CONTOUR_COLUMNS[:3]) <= set(header) or len(rows) < 2:
-            got = f"columns {', '.join(header) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
-            raise BadInput(got, f"{', '.join(_CONTOUR_COLUMNS[:3])}, a row for each contour and frequency")
-        columns = _columns(rows, _CONTOUR_COLUMNS)
-        level, row = np.unique(columns["level_db_sl"], return_inverse=True)
-        frequency, column = np.unique(columns["frequency_hz"], return_inverse=True)
+    with _sheet("contours", "contours", path, *_CONTOUR_COLUMNS[:3]) as sheet:
+        level, row = np.unique(sheet.numbers("level_db_sl"), return_inverse=True)
+        frequency, column = np.unique(sheet.numbers("frequency_hz"), return_inverse=True)
         cells = level.size * frequency.size
         if row.size != cells or np.unique(row * frequency.size + column).size != cells:
             got = f"{row.size} rows for {level.size} contours and {frequency.size} frequencies"
             raise BadInput(got, "each contour at each frequency, once")
-        tables = {name: np.zeros((level.size, frequency.size)) for name in columns if name in _CONTOUR_COLUMNS[2:]}
+        tables = {name: np.zeros((level.size, frequency.size)) for name in _CONTOUR_COLUMNS[2:] if name in sheet.names}
         for name, values in tables.items():
-            values[row, column] = columns[name]
-        head = _head(lines)
+            values[row, column] = sheet.numbers(name)
+        head = sheet.head
         reference_hz = _number(head.get("reference_hz", f"{REFERENCE_HZ}"))
         if reference_hz is None:
             raise BadInput(head["reference_hz"], "a frequency", key="reference_hz")
@@ -228,14 +246,13 @@ def read_contours(path: str | Path) -> Contours:
 def write_contours(path: str | Path, contours: Contours) -> None:
     """Write contours so that `read_contours` gives them back, whole or not at all."""
     tables = {key: getattr(contours, key) for key in _CONTOUR_COLUMNS[2:] if getattr(contours, key) is not None}
-    stream = io.StringIO()
-    stream.write(f"{_head_text(contours)}# reference_hz: {contours.reference_hz!r}\n")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow((*_CONTOUR_COLUMNS[:2], *tables))
-    for row, level in enumerate(contours.level_db_sl.tolist()):
-        for column, frequency in enumerate(contours.frequency_hz.tolist()):
-            writer.writerow((level, frequency, *(float(values[row, column]) for values in tables.values())))
-    write_text(path, stream.getvalue())
+    head = f"{_head_text(contours)}# reference_hz: {contours.reference_hz!r}\n"
+    rows = (
+        (level, frequency, *(float(values[row, column]) for values in tables.values()))
+        for row, level in enumerate(contours.level_db_sl.tolist())
+        for column, frequency in enumerate(contours.frequency_hz.tolist())
+    )
+    write_text(path, _text(head, (*_CONTOUR_COLUMNS[:2], *tables), rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,25 +266,14 @@ class Pairs:
 
 def read_pairs(path: str | Path) -> Pairs:
     """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
-    needed = ("displacement_mm", "voltage_v")
-    require_kind(Path(path), "pairs")
-    with _read("pairs", Path(path)) as (_, rows):
-        header = [cell.lower() for cell in rows[0]] if rows else []
-        for column in needed:
-            if column not in header:
-                raise BadInput(f"there is no column {column!r}", "displacement_mm,voltage_v[,name]")
-        places = [header.index(column) for column in (*needed, "name") if column in header]
-        values, names = [], []
-        for line, row in enumerate(rows[1:], start=2):
-            cells = [row[place] if place < len(row) else "" for place in places]
-            numbers = [_number(cell) for cell in cells[:2]]
-            for cell, number in zip(cells, numbers, strict=False):
-                if number is None or not np.isfinite(number):
-                    raise BadInput(f"row {line} has {cell!r}", "a finite number")
-            values.append(numbers)
-            names.append(cells[2] if len(cells) > 2 and cells[2] else f"row {line}")
-    table = np.array(values, dtype=np.float64).reshape(-1, 2)
-    return Pairs(table[:, 0], table[:, 1], names)
+    path = Path(path)
+    with _sheet("pairs", "pairs", path, "displacement_mm", "voltage_v") as sheet:
+        displacement, voltage = sheet.numbers("displacement_mm"), sheet.numbers("voltage_v")
+        bad = np.flatnonzero(~np.isfinite(displacement + voltage))
+        if bad.size:
+            raise BadInput(f"row {bad[0] + 1} has a number that is not finite", "finite numbers")
+        given = sheet.cells("name") if "name" in sheet.names else [None] * displacement.size
+    return Pairs(displacement, voltage, [name or f"row {line}" for line, name in enumerate(given, start=2)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,8 +290,7 @@ def read_matrix(path: str | Path) -> NamedMatrix:
 
     Raises BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts.
     """
-    require_kind(Path(path), "matrix")
-    with _read("matrix", Path(path)) as (_, rows):
+    with _lines("matrix", "matrix", Path(path)) as (_, rows):
         if not rows:
             raise BadInput("no rows", "a row of counts for each stimulus")
         # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.
