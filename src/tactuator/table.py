@@ -82,10 +82,12 @@ class ResultTable:
 
 @dataclass(frozen=True, eq=False)
 class ChartLine:
-    """A curve of a chart. label: in the legend ("": none). x, y: (n,). half: of the 95 % confidence of y, (n,), or
-    (2, n) below and above; a band about a line, bars at marks. style: as matplotlib writes it ("-", "--", "o", "o-").
-    crossed: points that do not count, (n,). colour: its place in the palette, None for the next. right: has the axis at
-    the right.
+    """A curve of a chart.
+
+    label: in the legend ("": none). x, y: (n,). half: of the 95 % confidence of y, (n,), or (2, n) below and above; a
+    band about a line, bars at marks. style: as matplotlib writes it ("-", "--", "o", "o-"). crossed: points that do not
+    count, (n,). colour: its place in the palette, a colour of its own, or None for the next. right: has the axis at the
+    right. width: of the line, points.
     """
 
     label: str
@@ -94,18 +96,20 @@ class ChartLine:
     style: str = "-"
     half: Any = None
     crossed: Any = None
-    colour: int | None = None
+    colour: Any = None
     right: bool = False
+    width: float = 1.4
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Curves on one pair of axes, with what they are held against. x_label, y_label, right_label: with units.
+    """Curves on one pair of axes, with what they are held against.
 
-    targets: levels that were asked for. tolerance, jnd: half-widths about each target, of what is allowed and of what
-    is not felt. limits: other levels, by name; upright: the same on the axis of x. log_x: x is a frequency in hertz.
-    simulated: nobody felt what it shows.
-    log_y: y is a magnitude, above 0.
+    x_label, y_label, right_label: with units. targets: levels that were asked for. tolerance, jnd: half-widths about
+    each target, of what is allowed and of what is not felt. limits: other levels, by name; upright: the same on the
+    axis of x; stretches: parts of that axis, by name. log_x: x is a frequency in hertz. log_y: y is a magnitude, above
+    0. y_range: ends of the axis, None where the curves decide; y_step: between its marks, 0 for any. title: above a
+    panel. simulated: nobody felt what it shows.
     """
 
     x_label: str
@@ -120,3 +124,7 @@ class Chart:
     right_label: str = ""
     simulated: bool = False
     log_y: bool = False
+    stretches: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    y_range: tuple[float | None, float | None] = (None, None)
+    y_step: float = 0.0
+    title: str = ""

@@ -149,9 +149,9 @@ def test_identify__lopsided_spring__shows_on_even_lines(found: list[Identificati
 
 def test_identify__distortion__widens_the_band_and_is_drawn(found: list[Identification]) -> None:
     assert found[1].model.band_db(HERTZ).min() > 3.0 * found[0].model.band_db(HERTZ).min()
-    top = identification_plate(found[1]).figure.axes[0]
-    labels = [text.get_text() for text in top.get_legend().get_texts()]
-    assert {"model", "95 % band", "noise", "noise and distortion", "distortion, odd lines"} <= set(labels)
+    (legend,) = identification_plate(found[1]).figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert {"model, with its 95 % band", "noise", "noise and distortion", "distortion, odd lines"} <= set(labels)
 
 
 def test_periods__attributes__are_read_back() -> None:

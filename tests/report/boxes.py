@@ -27,6 +27,8 @@ def boxes(plate: Plate) -> dict[str, Box]:
 
 
 def assert_texts_apart(plate: Plate) -> None:
+    if isinstance(plate.figure, str):  # a template, whose texts stand where it was drawn
+        return
     found = boxes(plate)
     width, height = plate.figure.canvas.get_width_height()
     for name, (x0, y0, x1, y1) in found.items():

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html import escape
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 
 import numpy as np
 
@@ -28,76 +30,71 @@ from tactuator.report.plate import Plate
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.synthesis import paper
 
-_STYLE = """
-:root { color-scheme: light; --ink: #222; --faint: #666; --line: #ddd; --blue: #0072b2; }
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: #fff; margin: 0 auto; max-width: 52rem;
-       padding: 1.5rem 1rem 4rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; } h2 { margin-top: 3rem; border-top: 1px solid var(--line);
-     padding-top: 1rem; font-size: 1.25rem; }
-nav ol { columns: 2; font-size: .92rem; } nav a, p a { color: var(--blue); }
-figure { margin: 1.2rem 0; overflow-x: auto; } figure img { width: 100%; min-width: 34rem; height: auto; }
-figcaption { color: var(--faint); font-size: .9rem; }
-.table { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; margin: .8rem 0; }
-th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top;
-         font-variant-numeric: tabular-nums; }
-.met { color: #007a5a; font-weight: 600; } .not-met { color: #b03a00; font-weight: 600; }
-footer { margin-top: 3rem; color: var(--faint); font-size: .85rem; }
-@media (max-width: 40rem) { nav ol { columns: 1; } }
-"""
 
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of cells under a header; a cell `met` or `not met` is coloured."""
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def html(self) -> str:
-        """Return the table as HTML."""
-        head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
-        kinds = {"met": " class='met'", "not met": " class='not-met'"}
-        cells = ("".join(f"<td{kinds.get(cell, '')}>{_with_code(cell)}</td>" for cell in row) for row in self.rows)
-        body = "".join(f"<tr>{row}</tr>" for row in cells)
-        return f"<div class='table'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading, paragraphs (plain text), tables and plates, in this order."""
-
-    title: str
-    paragraphs: Sequence[str] = ()
-    tables: Sequence[Table] = ()
-    plates: Sequence[Plate] = ()
-
-
-def page(title: str, introduction: Sequence[str], sections: Sequence[Section], footer: str) -> str:
-    """Return the page as one HTML file without links to anywhere else."""
-    contents = "".join(
-        f"<li><a href='#{_anchor(section.title)}'>{escape(section.title)}</a></li>" for section in sections
+def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
+    """Return the page, one HTML file with every figure in it."""
+    template = Template(files("tactuator.paper").joinpath("report.html").read_text("utf-8"))
+    words = {name: escape(f"{value}") for name, value in _words(study).items()}
+    drawn = {plate.name.replace("-", "_"): _figure(plate) for plate in plates}
+    objectives = [
+        (objective.number, objective.outcome.value, objective.words, "; ".join(map(_worded, _worst(objective))))
+        for objective in study.verdict.objectives
+    ]
+    file = study.spoken.file
+    return template.substitute(
+        words,
+        **drawn,
+        objectives=_table(("objective", "", "asks", "figures"), objectives),
+        comparison=_table(("", "paper (2004)", "here"), comparison(study)),
+        notes="".join(f"<p>{escape(f'{file.path.name}: {note}.')}</p>" for note in file.notes),
     )
-    body = "".join(_section(section) for section in sections)
-    lead = "".join(f"<p>{escape(text)}</p>" for text in introduction)
-    return (
-        "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>"
-        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>"
-        f"<header><h1>{escape(title)}</h1>{lead}</header><nav aria-label='Contents'><ol>{contents}</ol></nav>"
-        f"<main>{body}</main><footer>{escape(footer)}</footer></body></html>\n"
-    )
+
+
+def _words(study: PaperStudy) -> dict[str, object]:
+    """Return what the page's sentences state, by the names of the template."""
+    display, margins, judged, speech = study.plan.display, study.loop, study.prefilters, study.spoken
+    curve = display.channels[0].threshold.curve
+    lost = margins.continuous_margins.phase_margin_deg - margins.sampled_margins.phase_margin_deg
+    slow = [one for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0]
+    bias, spread = bias_and_spread_db(study.thresholds)
+    return {
+        "display": display.name,
+        "rate_hz": f"{display.rate_hz:g}",
+        "curve": curve.name,
+        "provenance": curve.provenance,
+        "seed": study.plan.seed,
+        "comfort": f"{COMFORT_DB_SL:g}",
+        "identified": f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f}",
+        "lost": f"{lost:.1f}",
+        "paper_error": f"{judged.paper.max_error_db:.1f}",
+        "fitted_error": f"{judged.worst_fitted.max_error_db:.2f}",
+        "friction": f"{-min(one.unpredicted_db for one in slow):.2f}",
+        "loaded": f"{worst_error_db(study.responses, LOADED, 30.0):.1f}",
+        "runs": len(study.thresholds),
+        "bias": f"{bias:+.2f}",
+        "spread": f"{spread:.2f}",
+        "expected_bias": f"{expected_bias_db(study.plan):+.1f}",
+        "reshaped_error": f"{study.reshaped.max_error_db:.2f}",
+        "speech": speech.file.path.name,
+        "duration": f"{speech.file.duration_s:.1f}",
+        "level": f"{LEVEL_DB_SL:g}",
+        "peak": f"{speech.report.peak_db_sl:.0f}",
+        "rms": f"{speech.report.worst_rms_db:.2f}",
+        "version": __version__,
+    }
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells under a header; a cell `met` or `not met` is coloured."""
+    head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in header)
+    kinds = {"met": " class='met'", "not met": " class='not-met'"}
+    cells = ("".join(f"<td{kinds.get(cell, '')}>{_with_code(cell)}</td>" for cell in row) for row in rows)
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    return f"<div class='table'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
 
 
 def _with_code(text: str) -> str:
     return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
-
-
-def _section(section: Section) -> str:
-    parts = [f"<h2>{escape(section.title)}</h2>"]
-    parts += [f"<p>{_with_code(text)}</p>" for text in section.paragraphs]
-    parts += [table.html() for table in section.tables]
-    parts += [_figure(plate) for plate in section.plates]
-    return f"<section id='{_anchor(section.title)}'>{''.join(parts)}</section>"
 
 
 def _figure(plate: Plate) -> str:
@@ -109,156 +106,6 @@ def _figure(plate: Plate) -> str:
         f"src='data:image/svg+xml;base64,{picture}'>"
         f"<figcaption><b>{label}{escape(plate.title)}.</b> {escape(plate.caption)}</figcaption></figure>"
     )
-
-
-def _anchor(title: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
-    """Return the page, with every plate in it."""
-    by_name = {plate.name: plate for plate in plates}
-    sections = (
-        _objectives(study),
-        *_design_sections(study, by_name),
-        *_measured_sections(study, by_name),
-        *_person_sections(study, by_name),
-    )
-    curve = study.plan.display.channels[0].threshold.curve
-    introduction = (
-        "The study of IMECE2004-59874, “A two DOF controller for a multi-finger tactual display using a loop-shaping "
-        "technique”, run from its first calibration to speech on three fingers, on a simulated display with friction, "
-        "hum, noise and 16-bit converters.",
-        f"Display: {study.plan.display.name}, {study.plan.display.rate_hz:g} Hz. Threshold curve: {curve.name} "
-        f"({curve.provenance}). Seed: {study.plan.seed}; the same seed gives the same figures.",
-    )
-    return page("The paper, end to end", introduction, sections, f"tactuator {__version__}")
-
-
-def _objectives(study: PaperStudy) -> Section:
-    rows = [
-        (objective.number, objective.outcome.value, objective.words, "; ".join(map(_worded, _worst(objective))))
-        for objective in study.verdict.objectives
-    ]
-    return Section(
-        "The four objectives, and paper against here",
-        ("The paper asks four things of its display (section 2). Here is how this one answers, as measured.",),
-        (Table(("objective", "", "asks", "figures"), rows), Table(("", "paper (2004)", "here"), comparison(study))),
-    )
-
-
-def _design_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
-    judged = study.prefilters
-    lost = study.loop.continuous_margins.phase_margin_deg - study.loop.sampled_margins.phase_margin_deg
-    return (
-        Section(
-            "The person: threshold and objective",
-            (
-                "A sinusoid at threshold is at 0 dB SL. A display whose response follows the threshold curve is felt "
-                f"equally strongly at every frequency; up to {COMFORT_DB_SL:g} dB SL it is comfortable.",
-            ),
-            plates=_some(plates, "fig01", "fig02"),
-        ),
-        Section(
-            "The motor: mechanism, identification, sensor",
-            (
-                "Each motor was driven for one minute with steps, noise and sinusoids; recursive least squares gave a "
-                "second-order model. The sensor was calibrated against a dial gauge with an error of 0.01 mm.",
-                "Against the simulated truth the identified responses err by at most "
-                f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f} dB over 0.4-300 Hz. The "
-                "controllers below are designed for the plants and gains of the display file, so that what "
-                "identification missed is seen here and nowhere else.",
-            ),
-            plates=_some(plates, "fig03", "fig04", "fig05"),
-        ),
-        Section(
-            "The loop and the prefilter",
-            (
-                f"C is the paper's own. Sampled, one period of computing delay takes {lost:.1f}° of its phase margin.",
-                f"The paper's F misses the curve by up to {judged.paper.max_error_db:.1f} dB (at 300 Hz); a prefilter "
-                f"of the same order, fitted here to H/T, by {judged.worst_fitted.max_error_db:.2f} dB.",
-            ),
-            plates=_some(plates, "fig06", "fig07", "prefilter"),
-        ),
-        Section(
-            "The digital implementation",
-            (
-                "Plants are held (zero-order), C is transformed bilinearly, F is fitted on the sampled loop itself. "
-                "The paper chose the lowest rate because coefficients need more resolution at higher ones; sections in "
-                "delta form, which run here, hardly do.",
-            ),
-            plates=_some(plates, "fig08", "resolution"),
-        ),
-    )
-
-
-def _measured_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
-    rubbed = min(
-        point.unpredicted_db for point in study.responses if point.load == UNLOADED and point.frequency_hz <= 20.0
-    )
-    return (
-        Section(
-            "What a resting finger would feel",
-            (
-                "Hum and noise reach the sensor's own spectrum as S n and the fingertip as -T n, so they are judged "
-                "from the command through the motor's model. As the proportional gain rises, hum and the loop's "
-                "resonance rise, and the resonance moves up in frequency.",
-            ),
-            plates=_some(plates, "noise"),
-        ),
-        Section(
-            "The response at 0 to 50 dB SL",
-            (
-                "Stepped sine with lock-in at 23 frequencies, on three channels, without and with a finger.",
-                f"At 0 and 10 dB SL friction takes up to {-rubbed:.2f} dB of the slow motion; the same display without "
-                "friction shows no such loss (summary.json, friction). Under the finger's load the response falls by "
-                f"up to {worst_error_db(study.responses, LOADED, 30.0):.1f} dB, most of it above 20 Hz, where no "
-                "feedback reaches.",
-            ),
-            plates=_some(plates, "fig09", "fig10"),
-        ),
-        Section(
-            "The product's own default",
-            (
-                "The same display, designed as `init` proposes: a prefilter of eight poles, and what a finger takes "
-                "fed forward. It costs 3 dB of the greatest reference and instructions on the board (docs/touch.md).",
-            ),
-            plates=_some(plates, "default", "default-finger"),
-        ),
-    )
-
-
-def _person_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
-    bias, spread = bias_and_spread_db(study.thresholds)
-    speech = study.spoken
-    notes = tuple(f"{speech.file.path.name}: {note}." for note in speech.file.notes)
-    return (
-        Section(
-            "Thresholds, and the new curve",
-            (
-                f"Three simulated observers, on three fingers each, by the paper's procedure: {len(study.thresholds)} "
-                "runs, felt through the display. Estimate minus truth: "
-                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. Of the procedure itself "
-                f"{expected_bias_db(study.plan):+.1f} dB is expected, by runs of these observers without the display.",
-                f"The prefilter reshaped to the new curve follows it within {study.reshaped.max_error_db:.2f} dB.",
-            ),
-            plates=_some(plates, "fig11", "reshaped"),
-        ),
-        Section(
-            "Speech on three fingers",
-            (
-                f"{speech.file.path.name}, {speech.file.duration_s:.1f} s, band-limited to 300 Hz, at "
-                f"{LEVEL_DB_SL:g} dB SL (peak {speech.report.peak_db_sl:.0f} dB SL): felt against asked, "
-                f"{speech.report.worst_rms_db:.2f} dB rms over third-octave bands.",
-                *notes,
-            ),
-            plates=_some(plates, "fig12"),
-        ),
-    )
-
-
-def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
-    return tuple(plates[name] for name in names)
 
 
 def _worst(objective: Objective) -> list[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,22 +15,19 @@ from tactuator.arrays import FloatArray
 from tactuator.measure.adaptive import LANDS_S, LIFTED_S, Landing, landing
 from tactuator.model.controller import Controller
 from tactuator.model.requirements import FeedbackRequirements
+from tactuator.report.chart import panels
 from tactuator.report.felt import equality_plate
 from tactuator.report.nichols import nichols_plate
 from tactuator.report.plate import (
     BLUE,
-    CYCLE,
-    FAINT,
     GREEN,
     INK,
+    LINE_STYLES,
     ORANGE,
     RED,
     Plate,
     figure,
-    frequency_axis,
     labelled,
-    legend,
-    line_style,
     phase_deg,
     save_plates,
     table_of,
@@ -41,27 +38,28 @@ from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
+from tactuator.table import FREQUENCY, Chart, ChartLine
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 
 def bode_plate(systems: Mapping[str, System], band_hz: tuple[float, float]) -> Plate:
     """Draw magnitude (dB) and phase (degrees, continuous) of each system by its label, over band_hz."""
     frequency = np.geomspace(*band_hz, 600)
-    drawing, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)
+    levels, phases = [], []
     table: dict[str, list[float]] = {"frequency_hz": frequency.tolist()}
-    for index, (label, system) in enumerate(systems.items()):
-        response = system.response(frequency)
+    for number, (label, system) in enumerate(systems.items()):
+        response, style = system.response(frequency), LINE_STYLES[number % len(LINE_STYLES)]
         level, phase = db(response), phase_deg(response)
         phase = phase - 360.0 * np.ceil((phase[0] - 180.0) / 360.0)
-        style = {"color": CYCLE[index % len(CYCLE)], "linestyle": line_style(index)}
-        upper.plot(frequency, level, label=label, **style)
-        lower.plot(frequency, phase, **style)
+        levels.append(ChartLine(label, frequency, level, style))
+        phases.append(ChartLine("", frequency, phase, style))
         table[f"{label} dB"], table[f"{label} deg"] = level.tolist(), phase.tolist()
-    upper.set_ylabel("magnitude (dB)", fontsize=9)
-    lower.yaxis.set_major_locator(MultipleLocator(90.0))
-    frequency_axis(lower, *band_hz, "phase (degrees)")
-    legend(upper)
-    return Plate("bode", "Bode diagram", f"Magnitude and phase of {', '.join(systems)}.", drawing, table)
+    charts = [
+        [Chart(FREQUENCY, "magnitude (dB)", levels, True)],
+        [Chart(FREQUENCY, "phase (degrees)", phases, True, y_step=90.0)],
+    ]
+    caption = f"Magnitude and phase of {', '.join(systems)}."
+    return Plate("bode", "Bode diagram", caption, panels(charts, 5.0), table)
 
 
 _LIMIT_COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
@@ -79,56 +77,47 @@ def _lowest(rooms: Mapping[str, Headroom]) -> dict[str, Headroom]:
 
 def headroom_plate(rooms: Mapping[str, Headroom]) -> Plate:
     """Draw the greatest sinusoidal reference (dB SL) against frequency for each load; colour: the limit that binds."""
-    drawing, axes = figure(height_in=3.6)
+    curves, points = [], []
     rows: list[tuple[object, ...]] = []
-    seen: set[str] = set()
-    for index, (load, room) in enumerate(rooms.items()):
-        style = {"color": INK, "linewidth": 0.9, "linestyle": line_style(index), "label": load_words(load)}
-        axes.plot(room.frequency_hz, room.level_db_sl, **style, zorder=2)
+    for number, (load, room) in enumerate(rooms.items()):
+        style = LINE_STYLES[number % len(LINE_STYLES)]
+        curves.append(ChartLine(load_words(load), room.frequency_hz, room.level_db_sl, style, colour=INK, width=0.9))
         for limit, colour in _LIMIT_COLOURS.items():
             bound = np.array(room.binding) == limit
             if np.any(bound):
-                label = None if limit in seen else f"stopped by {limit}"
-                seen.add(limit)
-                points = room.frequency_hz[bound], room.level_db_sl[bound]
-                axes.plot(*points, "o", color=colour, markersize=4, label=label)
+                at = room.frequency_hz[bound], room.level_db_sl[bound]
+                points.append(ChartLine(f"stopped by {limit}", *at, "o", colour=colour))
         rows += labelled((load,), room.frequency_hz, room.level_db_sl, np.array(room.binding))
     lowest = min(float(room.level_db_sl.min()) for room in rooms.values())
-    axes.set_ylim(min(5.0 * np.floor((lowest - 8.0) / 5.0), 40.0), axes.get_ylim()[1] + 1.0)
-    first = next(iter(rooms.values())).frequency_hz
-    frequency_axis(axes, float(first[0]), float(first[-1]), "greatest level (dB SL)")
-    legend(axes, loc="lower left", ncols=2)
+    highest = max(float(room.level_db_sl.max()) for room in rooms.values())
+    ends = (min(5.0 * np.floor((lowest - 8.0) / 5.0), 40.0), highest + 1.0)
+    chart = Chart(FREQUENCY, "greatest level (dB SL)", [*curves, *points], True, y_range=ends)
     caption = (
         "The greatest level of one sinusoid before the mechanism's travel, the command's range or comfort stops it; "
         "the colour of a point says which."
     )
     table = table_of(("load", "frequency_hz", "level_db_sl", "binding"), rows)
-    return Plate("headroom", "Headroom", caption, drawing, table)
+    return Plate("headroom", "Headroom", caption, panels([[chart]], 3.6), table)
 
 
 def landing_plate(shown: Landing) -> Plate:
     """Draw the change of the felt level against time, adaptive over fixed, and the band of 1 dB about none."""
-    drawing, axes = figure(height_in=3.2)
-    axes.axvspan(LANDS_S, LIFTED_S, color=FAINT, alpha=0.3, linewidth=0.0)
-    axes.axhspan(-1.0, 1.0, color=BLUE, alpha=0.08, linewidth=0.0)
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.plot(shown.time_s, shown.fixed_db, color=ORANGE, linewidth=1.2, linestyle="--", label="fixed")
-    axes.plot(shown.time_s, shown.adaptive_db, color=BLUE, linewidth=1.4, label="adaptive")
+    curves = [
+        ChartLine("fixed", shown.time_s, shown.fixed_db, "--", colour=ORANGE),
+        ChartLine("adaptive", shown.time_s, shown.adaptive_db, colour=BLUE),
+    ]
     reach = max(1.5, 1.15 * float(np.max(np.abs([shown.fixed_db, shown.adaptive_db]))))
-    axes.set_ylim(-reach, reach)
-    axes.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
-    axes.annotate("touched", (LANDS_S, -reach), (4, 4), textcoords="offset points", fontsize=8, color=INK)
-    axes.set_xlabel("time (s)", fontsize=9)
-    axes.set_ylabel("change of the felt level (dB)", fontsize=9)
-    legend(axes, loc="upper right")
+    touched = {"touched": (LANDS_S, LIFTED_S)}
+    change = "change of the felt level (dB)"
+    chart = Chart("time (s)", change, curves, targets=(0.0,), tolerance=1.0, stretches=touched, y_range=(-reach, reach))
     adaptive, fixed = (f"{v.min():+.2f} to {v.max():+.2f} dB" for v in (shown.adaptive_db, shown.fixed_db))
     caption = (
         f"Felt level of {shown.channel} in windows of 0.1 s, against the same run free, while the load {shown.load!r} "
         f"lands and is lifted (grey): five tones at 30 dB SL on the simulated display with hum, noise, friction and "
-        f"converters. Adaptive: {adaptive}; fixed: {fixed}. Shaded: within 1 dB."
+        f"converters. Adaptive: {adaptive}; fixed: {fixed}."
     )
     table = {name: getattr(shown, name).tolist() for name in ("time_s", "adaptive_db", "fixed_db")}
-    return Plate("landing", "A finger lands", caption, drawing, table)
+    return Plate("landing", "A finger lands", caption, panels([[chart]], 3.2), table)
 
 
 def sensitivity_plate(
@@ -139,44 +128,39 @@ def sensitivity_plate(
     loops: by the name of their plant; the models of one load are one envelope around its nominal line.
     """
     frequency = np.geomspace(*band_hz, 600)
-    drawing, axes = figure(height_in=4.2)
-    by_load = _by_load(list(loops))
+    by_load, lines = _by_load(list(loops)), []
     table: dict[str, list[float]] = {"frequency_hz": frequency.tolist()}
-    for index, (load, names) in enumerate(by_load.items()):
+    for number, (load, names) in enumerate(by_load.items()):
         curves = (("S", BLUE, FeedbackLoop.sensitivity), ("T", RED, FeedbackLoop.complementary))
         for symbol, colour, response in curves:
             levels = np.array([db(response(loops[name], frequency)) for name in names])
-            label = f"|{symbol}|, {load_words(load)}"
-            axes.plot(frequency, levels[0], color=colour, linestyle=line_style(index), label=label)
+            low, high = levels.min(axis=0), levels.max(axis=0)
+            around = (levels[0] - low, high - levels[0]) if len(names) > 1 else None
+            label, style = f"|{symbol}|, {load_words(load)}", LINE_STYLES[number % len(LINE_STYLES)]
+            lines.append(ChartLine(label, frequency, levels[0], style, around, colour=colour))
             table[f"{symbol} {load} dB"] = levels[0].tolist()
             if len(names) > 1:
-                low, high = levels.min(axis=0), levels.max(axis=0)
-                axes.fill_between(frequency, low, high, color=colour, alpha=0.18, linewidth=0.0, zorder=1)
                 table |= {f"{symbol} {load} least dB": low.tolist(), f"{symbol} {load} greatest dB": high.tolist()}
-    axes.axhline(0.0, color=INK, linewidth=0.7)
-    _limits(axes, requirements)
-    frequency_axis(axes, *band_hz, "magnitude (dB)")
-    axes.set_ylim(bottom=max(axes.get_ylim()[0], -60.0))
-    legend(axes, loc="lower center", ncols=2)
+    lowest = max(-60.0, min(float(np.min(line.y)) for line in lines) - 3.0)
+    peak = requirements.sensitivity_peak
+    limits = {} if peak is None else {"limit of |S|": float(db(peak))}
+    bars = list(_bars(requirements))
+    chart = Chart(FREQUENCY, "magnitude (dB)", [*lines, *bars], True, limits=limits, y_range=(lowest, None))
     caption = "Sensitivity S and complementary sensitivity T; bars: the limits of the display file, to stay below."
     if len(loops) > len(by_load):
         caption += " Shaded: every model of the family."
-    return Plate("sensitivity", "Sensitivity", caption, drawing, table)
+    return Plate("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
 
 
-def _limits(axes: Axes, requirements: FeedbackRequirements) -> None:
-    bars = [
+def _bars(requirements: FeedbackRequirements) -> Iterator[ChartLine]:
+    """Yield a short bar at each frequency of which the display file limits |S| or |T|."""
+    bars = (
         *zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True),
         *zip(requirements.mains_hz, requirements.mains_max_db, strict=True),
-    ]
+    )
     for frequency, limit in bars:
-        ends = [frequency / 1.12, frequency * 1.12]
-        axes.plot(ends, [limit, limit], color=ORANGE, linewidth=3.0, solid_capstyle="butt")
-    if requirements.sensitivity_peak is not None:
-        level = float(db(requirements.sensitivity_peak))
-        axes.axhline(level, color=ORANGE, linewidth=1.0, linestyle="--", label="limits")
-    elif bars:
-        axes.plot([], [], color=ORANGE, linewidth=3.0, label="limits")
+        ends = np.array([frequency / 1.12, frequency * 1.12])
+        yield ChartLine("limits", ends, np.full(2, limit), colour=ORANGE, width=3.0)
 
 
 def prefilter_plate(errors: Mapping[str, tuple[FloatArray, FloatArray]], tolerance_db: float) -> Plate:
@@ -184,21 +168,16 @@ def prefilter_plate(errors: Mapping[str, tuple[FloatArray, FloatArray]], toleran
 
     errors: by name, frequency_hz (n,) and the error there, dB (n,).
     """
-    drawing, axes = figure(height_in=3.4)
-    low = min(float(frequency.min()) for frequency, _ in errors.values())
-    high = max(float(frequency.max()) for frequency, _ in errors.values())
-    axes.axhspan(-tolerance_db, tolerance_db, color=FAINT, alpha=0.3, linewidth=0)
-    axes.axhline(0.0, color=INK, linewidth=0.6)
+    curves = []
     rows: list[tuple[object, ...]] = []
-    for colour, (label, (frequency, error)) in zip(CYCLE, errors.items(), strict=False):
+    for label, (frequency, error) in errors.items():
         worst = float(np.max(np.abs(error)))
-        axes.plot(frequency, error, color=colour, linewidth=1.3, label=f"{label}: at most {worst:.2f} dB")
+        curves.append(ChartLine(f"{label}: at most {worst:.2f} dB", frequency, error))
         rows += labelled((label,), frequency, error)
-    frequency_axis(axes, low, high, "|H| less curve (dB)")
-    legend(axes, loc="lower left")
-    caption = f"Error of the response against the threshold curve; the band is the tolerance of ±{tolerance_db:g} dB."
+    chart = Chart(FREQUENCY, "|H| less curve (dB)", curves, True, (0.0,), tolerance_db)
+    caption = f"Error of the response against the threshold curve, and the tolerance of ±{tolerance_db:g} dB."
     table = table_of(("prefilter", "frequency_hz", "error_db"), rows)
-    return Plate("prefilter", "Prefilters against the curve", caption, drawing, table)
+    return Plate("prefilter", "Prefilters against the curve", caption, panels([[chart]], 3.4), table)
 
 
 _WORDS = {"direct": "one direct form", "sections": "second-order sections", "delta": "delta sections"}

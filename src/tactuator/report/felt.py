@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.ticker import FixedLocator
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -18,6 +19,7 @@ from tactuator.measure.felt import HEARD_DB_SL, LONG_FRAME_S, SHORT_FRAME_S, Fel
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
+from tactuator.report.chart import panels
 from tactuator.report.plate import (
     BLUE,
     CYCLE,
@@ -33,34 +35,30 @@ from tactuator.report.plate import (
     table_of,
 )
 from tactuator.signals.decibels import db
+from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
 def felt_plate(report: FeltReport, what: str) -> Plate:
     """Draw a panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
-    fingers = report.fingers
-    drawing, grid = figure(2, len(fingers), 4.2, sharex=True, sharey="row", squeeze=False, height_ratios=(2.2, 1.0))
-    for (upper, lower), finger in zip(grid.T, fingers, strict=True):
-        upper.step(finger.centre_hz, finger.asked_db_sl, where="mid", color=BLUE, linewidth=1.4, label="asked")
-        upper.plot(finger.centre_hz, finger.felt_db_sl, "o", color=RED, markersize=3, fillstyle="none", label="felt")
-        upper.axhline(0.0, color=INK, linewidth=0.8, linestyle="--")
-        upper.set_title(finger.finger, fontsize=9)
-        lower.plot(finger.centre_hz, finger.difference_db, "o", color=RED, markersize=3)
-        lower.axhline(0.0, color=INK, linewidth=0.6)
-        for axes in (upper, lower):
-            low, high = float(finger.centre_hz[0]), float(finger.centre_hz[-1])
-            frequency_axis(axes, low / 1.2, high * 1.2, label=axes is lower)
-            axes.set_xticks([2.0, 10.0, 50.0, 200.0], ["2", "10", "50", "200"])
+    fingers, names = report.fingers, ("band level (dB SL)", "felt − asked (dB)")
     loudest = max(float(np.max(finger.asked_db_sl)) for finger in fingers)
-    grid[0, 0].set_ylim(-20.0, loudest + 8.0)
     reach = max(1.0, 1.15 * max(float(np.nanmax(np.abs(finger.difference_db))) for finger in fingers))
-    grid[1, 0].set_ylim(-reach, reach)
-    grid[0, 0].set_ylabel("band level (dB SL)", fontsize=9)
-    grid[1, 0].set_ylabel("felt − asked (dB)", fontsize=9)
-    legend(grid[0, -1], fontsize=7, loc="upper left")
+    upper, lower = [], []
+    for finger in fingers:
+        hertz = finger.centre_hz
+        curves = [
+            ChartLine("asked", hertz, finger.asked_db_sl, colour=BLUE),
+            ChartLine("felt", hertz, finger.felt_db_sl, "o", colour=RED),
+        ]
+        of: dict[str, Any] = {"limits": {"threshold": 0.0}, "y_range": (-20.0, loudest + 8.0), "title": finger.finger}
+        upper.append(Chart(FREQUENCY, names[0], curves, True, **of))
+        difference = [ChartLine("", hertz, finger.difference_db, "o", colour=RED)]
+        lower.append(Chart(FREQUENCY, names[1], difference, True, (0.0,), y_range=(-reach, reach)))
     caption = (
         f"{what}: levels asked for and felt in third-octave bands over the whole utterance, and their difference where "
         f"{HEARD_DB_SL:g} dB SL or more was asked for; rms {report.worst_rms_db:.2f} dB on the worst finger."
     )
+    drawing = panels([upper, lower], 4.2, (2.2, 1.0))
     return Plate("fig12", "Speech, asked and felt", caption, drawing, _band_levels_table(report))
 
 
@@ -83,31 +81,23 @@ def equality_plate(
         f"sensitivity (dB, the threshold curve “{channel.threshold.curve.name}” — "
         f"{channel.threshold.curve.provenance} — upside down) is felt at {level_db_sl:g} dB SL within {worst:.2f} dB."
     )
-    drawing, axes = figure(1, 3, height_in=2.8)
-    low, high = float(frequency_hz[0]), float(frequency_hz[-1])
-    panels = (
+    reach = 0.5 * max(float(np.ptp(displacement)), float(np.ptp(sensitivity))) + 6.0
+    centres = [0.5 * float(values.max() + values.min()) for values in (displacement, sensitivity)]
+    ends = [*((centre - reach, centre + reach) for centre in centres), (-8.0, level_db_sl + 12.0)]
+    drawn = (
         (displacement, BLUE, "displacement", "dB re 1 µm"),
-        (sensitivity, GREEN, "sensitivity", "dB re 1/µm"),
-        (felt, RED, "felt level", "dB SL"),
+        (sensitivity, GREEN, "+ sensitivity", "dB re 1/µm"),
+        (felt, RED, "= felt level", "dB SL"),
     )
-    decades = [tick for tick in (0.1, 1.0, 10.0, 100.0, 1000.0) if low <= tick <= high]
-    for panel, (values, colour, words, unit) in zip(axes, panels, strict=True):
-        panel.plot(frequency_hz, values, color=colour, linewidth=1.8)
-        frequency_axis(panel, low, high)
-        panel.xaxis.set_major_locator(FixedLocator(decades))
-        panel.set_title(words, fontsize=9)
-        panel.set_ylabel(unit, fontsize=8)
-    axes[2].axhline(0.0, color=INK, linewidth=1.0, linestyle="--")
-    axes[2].set_ylim(-8.0, level_db_sl + 12.0)
-    axes[2].text(np.sqrt(low * high), 1.0, "0 dB SL", fontsize=8, ha="center", va="bottom", color=INK)
-    span = 0.5 * max(float(np.ptp(displacement)), float(np.ptp(sensitivity))) + 6.0
-    for panel, values, sign in ((axes[0], displacement, "+"), (axes[1], sensitivity, "=")):
-        centre = 0.5 * float(values.max() + values.min())
-        panel.set_ylim(centre - span, centre + span)
-        panel.text(1.2, 1.0, sign, transform=panel.transAxes, fontsize=15, ha="center", va="bottom", color=INK)
+    charts = [
+        Chart(FREQUENCY, unit, [ChartLine("", frequency_hz, values, colour=colour, width=1.8)], True, y_range=pair,
+              title=words)
+        for (values, colour, words, unit), pair in zip(drawn, ends, strict=True)
+    ]  # fmt: skip
+    charts[2] = replace(charts[2], limits={"threshold, 0 dB SL": 0.0})
     names = ("frequency_hz", "displacement_db_re_1um", "sensitivity_db", "felt_db_sl")
     table = table_of(names, labelled((), frequency_hz, displacement, sensitivity, felt))
-    return Plate(name, "Response + sensitivity = constant", caption, drawing, table)
+    return Plate(name, "Response + sensitivity = constant", caption, panels([charts], 2.8), table)
 
 
 _MARKERS = "os^Dv<>"
@@ -194,22 +184,20 @@ def threshold_plate(curve: ThresholdCurve) -> Plate:
     low, high = float(curve.frequency_hz[0]), float(curve.frequency_hz[-1])
     frequency = np.geomspace(low, high, 400)
     level = curve.level_db_re_1um_at(frequency)
-    drawing, axes = figure(height_in=3.6)
-    axes.fill_between(frequency, level, level + COMFORT_DB_SL, color=ORANGE, alpha=0.14, linewidth=0)
-    axes.plot(frequency, level, color=BLUE, linewidth=1.8)
-    axes.plot(frequency, level + COMFORT_DB_SL, color=ORANGE, linewidth=1.0, linestyle="--")
-    axes.plot(curve.frequency_hz, curve.level_db_re_1um, "o", color=BLUE, markersize=3.5)
-    middle = np.sqrt(low * high)
-    at = float(curve.level_db_re_1um_at(middle))
-    axes.annotate("threshold, 0 dB SL", (middle, at), (0, -14), textcoords="offset points", fontsize=8, ha="right")
-    axes.text(middle, at + COMFORT_DB_SL + 1.5, f"comfort, {COMFORT_DB_SL:g} dB SL", fontsize=8, color=INK)
-    frequency_axis(axes, low, high, "peak displacement (dB re 1 µm)")
+    comfortable = (np.full(level.size, COMFORT_DB_SL), np.zeros(level.size))
+    comfort = level + COMFORT_DB_SL
+    curves = [
+        ChartLine("threshold, 0 dB SL", frequency, level, colour=BLUE, width=1.8),
+        ChartLine(f"comfort, {COMFORT_DB_SL:g} dB SL", frequency, comfort, "--", comfortable, colour=ORANGE),
+        ChartLine("the curve's own points", curve.frequency_hz, curve.level_db_re_1um, "o", colour=BLUE),
+    ]
+    chart = Chart(FREQUENCY, "peak displacement (dB re 1 µm)", curves, True)
     caption = (
         f"Human detection threshold, curve “{curve.name}” ({curve.provenance}: {curve.source}), and the range of "
         f"comfortable levels above it. Points: the curve's own; lines: linear in dB over log frequency."
     )
     table = {"frequency_hz": curve.frequency_hz.tolist(), "level_db_re_1um": curve.level_db_re_1um.tolist()}
-    return Plate("fig01", "Human detection threshold", caption, drawing, table)
+    return Plate("fig01", "Human detection threshold", caption, panels([[chart]], 3.6), table)
 
 
 _COLUMNS = 3
@@ -310,8 +298,8 @@ def spectrogram_plate(report: FeltReport, what: str) -> Plate:
         (levels, grid[:, :2], 0.6, 40, "level in a third octave (dB SL)"),
         (difference, grid[:, 2], 0.9, 20, "difference (dB)"),
     )
-    for scale, panels, shrink, aspect, words in bars:
-        bar = drawing.colorbar(scale, ax=panels, location="bottom", shrink=shrink, aspect=aspect)
+    for scale, beside, shrink, aspect, words in bars:
+        bar = drawing.colorbar(scale, ax=beside, location="bottom", shrink=shrink, aspect=aspect)
         bar.set_label(words, fontsize=8)
         bar.ax.tick_params(labelsize=8)
     caption = (

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -34,35 +36,24 @@ def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, 
     """Return the page as Markdown."""
     controller = calibrated.controller
     display = controller.display
-    outcome = "within" if calibrated.flat else "NOT within"
-    felt = "felt levels are" if len(calibrated.channels) > 1 else "the felt level is"
-    lines = [
-        f"# {display.name}: calibration without loop",
-        "",
-        f"tactuator {__version__}, {date}, on `{rig}` at {display.rate_hz:g} Hz. "
-        f"Controller {controller.content_hash[:12]}. "
-        f"By its own sensor {felt} {outcome} ±{display.objectives.flatness_db:g} dB over the usable band.",
-        "",
-        *(line for channel in calibrated.channels for line in _channel(channel, controller, asked)),
-        "## How it was found",
-        "",
-        "Each channel was driven with a broadband periodic command (4 s; lines from half the lower to 1.6 times the "
-        f"upper frequency asked, {asked.band_hz[0]:g} to {asked.band_hz[1]:g} Hz; amplitudes as 1/f), raised until 19 "
-        "of 20 lines stood 30 dB above the noise. A model was fitted to five periods and held against two of another "
-        f"command. The usable band is that in which a tone of {asked.level_db_sl:g} dB SL needs at most 0.9 of the "
-        "range and of the travel. The equaliser was verified at the sensor with tones of that level, several at a "
-        "time, of which the loudest alone, against the threshold curve; an equaliser that erred by more than 0.7 of "
-        "the tolerance was corrected by that and verified anew. "
-        + (f"The card told of {gaps} gaps; every run with one was repeated." if gaps else "The card told of no gap."),
-        "",
-        "## What the figures do not hold",
-        "",
-        "They are as true as the sensor's calibration and the curve. They hold for the actuator as it stood; a finger "
-        "that touches it is a load, under which it has to be measured again. Tones of other levels are felt as flat as "
-        "the actuator is linear.",
-        "",
-    ]
-    return "\n".join(lines)
+    template = Template(files("tactuator.report").joinpath("open_loop.md").read_text("utf-8"))
+    told = f"The card told of {gaps} gaps; every run with one was repeated." if gaps else "The card told of no gap."
+    return template.substitute(
+        display=display.name,
+        version=__version__,
+        date=date,
+        rig=rig,
+        rate_hz=f"{display.rate_hz:g}",
+        controller=controller.content_hash[:12],
+        felt="felt levels are" if len(calibrated.channels) > 1 else "the felt level is",
+        outcome="within" if calibrated.flat else "NOT within",
+        flatness_db=f"{display.objectives.flatness_db:g}",
+        channels="\n".join(line for channel in calibrated.channels for line in _channel(channel, controller, asked)),
+        low_hz=f"{asked.band_hz[0]:g}",
+        high_hz=f"{asked.band_hz[1]:g}",
+        level_db_sl=f"{asked.level_db_sl:g}",
+        gaps=told,
+    )
 
 
 def _channel(calibrated: CalibratedChannel, controller: Controller, asked: CalibrationRequest) -> list[str]:

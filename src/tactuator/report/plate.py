@@ -29,7 +29,8 @@ CYCLE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 """Okabe and Ito's palette."""
 
 WIDTH_IN = 6.4
-_TICKS_HZ = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
+_DECADES_HZ = (0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)
+_TICKS_HZ = sorted(factor * decade for factor in (1, 2, 5) for decade in _DECADES_HZ)
 
 
 def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: Any) -> tuple[Figure, Any]:
@@ -49,9 +50,8 @@ def house(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def line_style(index: int) -> str:
-    """Return the line style of the curve of that number."""
-    return ("-", "--", "-.", ":")[index % 4]
+LINE_STYLES = ("-", "--", "-.", ":")
+"""Styles of curves in turn."""
 
 
 def phase_deg(response: ComplexArray) -> FloatArray:
@@ -59,11 +59,14 @@ def phase_deg(response: ComplexArray) -> FloatArray:
     return np.degrees(np.unwrap(np.angle(response)))
 
 
-def frequency_axis(axes: Axes, low_hz: float, high_hz: float, y_label: str = "", label: bool = True) -> None:
-    """Set a logarithmic frequency axis from low to high, marked 1-2-5 in plain numbers, and the label of the other."""
+def frequency_axis(axes: Axes, low_hz: float, high_hz: float, y_label: str = "", *, label: bool = True,
+                   decades: bool = False) -> None:  # fmt: skip
+    """Set a logarithmic frequency axis from low to high, marked 1-2-5 (or at decades) in plain numbers, and the label
+    of the other.
+    """
     axes.set_xscale("log")
     axes.set_xlim(low_hz, high_hz)
-    ticks: Sequence[float] = [tick for tick in _TICKS_HZ if low_hz <= tick <= high_hz]
+    ticks: Sequence[float] = [tick for tick in (_DECADES_HZ if decades else _TICKS_HZ) if low_hz <= tick <= high_hz]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -80,19 +83,20 @@ def legend(axes: Axes, **keywords: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """A figure with its name and table. name: file name without ending. table: columns of equal length, name (with
-    unit) to values. simulated: nobody felt what it shows, which figure and table say themselves.
+    """A figure with its name and table. name: file name without ending. figure: a drawing, or the SVG of a diagram.
+    table: columns of equal length, name (with unit) to values. simulated: nobody felt what it shows, which figure and
+    table say themselves.
     """
 
     name: str
     title: str
     caption: str
-    figure: Figure
+    figure: Figure | str
     table: Mapping[str, Sequence[object]]
     simulated: bool = False
 
     def __post_init__(self) -> None:
-        if self.simulated:
+        if self.simulated and isinstance(self.figure, Figure):
             self.figure.suptitle(NOBODY_FELT_IT, fontsize=9, color=RED)
             rows = max((len(column) for column in self.table.values()), default=0)
             object.__setattr__(self, "table", {**self.table, "simulated": ["simulated"] * rows})
@@ -105,7 +109,7 @@ class Plate:
 
         It is drawn the first time that it is asked for, and once: `savefig` would draw it twice, to lay it out first.
         """
-        return self._drawn
+        return self.figure if isinstance(self.figure, str) else self._drawn
 
     @cached_property
     def _drawn(self) -> str:
