@@ -146,16 +146,11 @@ def path_plate(fit: Identification, path: FloatArray) -> Plate:
     """Draw the path (blocks, k) that a recursion's parameters take along the record, each over its last value."""
     names = [f"b{k}" for k in reversed(range(fit.model.num.size))] + [f"a{k}" for k in reversed(range(fit.order))]
     time = np.arange(1.0, path.shape[0] + 1.0) * float(fit.model.record["duration_s"]) / path.shape[0]
-    drawing, axes = figure(1, 1, height_in=2.8)
-    for name, values, colour in zip(names, path.T, CYCLE, strict=False):
-        axes.plot(time, values / values[-1], color=colour, label=name)
-    axes.set_ylim(0.0, 2.0)
-    axes.set_xlabel("time (s)", fontsize=9)
-    axes.set_ylabel("parameter over its last value", fontsize=9)
-    legend(axes, loc="upper right")
+    curves = [ChartLine(name, time, values / values[-1]) for name, values in zip(names, path.T, strict=False)]
+    chart = Chart("time (s)", "parameter over its last value", curves, y_range=(0.0, 2.0))
     caption = "Parameters of the recursion along the record: numerator b, denominator a (monic), by powers of s."
     table = table_of(("time_s", *names), np.column_stack([time, path]).tolist())
-    return Plate("recursion", "Path of the recursion", caption, drawing, table)
+    return Plate("recursion", "Path of the recursion", caption, panels([[chart]], 2.8), table)
 
 
 def motor_plate(
