@@ -52,7 +52,7 @@ def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
         residuals.append(ChartLine("", fit.displacement_mm, 1e3 * fit.residual_v, "o", colour=number))
         if fit.refused:
             refused = np.array([(pair.displacement_mm, pair.voltage_v) for pair in fit.refused]).T
-            pairs.append(ChartLine("refused", *refused, "x", colour=INK))
+            pairs.append(ChartLine("refused", refused[0], refused[1], "x", colour=INK))
         rows += labelled((channel,), fit.displacement_mm, fit.voltage_v, fit.residual_v)
     x_label = "displacement at the fingerpad interface (mm)"
     charts = [[Chart(x_label, "sensor (V)", [*lines, *pairs])], [Chart(x_label, "residual (mV)", residuals)]]
@@ -85,7 +85,9 @@ def identification_plate(fit: Identification) -> Plate:
             ("distortion, even lines", lines.even[inside], ":", GREEN),
         ]
         if np.isfinite(least):
-            errors = [(label, np.where(part > least, part, np.nan), *how) for label, part, *how in errors]
+            errors = [
+                (label, np.where(part > least, part, np.nan), style, colour) for label, part, style, colour in errors
+            ]
     beside = np.degrees(np.angle(seen / fit.model.response(seen_hz)))
     unit = f"{fit.model.position_unit or 'unit'}/{fit.model.command_unit or 'unit'}"
     magnitudes = [
@@ -193,11 +195,11 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) ->
         bands.append(ChartLine(label, heard.band_hz, heard.band_db_sl, colour=colour, width=width))
         lines.append(ChartLine("", heard.line_hz, heard.line_db_sl, "o-", colour=colour, width=width))
         if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
-            resonance = np.array([[heard.resonance_hz], [heard.resonance_db_sl]])
-            bands.append(ChartLine("", *resonance, "v", colour=colour))
+            resonance = ([heard.resonance_hz], [heard.resonance_db_sl])
+            bands.append(ChartLine("", resonance[0], resonance[1], "v", colour=colour))
         rows += labelled((name, "line"), heard.line_hz, heard.line_db_sl)
         rows += labelled((name, "third octave"), heard.band_hz, heard.band_db_sl)
-    of = {"limits": {"threshold": 0.0}}
+    of: dict[str, Any] = {"limits": {"threshold": 0.0}}
     charts = [
         Chart(FREQUENCY, "felt level (dB SL)", bands, log_x=True, title="third octaves", **of),
         Chart(FREQUENCY, "felt level (dB SL)", lines, title="mains lines", **of),

@@ -109,10 +109,12 @@ class Plate:
 
         It is drawn the first time that it is asked for, and once: `savefig` would draw it twice, to lay it out first.
         """
-        return self.figure if isinstance(self.figure, str) else self._drawn
+        return self._drawn
 
     @cached_property
     def _drawn(self) -> str:
+        if isinstance(self.figure, str):
+            return self.figure
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}), io.StringIO() as stream:
             about = {"Date": None, "Creator": "tactuator", **({"Title": NOBODY_FELT_IT} if self.simulated else {})}
             FigureCanvasSVG(self.figure).print_svg(stream, metadata=about)  # type: ignore[no-untyped-call]
