@@ -82,14 +82,14 @@ def test_visit__open_at_two_stations__is_stored_once(postgres) -> None:
     with closing(Store(place)) as one, closing(Store(place)) as two, start_blocking_portal() as server:
         lab = Lab(opened_study(two, clock))
         row = lab.sessions[0]
-        server.call(lab.presented, row)
+        server.call(lab.session, row)
         first = begin(one, clock, trials=3)
-        second = server.call(lab.presented, row)  # as it was before
-        second.session.give_consent()
+        second = server.call(lab.session, row)  # as it was before
+        second.give_consent()
         with pytest.raises(BadInput, match="the visit of subject S1 goes on at another station"):
             second.present(lambda interval, begins: None)
         server.call(lab.catch_up, row)
-        second = server.call(lab.presented, row)
+        second = server.call(lab.session, row)
         assert [answer_one(at, clock) for at in (second, second)] == [(1, 1), (1, 2)]
         with pytest.raises(StoreFault, match="another station has gone on with this visit"):
             answer_one(first, clock)

@@ -7,7 +7,6 @@ from itertools import pairwise
 import pytest
 from sqlalchemy import select
 
-from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
@@ -145,7 +144,7 @@ def test_time_left__whatever_the_rests__falls_with_every_run(make) -> None:
     lab = make()
     presented = lab.study.session(lab.sessions[0])
     presented.give_consent()
-    at, left = PresentedSession(presented), []
+    at, left = presented, []
     while presented.stage != "done":
         if presented.stage == "break":
             presented.end_break()
@@ -258,7 +257,7 @@ def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> 
         for _ in range(2):
             stands = until(socket, "answer-now")
             answer(socket, stands, lab.opened(1).pending[0].trial.correct)
-        session = lab.opened(1).session
+        session = lab.opened(1)
     assert [one.state for one in session.tally][:1] == ["done"]
     query = select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
     assert rows_of(lab.store, query) == [(0, "restarted"), (1, "done")]
@@ -276,7 +275,7 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
         with joined(client, "operator") as operator:
             operator.send_json({"type": "give-up-run"})
             now = until(socket, "stage")
-        session = lab.opened(1).session
+        session = lab.opened(1)
     assert (now["stage"], now["introduction"]) == ("trial", "")
     assert (session.held, session.upcoming.position) == (None, 1)
 
@@ -368,7 +367,7 @@ def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_ag
         until(socket, "interval")
         early = {"type": "answer", "run": 1, "number": 0, "response": "1"}
         socket.send_json(early)
-        assert "before its last interval had ended" in until(socket, "refused")["message"]
+        assert "before the interval ended" in until(socket, "refused")["message"]
         assert response_count(lab) == 0
         socket.send_json(early)
         assert until(socket, "ack")["number"] == 0
@@ -381,7 +380,7 @@ def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(cl
         rested = []
         monkeypatch.setattr(lab.apparatus.rig, "rest", lambda: rested.append(1))
         with monkeypatch.context() as patched:
-            patched.setattr(presented.session, "answer", lambda *these: 1 / 0)
+            patched.setattr(presented, "answer", lambda *these: 1 / 0)
             socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
             until(socket, "fault")
         assert (rested, lab.paused) == ([], False)

@@ -31,9 +31,9 @@ from rich.table import Table
 from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store.store import Store
 from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig

@@ -22,10 +22,10 @@ from tactuator.arrays import FloatArray
 from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.strength_results import contour_results
-from tactuator.experiment.session.judging_task import JudgingTask
-from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.session.tone_task import JudgingTask
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
@@ -101,7 +101,7 @@ def contours_of(
     task = JudgingTask(protocol, Apparatus(rig, controller, "simulated"))
     study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
     sitter = Sitter(person, rig, display)
-    run_session(PresentedSession(open_session(study, "S1")), sitter)
+    run_session(open_session(study, "S1"), sitter)
     store.close()
     results = contour_results(folder / "lab.db")
     found = results.people[0].estimate

@@ -19,10 +19,10 @@ from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result import information as estimates
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult, information_table, recognition_results
 from tactuator.experiment.result.information import Information
-from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
-from tactuator.experiment.session.session import Acknowledged, NextTrial
+from tactuator.experiment.session.respondent import Respondent, run_session
+from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
-from tactuator.experiment.session.task import SessionTask, SystemClock
+from tactuator.experiment.session.task import NextTrial, SessionTask, SystemClock
 from tactuator.experiment.simulated.sitting import ErringRespondent
 from tactuator.experiment.store.records import Sitting
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
@@ -73,9 +73,9 @@ def recognise(
         with opened_store(store) as database:
             study = open_study(database, task, text, SystemClock(), fresh_token, beside=folder)
             sitting = Sitting("person" if scripted is None else "script")
-            presented = PresentedSession(open_session(study, code, sitting=sitting))
-            with working(code, sum(run.trials or 0 for run in presented.session.runs)) as step:
-                trials = run_session(presented, scripted or _terminal(task), lambda session: step(session.trials))
+            session = open_session(study, code, sitting=sitting)
+            with working(code, sum(run.trials or 0 for run in session.runs)) as step:
+                trials = run_session(session, scripted or _terminal(task), lambda session: step(session.trials))
             simulated = scripted is not None or place.simulated
     return AnsweredResult(code, trials, store, simulated)
 

@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.result.strength_results import ContourResults, contour_results, person_document
 from tactuator.experiment.store.records import study_names
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import answered_runs, task_keys
+from tactuator.experiment.store.stored_runs import answered_runs, stored_tasks
 from tactuator.experiment.task.matching import law_table, pairs_table
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
@@ -176,7 +176,7 @@ def judged(
     """
     words = shipped_words("en")
     with closing(Store(Path(store), must_exist=True)) as opened:
-        kinds = {keys.kind: keys for keys in task_keys(opened)}
+        kinds = {keys.kind: keys for keys in stored_tasks(opened)}
         if not kinds:
             with opened.read() as connection:
                 got = f"the store holds {', '.join(study_names(connection)) or 'no study'}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -14,7 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.parameters import Number, Positive, Seconds, Whole, table
-from tactuator.perception.curve import Level
+from tactuator.perception.curve import COMFORT_DB_SL, Level
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
 
@@ -126,12 +127,49 @@ class Marks:
 
 
 @dataclass(frozen=True)
+class Tone:
+    """A tone of an interval. role: what it is for (standard, comparison ...), without a colon.
+
+    level_db_sl: -inf for silence. onset_s: from the interval's beginning. duration_s: None as the protocol's [timing]
+    has it. measured_db_sl: at the sensor, None where that is unknown. Raises BadInput for a level above comfort.
+    """
+
+    role: str
+    finger: str
+    frequency_hz: float
+    level_db_sl: float
+    onset_s: float = 0.0
+    duration_s: float | None = None
+    measured_db_sl: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.level_db_sl > COMFORT_DB_SL + 1e-9:
+            raise BadInput(f"tone of {self.level_db_sl:g} dB SL", f"{COMFORT_DB_SL:g} at most")
+
+    @property
+    def label(self) -> str:
+        """Role, finger and frequency as the store has them of an interval with this one tone."""
+        return f"{self.role}:{self.finger}:{self.frequency_hz:.10g}"
+
+    def lasts_s(self, timing: Timing) -> float:
+        """Return its duration."""
+        return timing.duration_s(self.frequency_hz) if self.duration_s is None else self.duration_s
+
+    def ramp_s(self, timing: Timing) -> float:
+        """Return the duration of its ramps, in proportion to the tone where that is shorter than an interval."""
+        usual_s = timing.duration_s(self.frequency_hz)
+        return timing.ramp_at_s(self.frequency_hz) * min(1.0, self.lasts_s(timing) / usual_s)
+
+
+@dataclass(frozen=True)
 class Trial:
     """One trial of a run.
 
     number: counted from 0 in its run. stimuli: one label for each interval, as in the store's stimulus table.
-    responses: the allowed ones, in the order in which they are offered. correct: the right one. placement: where an
-    adaptive procedure put the trial, None elsewhere. Raises BadInput where the right response is not an allowed one.
+    responses: the allowed ones, in the order in which they are offered; none: any positive number is allowed. correct:
+    the right response; where none is right, the one that counts as yes, or "" of a number. placement: where an adaptive
+    procedure put the trial, None elsewhere. tones: of each interval, where tones are played. Raises BadInput where the
+    right response is not an allowed one.
     """
 
     number: int
@@ -139,16 +177,44 @@ class Trial:
     responses: tuple[str, ...]
     correct: str
     placement: Placement | None = None
+    tones: tuple[tuple[Tone, ...], ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        number: int,
+        tones: Sequence[Sequence[Tone]],
+        responses: tuple[str, ...],
+        correct: str,
+        placement: Placement | None = None,
+    ) -> Trial:
+        """Return a trial with those tones in each interval, labelled as the store has them."""
+        labels = tuple("+".join(tone.label for tone in interval) for interval in tones)
+        return cls(number, labels, responses, correct, placement, tuple(tuple(interval) for interval in tones))
 
     def __post_init__(self) -> None:
-        if self.correct not in self.responses:
+        if self.correct not in (self.responses or ("",)):
             raise BadInput(f"trial: correct response {self.correct!r}", f"{', '.join(self.responses)}")
 
     def judge(self, response: str) -> bool:
-        """Return whether the response is right. Raises BadInput if it is not among the allowed ones."""
+        """Return whether the response is the one that `correct` names. Raises BadInput if it is not allowed."""
+        if not self.responses:
+            number_of(response)
+            return False
         if response not in self.responses:
             raise BadInput(f"response {response!r}", f"{', '.join(self.responses)}")
         return response == self.correct
+
+
+def number_of(response: str) -> float:
+    """Return the number that was answered. Raises BadInput for what is not one above zero."""
+    try:
+        number = float(response.replace(",", "."))
+    except ValueError:
+        number = math.nan
+    if not (number > 0.0 and math.isfinite(number)):
+        raise BadInput(f"response {response!r}", "a number above 0")
+    return number
 
 
 @dataclass(frozen=True)
@@ -208,16 +274,22 @@ class ForcedChoice:
             return (FELT, NOT_FELT)
         return tuple(str(1 + interval) for interval in range(self.intervals))
 
-    def trial(self, number: int, placement: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
+    def trial(self, number: int, finger: str, at: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
         """Return the trial of that number; the interval with the tone depends on the seed and the number alone.
 
-        label: of the interval that is asked for; with BLANK nothing is played in any interval.
+        at: with its frequency. label: of the interval that is asked for; with BLANK nothing is played in any interval.
         """
-        if self.yes_no:
-            return Trial(number, (label,), self.responses, NOT_FELT if label == BLANK else FELT, placement)
-        target = int(trial_rng(seed, number).integers(self.intervals))
+        assert at.frequency_hz is not None
+        target = 0 if self.yes_no else int(trial_rng(seed, number).integers(self.intervals))
         stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
-        return Trial(number, stimuli, self.responses, self.responses[target], placement)
+        correct = self.responses[target]
+        if self.yes_no:
+            correct = NOT_FELT if label == BLANK else FELT
+        levels = [-math.inf if each == BLANK else at.level_db_sl for each in stimuli]
+        tones = tuple(
+            (Tone(each, finger, at.frequency_hz, level),) for each, level in zip(stimuli, levels, strict=True)
+        )
+        return Trial(number, stimuli, self.responses, correct, at, tones)
 
 
 def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:

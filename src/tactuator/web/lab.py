@@ -12,10 +12,9 @@ from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.presenter import Halted, Watch
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.session import NextTrial, Session
+from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.studies import Study
-from tactuator.experiment.session.task import JumpWatch
+from tactuator.experiment.session.task import JumpWatch, NextTrial
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.words import Words
@@ -55,7 +54,7 @@ class Lab:
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
-        self._presented: dict[int, PresentedSession] = {}
+        self._sessions: dict[int, Session] = {}
         self._opening = asyncio.Lock()
         self._rows, self.facts = study.sessions(), study.facts()
 
@@ -104,7 +103,7 @@ class Lab:
             raise fault from None
 
     async def present(
-        self, presented: PresentedSession, watch: Watch, interrupted: Callable[[], bool] = lambda: False
+        self, session: Session, watch: Watch, interrupted: Callable[[], bool] = lambda: False
     ) -> NextTrial:
         """Play the trial that stands. Raises Halted where it was stopped: the session is not at the rig any more, or
         interrupted(), which is asked before the first sample and after every piece, returns True.
@@ -112,8 +111,8 @@ class Lab:
         Nothing else that keeps a rig from playing is the subject's input: it is raised as a LabFault, and leaves the
         rig at rest unless it was the store alone.
         """
-        halted = lambda: self.active != presented.session.id or interrupted()  # noqa: E731
-        job = self._worker.submit(presented.present, watch, halted)
+        halted = lambda: self.active != session.id or interrupted()  # noqa: E731
+        job = self._worker.submit(session.present, watch, halted)
         try:
             return await asyncio.wrap_future(job)
         except Halted:
@@ -134,14 +133,14 @@ class Lab:
         self.tell(str(fault))
         return fault
 
-    async def presented(self, row: Found) -> PresentedSession:
-        """Return the presented session of the row, the same for all who ask; the first time it is resumed from the
+    async def session(self, row: Found) -> Session:
+        """Return the session of the row, the same for all who ask; the first time it is resumed from the
         store.
         """
         async with self._opening:
-            if row.id not in self._presented:
-                self._presented[row.id] = PresentedSession(await self.work(lambda: self._resumed(row)))
-            return self._presented[row.id]
+            if row.id not in self._sessions:
+                self._sessions[row.id] = await self.work(lambda: self._resumed(row))
+            return self._sessions[row.id]
 
     def _resumed(self, row: Found) -> Session:
         return self.study.session(row, records.Sitting("person", self.shown))
@@ -151,13 +150,13 @@ class Lab:
         here = self.opened(row.id)
         if here is None or self.store.is_file:
             return
-        stored, known = await self.work(lambda: self._resumed(row)), here.session
-        if (stored.trials, stored.ended) != (known.trials, known.ended) or known.stage == "consent":
-            self._presented[row.id] = PresentedSession(stored)
+        stored = await self.work(lambda: self._resumed(row))
+        if (stored.trials, stored.ended) != (here.trials, here.ended) or here.stage == "consent":
+            self._sessions[row.id] = stored
 
-    def opened(self, session: int) -> PresentedSession | None:
-        """Return the presented session if it has been opened, or None."""
-        return self._presented.get(session)
+    def opened(self, session: int) -> Session | None:
+        """Return the session if it has been opened, or None."""
+        return self._sessions.get(session)
 
     async def results(self, session: int) -> tuple[ResultTable, ...]:
         """Return the results of the session so far, computed beside the rig's work. Raises BadInput while there are
@@ -200,21 +199,21 @@ class Lab:
     def pause(self, paused: bool) -> None:
         """Hold after the trial that plays, or go on; going on answers the call of the session at the rig."""
         self.paused = paused
-        presented = None if self.active is None else self.opened(self.active)
-        if not paused and presented is not None:
-            presented.session.release()
-            self.calls.pop(presented.session.id, None)
+        session = None if self.active is None else self.opened(self.active)
+        if not paused and session is not None:
+            session.release()
+            self.calls.pop(session.id, None)
         self.notify()
 
-    def hold(self, presented: PresentedSession) -> None:
+    def hold(self, session: Session) -> None:
         """Hold a session that waits for the operator; where there is none, it begins again by itself."""
-        held = presented.session.held
+        held = session.held
         if held is None:
             return
-        row = next(row for row in self._rows if row.id == presented.session.id)
+        row = next(row for row in self._rows if row.id == session.id)
         self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=held.title)
         if self.auto_start:
-            presented.session.release()
+            session.release()
         elif self.active == row.id:
             self.paused = True
         self.notify()
@@ -237,7 +236,7 @@ class Lab:
         """Store what an operator did to a session."""
         opened = self.opened(session)
         if opened is not None:
-            await self.work(lambda: opened.session.note(kind, "by the operator", who))
+            await self.work(lambda: opened.note(kind, "by the operator", who))
 
     def notify(self) -> None:
         """Tell those who wait that something changed."""

@@ -10,7 +10,7 @@ from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
-from tactuator.experiment.session.session import RunTally, Session
+from tactuator.experiment.session.session import Running, RunTally, Session
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.records import Found
 from tactuator.table import picked
@@ -40,7 +40,7 @@ class OperatorPage:
     async def _serve(self) -> None:
         for row in self.lab.sessions:
             with suppress(BadInput):  # of a version that cannot be played here; the subject's page says so
-                await self.lab.presented(row)
+                await self.lab.session(row)
         await first_to_end(self._send_snapshots(), self._handle_commands())
 
     async def _send_snapshots(self) -> None:
@@ -132,13 +132,13 @@ class OperatorPage:
             await self.lab.note(there, command.type, self.who)
 
     async def _give_up_run(self) -> None:
-        presented = None if self.lab.active is None else self.lab.opened(self.lab.active)
-        if presented is None:
+        session = None if self.lab.active is None else self.lab.opened(self.lab.active)
+        if session is None:
             raise BadInput(self.lab.words("operator.refused_no_session"))
         if not self.lab.paused:
             raise BadInput(self.lab.words("operator.refused_not_paused"))
-        await self.lab.work(presented.give_up_run)
-        self.lab.calls.pop(presented.session.id, None)
+        await self.lab.work(session.stop_run)
+        self.lab.calls.pop(session.id, None)
         self.lab.notify()
 
     async def _results(self, session: int) -> None:
@@ -153,7 +153,7 @@ class OperatorPage:
         """Return everything that the page shows."""
         lab = self.lab
         active = None if lab.active is None else lab.opened(lab.active)
-        course = None if active is None else active.session.course
+        running = None if active is None else active.running
         return {
             **picked(lab, "paused", "fault", "active"),
             **picked(lab.study.task.protocol, study="study.name"),
@@ -163,18 +163,24 @@ class OperatorPage:
             "demographics": [asdict(item) for item in lab.study.task.protocol.demographic],
             "rig": picked(lab.apparatus, "name", "simulated", **_RIG),
             "sessions": [self._session(row) for row in lab.sessions],
-            "runs": [] if active is None else [_run(run) for run in active.session.tally],
-            "picture": None if course is None else course.picture(),
+            "runs": [] if active is None else [_run(run) for run in active.tally],
+            "picture": None if running is None else self._picture(running),
         }
 
+    def _picture(self, running: Running) -> dict[str, Any]:
+        planned, trials = running.planned, running.state.trials
+        key = "run.so_far" if planned.trials is None else "run.so_far_of"
+        title = self.lab.words(key, title=planned.title, trials=trials, count=planned.trials)
+        return {"title": title, **running.state.picture()}
+
     def _session(self, row: Found) -> dict[str, Any]:
-        presented = self.lab.opened(row.id)
+        session = self.lab.opened(row.id)
         return {
             **picked(row, *_OF_ROW, subject="subject_code", group="subject_group"),
             "demographics": self.lab.facts.get(row.subject_id, {}),
             "link": f"/s/{row.link_token}",
             "here": row.id in self.lab.tabs,
-            **(_NOT_OPENED if presented is None else _standing(presented.session)),
+            **(_NOT_OPENED if session is None else _state(session)),
         }
 
 
@@ -183,7 +189,7 @@ _OF_ROW = ("id", "visit", "participant_id", "skin_temperature_c", "preload_n")
 _NOT_OPENED = {"stage": None, "progress": 0.0, "left_s": None, "trials": 0, "share_correct": None}
 
 
-def _standing(session: Session) -> dict[str, Any]:
+def _state(session: Session) -> dict[str, Any]:
     """Return the state of a session as the page shows it.
 
     share_correct: of what is answered, practice left out; None while there is nothing.
@@ -191,8 +197,8 @@ def _standing(session: Session) -> dict[str, Any]:
     counted = [run for run in session.tally if not run.planned.practice]
     answered, right = sum(run.answered for run in counted), sum(run.correct for run in counted)
     share = right / answered if answered else None
-    standing = picked(session, "stage", "progress", "trials")
-    return standing | {"left_s": round(session.time_left_s), "share_correct": share}
+    state = picked(session, "stage", "progress", "trials")
+    return state | {"left_s": round(session.time_left_s), "share_correct": share}
 
 
 def _run(run: RunTally) -> dict[str, Any]:

@@ -79,8 +79,7 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
         row = lab.by_token(token)
         if row is None:
             return plain_text(lab.words("page.no_session"), 404)
-        presented = await lab.presented(row)
-        words = presented.session.task.words
+        words = (await lab.session(row)).task.words
         if participant is not None:
             try:
                 await lab.work(lambda: lab.study.claim(row, participant))

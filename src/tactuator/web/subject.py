@@ -13,8 +13,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import Halted, Watch
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.session import Acknowledged
+from tactuator.experiment.session.session import Acknowledged, Session
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.table import picked
@@ -67,8 +66,8 @@ class SubjectTab:
         self._interruptions = 0  # that came and are not handled yet: nothing plays while there is one
 
     @property
-    def session(self) -> int:
-        """Return the session's row in the store."""
+    def id(self) -> int:
+        """The session's row in the store."""
         return int(self.row.id)
 
     async def leave(self) -> None:
@@ -79,19 +78,19 @@ class SubjectTab:
 
     async def serve(self) -> None:
         """Serve the page until it closes; one that was open for the session is told and closed."""
-        lab, leave = self.lab, self.lab.tabs.get(self.session)
-        lab.tabs[self.session] = self.leave
+        lab, leave = self.lab, self.lab.tabs.get(self.id)
+        lab.tabs[self.id] = self.leave
         lab.notify()
         try:
             if leave is not None:
                 await leave()
             await lab.catch_up(self.row)
-            presented = await lab.presented(self.row)
-            await self._send(type="hello", **self._hello(presented))
-            await first_to_end(self._read(), self._run_stages(presented))
+            session = await lab.session(self.row)
+            await self._send(type="hello", **self._hello(session))
+            await first_to_end(self._read(), self._run_stages(session))
         finally:
-            if lab.tabs.get(self.session) == self.leave:
-                del lab.tabs[self.session]
+            if lab.tabs.get(self.id) == self.leave:
+                del lab.tabs[self.id]
             lab.notify()
 
     async def _read(self) -> None:
@@ -106,7 +105,7 @@ class SubjectTab:
             clock = self.lab.clock
             await self._messages.put(_Incoming(message, clock.utc(), clock.monotonic_s()))
 
-    async def _run_stages(self, presented: PresentedSession) -> None:
+    async def _run_stages(self, session: Session) -> None:
         """Go through one stage after another until the subject interrupts; then handle the interruption.
 
         A pause may be interrupted in its turn by a subject who leaves.
@@ -115,19 +114,18 @@ class SubjectTab:
         while True:
             try:
                 if interruption is None:
-                    await self._run_stage(presented)
+                    await self._run_stage(session)
                 else:
                     now, interruption = interruption, None
-                    await self._interrupted(presented, now)
+                    await self._interrupted(session, now)
             except _Interrupted as interrupted:
                 interruption = interrupted.message
 
-    async def _run_stage(self, presented: PresentedSession) -> None:
-        session = presented.session
-        announced = stage, _ = presented.comes
-        await self._stage(presented)
+    async def _run_stage(self, session: Session) -> None:
+        announced = stage, _ = session.comes
+        await self._stage(session)
         if stage in ("done", "ended"):
-            self.lab.release(self.session)
+            self.lab.release(self.id)
             while True:
                 await self._next_message()
         elif stage == "consent":
@@ -138,34 +136,33 @@ class SubjectTab:
             else:
                 await self._save_or_report(session.decline)
         else:
-            if not await self._is_ready(presented, announced):
+            if not await self._is_ready(session, announced):
                 return  # the operator gave up the run that was introduced: the page is told of the next
             if stage == "trial":
-                await self._run_trials(presented)
+                await self._run_trials(session)
             else:
                 await self._save_or_report({"break": session.end_break, "introduction": session.introduce}[stage])
 
-    async def _run_trials(self, presented: PresentedSession) -> None:
+    async def _run_trials(self, session: Session) -> None:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
-        session = presented.session
         while session.stage == "trial":
-            if not self.lab.may_play(self.session):
-                await self._stage(presented)
+            if not self.lab.may_play(self.id):
+                await self._stage(session)
                 await self._until_changed()
                 continue
             await self._send(type="playing")
             try:
-                stands = await self.lab.present(presented, self._watch(presented), lambda: self._interruptions > 0)
+                stands = await self.lab.present(session, self._watch(session), lambda: self._interruptions > 0)
             except Halted:
-                await self._stage(presented)
+                await self._stage(session)
                 self._next_interruption()
                 continue
             except LabFault as fault:
-                await self._fault(presented, fault)
+                await self._fault(session, fault)
                 return
             self.lab.notify()
             await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
-            while presented.pending is not None:
+            while session.pending is not None:
                 await self._next_message()
             await self._listen(session.task.rules.feedback_s)
 
@@ -191,11 +188,11 @@ class SubjectTab:
                 return
             await self._take(incoming)
 
-    async def _is_ready(self, presented: PresentedSession, announced: tuple[str, str]) -> bool:
-        while presented.comes == announced:
+    async def _is_ready(self, session: Session, announced: tuple[str, str]) -> bool:
+        while session.comes == announced:
             message = await self._until_changed()
             if isinstance(message, Ready) and message.stage == announced[0]:
-                return presented.comes == announced
+                return session.comes == announced
         return False
 
     async def _until_changed(self) -> SubjectMessage | None:
@@ -223,33 +220,33 @@ class SubjectTab:
 
     async def _take(self, incoming: _Incoming) -> SubjectMessage:
         if isinstance(incoming.message, AnswerMessage):
-            await self._answer(await self.lab.presented(self.row), incoming.message, incoming)
+            await self._answer(await self.lab.session(self.row), incoming.message, incoming)
         self._interrupt_by(incoming.message)
         return incoming.message
 
-    async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:
-        session, code = presented.session, self.row.subject_code
+    async def _interrupted(self, session: Session, message: Pause | Withdraw) -> None:
+        code = self.row.subject_code
         if session.stage in ("done", "ended"):
             return
-        presented.pending = None  # a trial that was played and not answered is played again
+        session.pending = None  # a trial that was played and not answered is played again
         if isinstance(message, Withdraw):
-            await self._save_or_report(lambda: presented.withdraw(message.keep))
-            self.lab.calls[self.session] = self.lab.words("operator.subject_withdrawn", subject=code)
-            self.lab.release(self.session)
+            await self._save_or_report(lambda: session.withdraw(message.keep))
+            self.lab.calls[self.id] = self.lab.words("operator.subject_withdrawn", subject=code)
+            self.lab.release(self.id)
             return
         stage = "paused" if message.type == "pause" else "stopped"
         await self._save_or_report(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
-        self.lab.calls[self.session] = self.lab.words(f"operator.subject_{stage}", subject=code)
+        self.lab.calls[self.id] = self.lab.words(f"operator.subject_{stage}", subject=code)
         if stage == "stopped":
-            self.lab.release(self.session)
+            self.lab.release(self.id)
         self.lab.notify()
-        await self._stage(presented, stage)
+        await self._stage(session, stage)
         while (await self._next_of(Ready)).stage != stage:
             pass  # what was said of another stage came late
-        self.lab.calls.pop(self.session, None)
+        self.lab.calls.pop(self.id, None)
         await self._save_or_report(lambda: session.note("resume", "by the subject"))
 
-    async def _answer(self, presented: PresentedSession, message: AnswerMessage, incoming: _Incoming) -> None:
+    async def _answer(self, session: Session, message: AnswerMessage, incoming: _Incoming) -> None:
         answer = records.Answer(
             message.response,
             incoming.received,
@@ -259,33 +256,33 @@ class SubjectTab:
             incoming.received_s,
         )
         try:
-            acknowledged = await self.lab.work(lambda: self._save(presented, message, answer))
+            acknowledged = await self.lab.work(lambda: self._save(session, message, answer))
         except LabFault as fault:
-            await self._fault(presented, fault)
+            await self._fault(session, fault)
             return
         except BadInput as error:
             await self._send(type="refused", message=str(error))
-            if presented.pending is not None:
-                stands = presented.pending[0]
+            if session.pending is not None:
+                stands = session.pending[0]
                 await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
             return
         self.lab.tell(None)
-        self.lab.hold(presented)
+        self.lab.hold(session)
         await self._send(
             type="ack",
             run=acknowledged.run,
             number=acknowledged.number,
             right=acknowledged.right,
-            progress=presented.session.progress,
-            left_s=round(presented.session.time_left_s),
+            progress=session.progress,
+            left_s=round(session.time_left_s),
         )
         self.lab.notify()
 
-    def _save(self, presented: PresentedSession, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
-        waits = presented.pending
+    def _save(self, session: Session, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
+        waits = session.pending
         if waits is not None and (waits[0].run, waits[0].trial.number) == (message.run, message.number):
-            return presented.answer(answer)
-        before = presented.session.already(message.run, message.number)
+            return session.answer(answer)
+        before = session.already(message.run, message.number)
         if before is None:
             raise BadInput(f"answer to trial {message.number} of run {message.run}", "to the trial that stands")
         return before
@@ -296,13 +293,13 @@ class SubjectTab:
         except BadInput as error:
             await self._send(type="refused", message=str(error))
         except LabFault as fault:
-            await self._fault(await self.lab.presented(self.row), fault)
+            await self._fault(await self.lab.session(self.row), fault)
 
-    def _watch(self, presented: PresentedSession) -> Watch:
+    def _watch(self, session: Session) -> Watch:
         """Return the callback that tells the page of intervals, where it shows them, and of their envelopes in a
         demonstration.
         """
-        loop, session = asyncio.get_running_loop(), presented.session
+        loop = asyncio.get_running_loop()
         lit = len(session.task.question.intervals)
 
         def show(**message: Any) -> None:
@@ -311,10 +308,9 @@ class SubjectTab:
         def watch(interval: int, begins: bool) -> None:
             if interval < lit:
                 show(type="interval", interval=interval, on=begins)
-            course = session.course
-            trial = None if course is None else course.trial()
-            if self.lab.shown and begins and course is not None and trial is not None:
-                show(type="shape", **asdict(course.shape(trial, interval)))
+            trial = None if session.running is None else session.running.state.trial()
+            if self.lab.shown and begins and trial is not None:
+                show(type="shape", **asdict(session.task.envelope(trial, interval)))
 
         return watch
 
@@ -324,27 +320,26 @@ class SubjectTab:
         except (WebSocketDisconnect, RuntimeError):
             return  # the page went while the trial played; it is presented again
 
-    async def _fault(self, presented: PresentedSession, fault: LabFault) -> None:
+    async def _fault(self, session: Session, fault: LabFault) -> None:
         what = "page.display_stopped" if isinstance(fault, RigAtRest) else "page.not_saved"
-        await self._send(type="fault", message=presented.session.task.words(what), detail=str(fault))
+        await self._send(type="fault", message=session.task.words(what), detail=str(fault))
         await asyncio.sleep(0.5)
         self.lab.tell(str(fault))
 
-    async def _stage(self, presented: PresentedSession, stage: str | None = None) -> None:
-        session = presented.session
+    async def _stage(self, session: Session, stage: str | None = None) -> None:
         await self._send(
             type="stage",
             stage=stage or session.stage,
             ended=session.ended,
-            introduction=presented.introduction,
-            waiting=stage is None and session.stage == "trial" and not self.lab.may_play(self.session),
+            introduction=session.comes[1],
+            waiting=stage is None and session.stage == "trial" and not self.lab.may_play(self.id),
             progress=session.progress,
             left_s=round(session.time_left_s),
             break_left_s=session.break_left_s,
         )
 
-    def _hello(self, presented: PresentedSession) -> dict[str, Any]:
-        task = presented.session.task
+    def _hello(self, session: Session) -> dict[str, Any]:
+        task = session.task
         study, question = task.protocol.study, task.question
         return {
             **picked(study, "consent", "consent_by", "instructions", study="name"),

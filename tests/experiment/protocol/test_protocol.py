@@ -10,10 +10,9 @@ from tactuator.experiment.export import export
 from tactuator.experiment.protocol.detection import Protocol, latin_square, plan_runs
 from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol, read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, run_seed
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.studies import open_session, task_of
+from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store import records, schema
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, opened_study, rows_of
 from tests.experiment.session.recognising import controller, items, opened_apparatus, protocol_text  # noqa: F401
@@ -131,7 +130,7 @@ def test_consent__by_name__needs_one_and_it_is_in_no_export(store, tmp_path) -> 
         assert session.stage == "consent"
     session.give_consent("Ada Example")
     assert session.stage == "trial"
-    answer_one(PresentedSession(session), clock)
+    answer_one(session, clock)
     told = select(schema.event.c.detail).where(schema.event.c.kind == records.CONSENT_NAME)
     assert rows_of(store, told) == [("Ada Example",)]
     export(store, tmp_path / "out", "tidy")

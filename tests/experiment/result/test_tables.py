@@ -21,7 +21,7 @@ from tactuator.experiment.result.confusion import (
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold
-from tactuator.experiment.session.presented_session import PresentedSession, run_session
+from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.store.records import Sitting
@@ -142,7 +142,7 @@ def observed(path, text: str) -> None:
         study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
         for number, subject in enumerate(protocol.subject):
             session = open_session(study, subject.code, Sitting("simulated"))
-            run_session(PresentedSession(session), Noisy(number))
+            run_session(session, Noisy(number))
 
 
 def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_path) -> None:

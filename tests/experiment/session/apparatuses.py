@@ -10,10 +10,10 @@ from sqlalchemy import select
 
 from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.studies import Study, open_session, open_study
 from tactuator.experiment.session.task import Apparatus
+from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
@@ -92,15 +92,13 @@ def apparatus(seed: int = 0) -> Apparatus:
     return Apparatus(rig, controller(), "simulated")
 
 
-def begin(
-    store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0, trials: int = 0
-) -> PresentedSession:
+def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0, trials: int = 0) -> Session:
     """The subject's session, opened or resumed, consent given, and so many trials answered."""
     study = opened_study(store, clock, text)
     session = open_session(study, study.task.protocol.subject[subject].code)
     if session.stage == "consent":
         session.give_consent()
-    presented = PresentedSession(session)
+    presented = session
     for _ in range(trials):
         answer_one(presented, clock)
     return presented
@@ -141,7 +139,7 @@ def response_of(trial: Trial) -> str:
     return next(one for one in trial.responses if one != trial.correct)
 
 
-def answer_one(presented: PresentedSession, clock: ObedientClock) -> tuple[int, int]:
+def answer_one(presented: Session, clock: ObedientClock) -> tuple[int, int]:
     """Present and answer the trial that stands; position of its run and its number."""
     following = presented.present(nobody)
     position, number = following.planned.position, following.trial.number
@@ -150,8 +148,8 @@ def answer_one(presented: PresentedSession, clock: ObedientClock) -> tuple[int, 
     return position, number
 
 
-def everything(presented: PresentedSession, clock: ObedientClock, answer=answer_one) -> None:
-    while presented.session.stage != "done":
-        if presented.session.stage == "break":
-            presented.session.end_break()
+def everything(presented: Session, clock: ObedientClock, answer=answer_one) -> None:
+    while presented.stage != "done":
+        if presented.stage == "break":
+            presented.end_break()
         answer(presented, clock)

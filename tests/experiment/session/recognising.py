@@ -6,8 +6,8 @@ import pytest
 
 from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
-from tactuator.experiment.session.presented_session import PresentedSession, run_session
 from tactuator.experiment.session.recognition_task import RecognitionTask
+from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store import records
@@ -63,7 +63,7 @@ class Opened:
         self.study = open_study(store, self.task, text, self.clock, token, beside=items)
 
     def presented(self, code="S1"):
-        return PresentedSession(open_session(self.study, code))
+        return open_session(self.study, code)
 
     def run(self, code, respondent):
         return run_session(self.presented(code), respondent)
@@ -106,11 +106,11 @@ THREE = ("M-index", "C-index", "L-index")
 
 def answer(presented, response=None, watch=nobody):
     following = presented.present(watch)
-    return presented.answer(records.Answer(response or following.trial.correct, presented.session.clock.utc()))
+    return presented.answer(records.Answer(response or following.trial.correct, presented.clock.utc()))
 
 
 def go_on(presented, trials):
-    session = presented.session
+    session = presented
     steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while trials and session.stage != "done":
         if session.stage == "trial":

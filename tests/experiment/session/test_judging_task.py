@@ -6,12 +6,12 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.export import exported
 from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
-from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs
-from tactuator.experiment.task.task_keys import GROUP
+from tactuator.experiment.task.task import GROUP
 from tests.experiment.session.apparatuses import apparatus
 
 HEAD = """
@@ -87,7 +87,7 @@ def test_matching__across_fingers__plays_each_tone_on_its_finger_at_its_level(op
     with pytest.raises(BadInput, match="toe"):
         opened(HEAD + MATCHING.replace('"thumb"', '"toe"'))
     store, study = opened(HEAD + MATCHING)
-    run_session(PresentedSession(open_session(study, "S1")), Level())
+    run_session(open_session(study, "S1"), Level())
     rows = exported(store).tables["intervals"]
     assert {str(row["stimulus"]).split(":")[1] for row in rows} == {"index", "thumb"}
     # the paper's prefilter, which plays here, misses its curve above 150 Hz
@@ -107,14 +107,14 @@ def test_session__stopped_in_the_middle__goes_on_with_the_same_trials(opened, ta
     store, study = opened(HEAD + task)
     if task == ESTIMATION:
         with pytest.raises(BadInput, match="allowed: a number above 0"):
-            run_session(PresentedSession(open_session(study, "S1")), Words())
+            run_session(open_session(study, "S1"), Words())
     first, rests, rig = Level(4), [], study.task.apparatus.rig
     rig.rest = lambda: rests.append(type(rig).rest(rig))
     with pytest.raises(KeyboardInterrupt):
-        run_session(PresentedSession(open_session(study, "S1")), first)
+        run_session(open_session(study, "S1"), first)
     assert len(rests) == 1
     second = Level()
-    run_session(PresentedSession(open_session(study, "S1")), second)
+    run_session(open_session(study, "S1"), second)
     assert len(first.asked) + len(second.asked) == trials
     tables = study.task.results(store, open_session(study, "S1").id) if task != MATCHING else ()
     assert (task == MATCHING) is not bool(tables)
@@ -122,17 +122,19 @@ def test_session__stopped_in_the_middle__goes_on_with_the_same_trials(opened, ta
 
 
 SOURCE = '''
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
 
-from tactuator.experiment.task.task_keys import TaskPrompt, Planned, TaskKeys, JudgedTone, Judgement
+from tactuator.experiment.task.task import Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.trial import Tone, Trial
 from tactuator.parameters import Whole, table
 from tactuator.table import ResultTable
 
 
 @table("[task]")
-class Keys(TaskKeys):
+class Roughness(Task):
     """Was it rough? Tones of two frequencies in turn."""
 
     trials: Annotated[Whole, Field(ge=1, description="trials")] = 4
@@ -147,29 +149,26 @@ class Keys(TaskKeys):
         return (Planned("index", None, "roughness", self.trials),)
 
     def begin(self, index, place, seed):
-        return Run(self)
+        return Run(seed, self)
 
     def results(self, runs, words):
         yes = sum(trial.correct for run in runs for trial in run.trials)
         return (ResultTable("roughness", ("rough",), ((str(yes),),)),)
 
 
-class Run:
-    def __init__(self, keys):
-        self.keys, self.answered = keys, 0
+@dataclass
+class Run(TaskState):
+    keys: Roughness
 
     @property
-    def progress(self):
-        return self.answered / self.keys.trials
+    def share_done(self):
+        return self.trials / self.keys.trials
 
-    def trial(self, number):
+    def draw(self, number):
         if number >= self.keys.trials:
             return None
-        tone = JudgedTone("tone", "index", 30.0 if number % 2 else 90.0, 20.0)
-        return Judgement.of(number, [(tone,)], ("yes", "no"), "yes")
-
-    def record(self, trial, response):
-        self.answered += 1
+        tone = Tone("tone", "index", 30.0 if number % 2 else 90.0, 20.0)
+        return Trial.of(number, [(tone,)], ("yes", "no"), "yes")
 '''
 PROTOCOL = HEAD + '[task]\nkind = "roughness"\ntrials = 6\n'
 
@@ -180,10 +179,10 @@ class Rough(Respondent):
 
 
 def test_foreign_task__one_file_of_another_package__runs_a_session_and_has_results(install, store, tmp_path) -> None:
-    install(GROUP, "roughness", SOURCE, "Keys")
+    install(GROUP, "roughness", SOURCE, "Roughness")
     task = task_of(parse_protocol(PROTOCOL, StudyProtocol), tmp_path, apparatus())
     study = open_study(store, task, PROTOCOL, SystemClock(), lambda code, visit: f"{code}-{visit}")
     session = open_session(study, "S1")
-    assert run_session(PresentedSession(session), Rough()) == 2 + 6
+    assert run_session(session, Rough()) == 2 + 6
     assert task.results(store, session.id)[0].rows == (("3",),)
     assert open_session(study, "S1").stage == "done"  # replayed from the store

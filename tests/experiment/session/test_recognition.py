@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.protocol.recognition import plan_trials
 from tactuator.experiment.result.confusion import recognition_results
-from tactuator.experiment.session.presented_session import Respondent
+from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.simulated.sitting import ErringRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.rig.rig import require_finger_ports
@@ -37,7 +37,7 @@ def test_session__stages__are_those_of_its_blocks_and_break_rules(opened, rules,
     study, _, _ = opened(protocol_text(test=1, consent="Agreed?", extra=f"[session]\n{rules}\n"))
     with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
         study.presented("S9")
-    session = (presented := study.presented()).session
+    session = presented = study.presented()
     seen, introduced = [], []
     steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while session.stage != "done":
@@ -57,28 +57,28 @@ def test_session__feedback__only_in_its_block(opened) -> None:
     study, _, _ = opened(protocol_text(test=1))
     presented = study.presented()
     go_on(presented, 2)
-    following = presented.session.next_trial()
+    following = presented.next_trial()
     wrong = next(one for one in following.trial.responses if one != following.trial.correct)
     told = answer(presented, wrong)
     assert (told.correct, told.right) == (False, following.trial.correct)
-    assert presented.session.already(told.run, told.number).right == following.trial.correct
-    presented.session.end_break()
-    presented.session.introduce()
+    assert presented.already(told.run, told.number).right == following.trial.correct
+    presented.end_break()
+    presented.introduce()
     told = answer(presented)
     assert (told.correct, told.right) == (True, None)
-    assert presented.session.already(told.run, told.number).right is None
+    assert presented.already(told.run, told.number).right is None
 
 
 def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
     study, _, store = opened(protocol_text(training=0, test=2).replace("[[subject]]", BLOCK + "[[subject]]", 1))
     presented = study.presented()
     go_on(presented, 4)
-    presented.give_up_run()
+    presented.stop_run()
     go_on(presented, 6)
     (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.counts.sum() == 6
-    assert [one.state for one in presented.session.tally] == ["stopped", "done"]
-    assert [(one.answered, one.correct) for one in presented.session.tally] == [(4, 4), (6, 6)]
+    assert [one.state for one in presented.tally] == ["stopped", "done"]
+    assert [(one.answered, one.correct) for one in presented.tally] == [(4, 4), (6, 6)]
 
 
 BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
@@ -90,13 +90,13 @@ def test_session__opened_again_years_later__goes_on_in_the_same_block(opened) ->
     presented = study.presented()
     go_on(presented, 5)
     answer(presented, "MC-index")
-    before = [(one.state, one.answered, one.correct) for one in presented.session.tally]
+    before = [(one.state, one.answered, one.correct) for one in presented.tally]
     store.close()
     study, _, store = opened(text)
     study.clock.jump(3e8)
     again = study.presented()
-    assert [(one.state, one.answered, one.correct) for one in again.session.tally] == before
-    assert again.session.course.picture()["counts"] == presented.session.course.picture()["counts"]
+    assert [(one.state, one.answered, one.correct) for one in again.tally] == before
+    assert again.running.state.picture()["counts"] == presented.running.state.picture()["counts"]
     assert answer(again).number == 3
     assert [run.attempt for run in rows_of(store, select(schema.run))] == [0, 0]
 
@@ -133,7 +133,7 @@ def test_trial__items_of_different_lengths__takes_as_long_and_asks_the_same(
     assert tuple(choice.response for choice in question.choices) == responses
     keys = [key for choice in question.choices for key in choice.keys]
     assert len(set(keys)) == len(keys)
-    presented.session.introduce()
+    presented.introduce()
     lengths, onsets, durations = set(), set(), set()
     for _ in range(9):
         listener = Listener(rig)
@@ -158,9 +158,9 @@ def test_results__of_a_session__are_matrix_and_information(opened) -> None:
     presented = study.presented()
     go_on(presented, 3)
     with pytest.raises(BadInput, match="no answers yet"):
-        study.task.results(store, presented.session.id)
+        study.task.results(store, presented.id)
     go_on(presented, 12)
-    matrix, information = study.task.results(store, presented.session.id)
+    matrix, information = study.task.results(store, presented.id)
     assert matrix.columns[1:] == ("M-index", "C-index", "MC-index")
     assert [row[1:] for row in matrix.rows] == [("4", "0", "0"), ("0", "4", "0"), ("0", "0", "4")]
     assert information.rows[0][:2] == ("plug in", f"{np.log2(3):.2f}")
@@ -171,7 +171,7 @@ def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> N
     study, _, store = opened(protocol_text("abx", training=0, test=1, subjects=("S1", "S2")))
     presented = study.presented("S2")
     go_on(presented, 12)
-    (table,) = study.task.results(store, presented.session.id)
+    (table,) = study.task.results(store, presented.id)
     assert (table.rows, "simulated: nobody felt this" in table.notes) == ((("12", "100.0"),), True)
 
 

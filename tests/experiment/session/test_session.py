@@ -15,10 +15,10 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import Correction, open_session, open_study
 from tactuator.experiment.session.task import Apparatus
+from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
@@ -55,12 +55,12 @@ def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path, cl
     while True:
         store = Store(broken)
         presented = begin(store, clock, text)
-        if presented.session.stage == "done":
+        if presented.stage == "done":
             break
         for _ in range(4):
-            if presented.session.stage == "break":
-                presented.session.end_break()
-            if presented.session.stage == "trial":
+            if presented.stage == "break":
+                presented.end_break()
+            if presented.stage == "trial":
                 presented.present(nobody)  # played, never answered: presented again
                 answer_one(presented, clock)
         store.close()
@@ -78,7 +78,7 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store, clock) -> N
     )
     intervals = rows_of(store, select(schema.interval).order_by(schema.interval.c.position))
     with store.read() as connection:
-        session = records.session(connection, presented.session.id)
+        session = records.session(connection, presented.id)
     (tone,) = (one for one in intervals if one.stimulus == "tone")
     assert str(tone.position + 1) == trial.correct_response
     assert tone.commanded_db_sl == trial.level_db_sl == 30.0
@@ -158,25 +158,25 @@ def test_answer__amiss_or_sent_again__is_refused_or_stored_once(store, clock) ->
             presented.answer(records.Answer(response, clock.utc()))
     assert stored(store) == []
     first = presented.answer(records.Answer("1", clock.utc()))
-    again = presented.session.already(run, 0)
+    again = presented.already(run, 0)
     assert again is not None
     assert (again.correct, again.again) == (first.correct, True)
-    assert presented.session.already(run, 1) is other.session.already(run, 0) is None
+    assert presented.already(run, 1) is other.already(run, 0) is None
     assert len(stored(store)) == 1
 
 
 def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store, clock) -> None:
     presented = begin(store, clock, trials=20)
-    assert presented.session.stage == "break"
+    assert presented.stage == "break"
     with pytest.raises(BadInput, match="'break'"):
         presented.present(nobody)
-    presented.session.end_break()
-    assert begin(store, clock).session.stage == "trial"
+    presented.end_break()
+    assert begin(store, clock).stage == "trial"
 
 
 def test_give_up_run__goes_on_with_the_next_and_marks_it(store, clock) -> None:
     presented = begin(store, clock, trials=4)
-    presented.give_up_run()
+    presented.stop_run()
     assert answer_one(presented, clock) == (2, 0)
     assert rows_of(store, select(schema.run.c.state)) == [("done",), ("stopped",), ("running",)]
     with pytest.raises(BadInput, match="no trial waits"):
@@ -224,31 +224,31 @@ def dry(rig, times, monkeypatch, error=DRY):
     ("times", "error", "words"), [(2, DRY, "the stream ran dry 240 samples"), (1, GAP, "the sound card told of a gap")]
 )
 def test_present__timing_missed__is_noted_and_the_trial_played_again(presented, monkeypatch, times, error, words):
-    dry(presented.session.task.apparatus.rig, times, monkeypatch, error)
+    dry(presented.task.apparatus.rig, times, monkeypatch, error)
     following = presented.present(nobody)
-    noted = rows_of(presented.session.store, select(schema.event))
+    noted = rows_of(presented.store, select(schema.event))
     assert [event.kind for event in noted] == ["timing-missed"] * times
     assert f"trial 0: {words}" in noted[0].detail
-    presented.answer(Answer(following.trial.correct, presented.session.clock.utc()))
-    (row,) = rows_of(presented.session.store, select(schema.trial))
-    onsets = [onset for (onset,) in rows_of(presented.session.store, select(schema.interval.c.onset_s))]
+    presented.answer(Answer(following.trial.correct, presented.clock.utc()))
+    (row,) = rows_of(presented.store, select(schema.trial))
+    onsets = [onset for (onset,) in rows_of(presented.store, select(schema.interval.c.onset_s))]
     assert row.presentations == times + 1
     length_s = round(2 / 30 * 4000) / 4000  # two periods of 30 Hz, in whole samples
     assert np.allclose(onsets, 0.01 + (length_s + 0.01) * np.arange(3), atol=1e-9)
-    dry(presented.session.task.apparatus.rig, 9, monkeypatch)
+    dry(presented.task.apparatus.rig, 9, monkeypatch)
     with pytest.raises(StreamDry):  # again and again: the rig's fault
         presented.present(nobody)
-    assert len(rows_of(presented.session.store, select(schema.event))) == times + 3
+    assert len(rows_of(presented.store, select(schema.event))) == times + 3
     with pytest.raises(BadInput, match="no trial waits"):
-        presented.answer(Answer("1", presented.session.clock.utc()))
+        presented.answer(Answer("1", presented.clock.utc()))
 
 
 def test_answer__earlier_than_its_trial_by_either_clock__is_refused(presented) -> None:
-    clock = presented.session.clock
+    clock = presented.clock
     following = presented.present(nobody)
-    with pytest.raises(BadInput, match=r"0.500 s before its last interval had ended"):
+    with pytest.raises(BadInput, match=r"0.500 s before the interval ended"):
         presented.answer(Answer("1", clock.utc(), received_s=clock.monotonic_s() - 0.5))
-    with pytest.raises(BadInput, match="50 ms before it was asked for"):
+    with pytest.raises(BadInput, match="50 ms before the question"):
         presented.answer(Answer("1", clock.utc(), 100.0, 50.0))
     assert presented.answer(Answer("1", clock.utc(), 100.0, 100.0, (), clock.monotonic_s())).number == 0
     assert following.trial.number == 0
@@ -279,7 +279,7 @@ class Person(Respondent):
 def result(store, clock, alarms):
     session = open_session(opened_study(store, clock, YES_NO), "S1")
     session.give_consent()
-    run_session(PresentedSession(session), Person(alarms), rest=clock.wait)
+    run_session(session, Person(alarms), rest=clock.wait)
     runs = detection_runs(store)
     return thresholds(runs)[0], attention(runs[0])
 
@@ -320,7 +320,7 @@ def test_day__of_three_channels__memory_and_state_are_flat(tmp_path, controller)
                 pass
             session = open_session(study, f"D{part}")
             session.give_consent()
-            everything(PresentedSession(session), clock)
+            everything(session, clock)
             rig.rest()
             levels_db.append(20.0 * np.log10(np.std(rig.play(tone).position_v[len(tone) // 2 :], axis=0)))
             rig.rest()
@@ -379,7 +379,7 @@ def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store, 
     links = [(row.subject_code, row.link_token) for row in study.sessions()]
     assert sorted(links) == [(code, f"token-{code}") for code in ("S0", "S1", "S2")]
     again = begin(store, clock, FIRST, subject=1)
-    assert again.session.next_trial().trial == presented.session.next_trial().trial
+    assert again.next_trial().trial == presented.next_trial().trial
 
 
 def test_study__amended_with_a_reason__sessions_that_began_keep_their_version(store, clock):
@@ -397,7 +397,7 @@ def test_study__amended_with_a_reason__sessions_that_began_keep_their_version(st
     assert frequencies["S1", 1] == {30.0, 90.0, 210.0}
     assert frequencies["S2", 1] == {33.0, 90.0, 150.0, 210.0}
     again = open_session(study, "S1")
-    assert again.next_trial().trial == presented.session.next_trial().trial
+    assert again.next_trial().trial == presented.next_trial().trial
     begin(store, clock, OTHER, subject=1, trials=1)
     versions = {code: {number for number, _ in versions_of_runs(store, code)} for code in ("S1", "S2")}
     assert versions == {"S1": {1}, "S2": {2}}
@@ -428,7 +428,7 @@ def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own(store) -
     assert sorted(found["S1", 1]) == sorted(found["S1", 2])
     assert found["S1", 1] != found["S1", 2]
     first, second = (study.session(row) for row in study.sessions()[:2])
-    assert first.task.course(first.runs[1], 0, 1).seed != second.task.course(second.runs[1], 0, 2).seed
+    assert first.task.begin(first.runs[1], 0, 1).seed != second.task.begin(second.runs[1], 0, 2).seed
     first.give_consent()
     first.withdraw(keep=True)
     assert open_session(study, "S1").id == study.sessions()[1].id  # the first visit is over

@@ -156,11 +156,11 @@ clock = ObedientClock()
 with sessions_of(sys.argv[1]), opened_store(__import__("pathlib").Path(sys.argv[1])) as store:
     presented = begin(store, clock, PROTOCOL.replace("[conditions]", "[conditions]\\nrepeats = 500"))
     while True:
-        if presented.session.stage == "break":
+        if presented.stage == "break":
             clock.wait(300.0)
-            presented.session.end_break()
+            presented.end_break()
         answer_one(presented, clock)
-        print(presented.session.trials, flush=True)
+        print(presented.trials, flush=True)
 """
 
 

@@ -10,12 +10,11 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.task.estimate import CANNOT_TELL, estimate
 from tactuator.experiment.task.laws import FREE, LAWS
-from tactuator.experiment.task.magnitude_estimation import EstimationKeys, magnitudes
+from tactuator.experiment.task.magnitude_estimation import MagnitudeEstimation, magnitudes
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Matches, fit, most_telling
-from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, Place, parse_task
-from tactuator.experiment.task.task_keys import estimate as number_of
-from tactuator.experiment.trial import Timing
+from tactuator.experiment.task.matching import Matching
+from tactuator.experiment.task.task import Answered, AnsweredRun, Place, parse_task
+from tactuator.experiment.trial import Timing, number_of
 from tactuator.experiment.words import shipped_words
 from tactuator.perception.curve import curve
 from tests.griffin import distance_db
@@ -35,21 +34,21 @@ TASKS = {
 def answered(keys, answer, seed: tuple[int, ...]) -> AnsweredRun:
     """A run answered by a function of the trial, the levels of its tones, and a generator."""
     run, rng, trials = keys.begin(0, PLACE, seed), np.random.default_rng(seed), []
-    while (trial := run.trial(len(trials))) is not None:
+    while (trial := run.trial()) is not None:
         response = answer(trial, [tones[0].level_db_sl for tones in trial.tones], rng)
-        run.record(trial, response)
+        run.record(response)
         trials.append(Answered.of(trial, response))
     return AnsweredRun("S", "index", trials[0].tones[0].frequency_hz, tuple(trials), True)
 
 
 def played(document: dict, seed: int = 1, most: int = 2000):
     run, rng, trials = parse_task(document).begin(0, PLACE, (seed,)), np.random.default_rng(seed), []
-    while (trial := run.trial(len(trials))) is not None and len(trials) < most:
-        assert run.trial(len(trials)) == trial
+    while (trial := run.trial()) is not None and len(trials) < most:
+        assert run.draw(len(trials)) == trial
         response = "7.5" if not trial.responses else trial.responses[int(rng.integers(len(trial.responses)))]
-        run.record(trial, response)
+        run.record(response)
         trials.append((trial, response))
-    assert run.trial(len(trials)) is None
+    assert run.trial() is None
     return trials, run
 
 
@@ -84,7 +83,7 @@ def test_matching__order_and_standard__are_balanced_and_levels_comfortable(name:
 
 
 def test_pairs__a_listener_without_noise__is_found_where_the_tones_are_equal() -> None:
-    keys = MatchingKeys(finger="index", method="pairs", comparisons_hz=(40.0,), levels_db_sl=(20.0, 30.0))
+    keys = Matching(finger="index", method="pairs", comparisons_hz=(40.0,), levels_db_sl=(20.0, 30.0))
 
     def stronger(trial, felt, rng) -> str:
         at_40_hz = [tones[0].frequency_hz == 40.0 for tones in trial.tones]
@@ -120,7 +119,7 @@ def test_discrimination__the_changed_interval__differs_by_what_was_placed() -> N
 
 
 def test_magnitudes__a_power_function_in_any_modulus__gives_its_exponent() -> None:
-    keys = EstimationKeys(finger="index", frequencies_hz=(40.0, 250.0), repeats=2)
+    keys = MagnitudeEstimation(finger="index", frequencies_hz=(40.0, 250.0), repeats=2)
 
     def estimated(trial, felt, rng, modulus) -> str:
         exponent = {40.0: 0.9, 250.0: 0.45}[trial.tones[0][0].frequency_hz]

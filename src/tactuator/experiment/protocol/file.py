@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol as Protocol  # also for the study of the paper
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
-from tactuator.experiment.task.task_keys import TaskKeys, parse_task
+from tactuator.experiment.task.task import Task, parse_task
 from tactuator.experiment.trial import Marks, Timing
 from tactuator.experiment.words import Words
 from tactuator.io.kinds import require_kind
@@ -35,7 +35,7 @@ class JudgingRules(RunRules):
 class JudgingProtocol(StudyProtocol):
     """The protocol file of a study whose table [task] names the task."""
 
-    task: Annotated[TaskKeys, *kept_by(parse_task, "a kind of task, with its keys")]
+    task: Annotated[Task, *kept_by(parse_task, "a kind of task, with its keys")]
     session: JudgingRules = JudgingRules()
     timing: Timing = Timing()
     marks: Marks | None = None

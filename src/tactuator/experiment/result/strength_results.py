@@ -16,11 +16,11 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import answered_runs, task_keys
+from tactuator.experiment.store.stored_runs import answered_runs, stored_tasks
 from tactuator.experiment.task.estimate import Equality, Measured, StrengthEstimate, equality, estimate
 from tactuator.experiment.task.matches import ContourSetting, Matches
-from tactuator.experiment.task.matching import MatchingKeys
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun
+from tactuator.experiment.task.matching import Matching
+from tactuator.experiment.task.task import Answered, AnsweredRun
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact, Provenance, ThresholdCurve
 
@@ -84,9 +84,9 @@ def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve 
     return ContourResults(people, together, pairs, _balance(runs, keys), simulated)
 
 
-def _keys(store: Store) -> MatchingKeys:
+def _keys(store: Store) -> Matching:
     """Return the task's keys, the newest, with every level that was a standard's."""
-    tasks = [keys for keys in task_keys(store, KIND) if isinstance(keys, MatchingKeys)]
+    tasks = [keys for keys in stored_tasks(store, KIND) if isinstance(keys, Matching)]
     references = {(keys.finger, keys.frequency_hz) for keys in tasks}
     if len(references) != 1:
         got = ", ".join(f"{hertz:g} Hz on {finger}" for finger, hertz in sorted(references))
@@ -108,7 +108,7 @@ def _of(runs: Sequence[AnsweredRun], subject: str) -> list[Answered]:
     return [trial for run in runs if run.subject == subject for trial in run.trials]
 
 
-def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
+def _grid(keys: Matching, trials: Sequence[Answered]) -> FloatArray:
     hertz = keys.matches(trials).frequency_hz
     low, high = min(float(hertz.min()), keys.frequency_hz), max(float(hertz.max()), keys.frequency_hz)
     grid = np.geomspace(low, high, _POINTS)
@@ -119,7 +119,7 @@ def _grid(keys: MatchingKeys, trials: Sequence[Answered]) -> FloatArray:
 def _person(
     subject: str,
     trials: Sequence[Answered],
-    keys: MatchingKeys,
+    keys: Matching,
     contact: Contact,
     curve: ThresholdCurve | None,
     provenance: Provenance,
@@ -178,7 +178,7 @@ def _group(people: Sequence[PersonContours], levels: FloatArray, contact: Contac
     )
 
 
-def _balance(runs: Sequence[AnsweredRun], keys: MatchingKeys) -> tuple[FingerBalance, ...]:
+def _balance(runs: Sequence[AnsweredRun], keys: Matching) -> tuple[FingerBalance, ...]:
     fingers = dict.fromkeys(run.finger for run in runs if run.finger != keys.finger)
     balances = []
     for finger in fingers:
@@ -193,7 +193,7 @@ def _balance(runs: Sequence[AnsweredRun], keys: MatchingKeys) -> tuple[FingerBal
     return tuple(balances)
 
 
-def _same_frequency(keys: MatchingKeys, trial: Answered) -> bool:
+def _same_frequency(keys: Matching, trial: Answered) -> bool:
     return all(tone is not None and abs(tone.frequency_hz - keys.frequency_hz) < _SAME_HZ for tone in trial.tones)
 
 

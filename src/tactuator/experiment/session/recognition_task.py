@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -24,10 +24,9 @@ from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.result.confusion import abx_table, information_table, matrix_table, session_results
 from tactuator.experiment.session.task import (
     Apparatus,
-    Course,
     Envelope,
+    NextTrial,
     OfferedResponse,
-    Picture,
     Question,
     Rules,
     SessionTask,
@@ -35,6 +34,7 @@ from tactuator.experiment.session.task import (
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.task.task import Picture, TaskState
 from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.io.reference import content_sha256, open_reference
@@ -117,7 +117,7 @@ class RecognitionTask(SessionTask):
     """A recognition protocol with its items, at an apparatus."""
 
     protocol: RecognitionProtocol
-    items: Mapping[str, LoadedItem]
+    items: Mapping[str, LoadedItem] = field(default_factory=dict)
 
     @classmethod
     def load(
@@ -167,10 +167,37 @@ class RecognitionTask(SessionTask):
         played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
         return float(planned.trials or 1), played_s + (asking.feedback_s if planned.feedback else 0.0)
 
-    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockCourse:
-        """Return the course of a block from its first trial."""
+    def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockState:
+        """Return the state of a block at its first trial."""
         which = (self.protocol, subject, planned.position, attempt, visit)
-        return BlockCourse(self, planned, block_seed(*which), block_trials(*which))
+        labels = tuple(choice.response for choice in self.question.choices)
+        criterion = self.protocol.block[planned.position].criterion
+        return BlockState(block_seed(*which), labels, block_trials(*which), criterion)
+
+    def play(self, following: NextTrial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
+        """Play the items of the trial on every channel.
+
+        A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
+        something takes on the subject's page then says nothing of what it was.
+        """
+        asking, rig, trial = self.protocol.recognition, self.apparatus.rig, following.trial
+        longest = max(len(item.reference) for item in self.items.values())
+        references = [self.items[label].reference for label in trial.stimuli]
+        if asking.paradigm == "abx":
+            references = [np.pad(reference, ((0, longest - len(reference)), (0, 0))) for reference in references]
+        silent = longest * len(references) - sum(len(reference) for reference in references)
+        presenter = Presenter(rig, watch, halted)
+        shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
+        records = tuple(at.record(label) for label, at in zip(trial.stimuli, shown.intervals, strict=True))
+        return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
+
+    def envelope(self, trial: Trial, interval: int) -> Envelope:
+        """Return the envelope of an interval: the largest of all channels in each step."""
+        reference = self.items[trial.stimuli[interval]].reference
+        step = max(1, round(Envelope.STEP_S * self.apparatus.rig.rate_hz))
+        peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
+        levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (Envelope.SILENT_DB_SL / 20.0)))
+        return Envelope.of(levels)
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return confusion matrix and information transfer of the test blocks; of ABX, the share of right answers.
@@ -192,59 +219,31 @@ class RecognitionTask(SessionTask):
 
 
 @dataclass
-class BlockCourse(Course):
-    """Course of one block, whose trials are planned."""
+class BlockState(TaskState):
+    """State of one block, whose trials are planned. criterion: share right that training has to reach."""
 
-    task: RecognitionTask
+    labels: tuple[str, ...]
     planned_trials: tuple[Trial, ...]
+    criterion: float | None
 
     @property
-    def progress(self) -> float:
-        """Return the share of the block's trials that are answered."""
+    def share_done(self) -> float:
+        """The share of the block's trials that are answered."""
         return self.trials / len(self.planned_trials)
 
-    def _draw(self) -> Trial | None:
-        return None if self.trials == len(self.planned_trials) else self.planned_trials[self.trials]
+    def draw(self, number: int) -> Trial | None:
+        """Return the planned trial, or None at the end."""
+        return None if number == len(self.planned_trials) else self.planned_trials[number]
 
     @property
     def passed(self) -> bool:
-        """Return False for a training block that is over and has not met its criterion, True otherwise."""
-        wanted = self.task.protocol.block[self.planned.position].criterion
-        right = sum(correct for *_, correct in self._answered)
-        return wanted is None or not self._answered or right >= wanted * self.trials
-
-    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
-        """Play the items of the trial on every channel.
-
-        A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
-        something takes on the subject's page then says nothing of what it was.
-        """
-        task = self.task
-        asking, rig = task.protocol.recognition, task.apparatus.rig
-        longest = max(len(item.reference) for item in task.items.values())
-        references = [task.items[label].reference for label in trial.stimuli]
-        if asking.paradigm == "abx":
-            references = [np.pad(reference, ((0, longest - len(reference)), (0, 0))) for reference in references]
-        silent = longest * len(references) - sum(len(reference) for reference in references)
-        presenter = Presenter(rig, watch, halted)
-        shown = presenter.present(references, asking.lead_s, asking.gap_s, silent / rig.rate_hz)
-        records = tuple(at.record(label) for label, at in zip(trial.stimuli, shown.intervals, strict=True))
-        return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
-
-    def shape(self, trial: Trial, interval: int) -> Envelope:
-        """Return the envelope of an interval: the largest of all channels in each step."""
-        reference = self.task.items[trial.stimuli[interval]].reference
-        step = max(1, round(Envelope.STEP_S * self.task.apparatus.rig.rate_hz))
-        peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
-        levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (Envelope.SILENT_DB_SL / 20.0)))
-        return Envelope.of(levels)
+        """False for a training block that is over and has not met its criterion, True otherwise."""
+        right = sum(correct for *_, correct in self.answered)
+        return self.criterion is None or not self.answered or right >= self.criterion * self.trials
 
     def picture(self) -> Picture:
         """Return the block's confusion matrix so far."""
-        labels = [choice.response for choice in self.task.question.choices]
-        counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
-        for trial, response, _ in self._answered:
-            counts[labels.index(trial.correct), labels.index(response)] += 1
-        about = {"title": self.planned.title, "trials": self.trials, "count": len(self.planned_trials)}
-        title = self.task.words("run.so_far_of", **about)
-        return {"kind": "confusion", "title": title, "labels": labels, "counts": counts.tolist()}
+        counts = np.zeros((len(self.labels), len(self.labels)), dtype=np.int64)
+        for trial, response, _ in self.answered:
+            counts[self.labels.index(trial.correct), self.labels.index(response)] += 1
+        return {"kind": "confusion", "labels": list(self.labels), "counts": counts.tolist()}

@@ -1,26 +1,27 @@
-"""A subject's session: which trial comes next, and what becomes of its answer, whatever the task.
+"""A subject's session at a rig: which trial comes next, its presentation, and what becomes of its answer.
 
-Its state is replayed from the store: after any interruption the committed trials are taken through the task's course,
-and the same next trial stands there.
+Its state is replayed from the store: after any interruption the committed trials are taken through the task's state,
+and the same trial comes next.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Literal
 
-from tactuator.errors import BadInput, StoreFault
+from tactuator.errors import BadInput, StoreFault, TimingMissed
+from tactuator.experiment.presenter import Watch
 from tactuator.experiment.protocol.study import PlannedRun
-from tactuator.experiment.session.task import Clock, Course, SessionTask
+from tactuator.experiment.session.task import Clock, NextTrial, SessionTask
 from tactuator.experiment.store import records
-from tactuator.experiment.store.records import Found, stamp
+from tactuator.experiment.store.records import Found, PlayedTrial, stamp
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial import Trial
+from tactuator.experiment.task.task import TaskState
 
 _BETWEEN_TRIALS_S = 1.5
 """Time from the end of a trial to the next one where nothing is known of the subject yet."""
@@ -50,16 +51,9 @@ class Pace:
 
 
 _LEVEL_TOLERANCE_DB = 1e-6
-
-
-@dataclass(frozen=True)
-class NextTrial:
-    """The trial to present next; run: its row in the store; seed: of the run."""
-
-    run: int
-    planned: PlannedRun
-    trial: Trial
-    seed: tuple[int, ...]
+"""Difference up to which a stored level is that of the replayed trial: databases keep all digits, text may not."""
+_ATTEMPTS_MAX = 3
+"""Number of times that a trial is played whose timing the rig misses, before that is a fault of the rig."""
 
 
 @dataclass(frozen=True)
@@ -88,19 +82,20 @@ class RunTally:
 
 @dataclass
 class Running:
-    """The run that goes on, with its course."""
+    """The run in progress, with its state. presented: number of its last trial that was played, and how often."""
 
     row: int
     planned: PlannedRun
     attempt: int
-    course: Course
+    state: TaskState
     last_heard_s: float
+    presented: tuple[int, int] = (-1, 0)
 
 
-def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
-    """Take a course through a run's answers. Raises BadInput where the store's trials are not those of the course."""
+def replay(state: TaskState, run: int, answers: Sequence[Found]) -> None:
+    """Take a state through a run's answers. Raises BadInput where the store's trials are not those of the task."""
     for row in answers:
-        trial = course.trial()
+        trial = state.trial()
         level = None if trial is None or trial.placement is None else trial.placement.level_db_sl
         if level is None or row.level_db_sl is None:
             same = level is row.level_db_sl
@@ -108,7 +103,7 @@ def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
             same = abs(level - row.level_db_sl) <= _LEVEL_TOLERANCE_DB
         if trial is None or not same or trial.correct != row.correct_response:
             raise BadInput(f"run {run}, trial {row.number}: the store does not replay", "its own protocol")
-        course.record(row.response)
+        state.record(row.response)
 
 
 Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
@@ -118,9 +113,9 @@ class Session:
     """One visit of a subject.
 
     row: the session's in the store. subject: who it is, as events have it. version: of the protocol that the task is
-    of. sitting: who answers. held: the run that waits until the experimenter says how it goes on, or None. ended: how
-    the session ended before its time (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the
-    store's trials do not replay.
+    of. sitting: who answers. pending: the trial that was played and waits for its answer, or None. held: the run that
+    waits until the experimenter says how it goes on, or None. ended: how the session ended before its time (declined,
+    withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
     """
 
     def __init__(
@@ -137,6 +132,7 @@ class Session:
         self._who = (int(row.subject_number), int(row.visit))
         self.subject = f"subject {row.subject_code}"
         self.runs = task.runs(*self._who)
+        self.pending: tuple[NextTrial, PlayedTrial] | None = None
         self.held: PlannedRun | None = None
         self._pace = Pace()
         self.ended: str | None = None
@@ -176,7 +172,7 @@ class Session:
     def _take_up(self, run: Found, answers: list[Found]) -> None:
         """Go on with a run, and count how long it lay there by the wall clock, all that is known after a crash."""
         self._running = self._new_running(run.id, self.runs[run.position], run.attempt)
-        replay(self._running.course, run.id, answers)
+        replay(self._running.state, run.id, answers)
         gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
             detail = f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted"
@@ -188,8 +184,8 @@ class Session:
         return (self.clock.utc() - datetime.fromisoformat(stamped)).total_seconds()
 
     def _new_running(self, row: int, planned: PlannedRun, attempt: int) -> Running:
-        course = self.task.course(planned, *self._who, attempt)
-        return Running(row, planned, attempt, course, self.clock.monotonic_s())
+        state = self.task.begin(planned, *self._who, attempt)
+        return Running(row, planned, attempt, state, self.clock.monotonic_s())
 
     # -- present state
 
@@ -226,7 +222,7 @@ class Session:
                 continue
             trials, played_s = self.task.expected(run)
             if current is not None and current.planned is run:
-                trials = max(1.0, (1.0 - current.course.progress) * max(trials, float(current.course.trials)))
+                trials = max(1.0, (1.0 - current.state.progress) * max(trials, float(current.state.trials)))
             left_s += trials * self._pace.trial_s(played_s)
         return left_s
 
@@ -245,13 +241,18 @@ class Session:
         """Return the share of the whole session, 0 to 1; runs count by their trials where these are known before."""
         done = sum(run.trials or 1.0 for run in self.runs if self._is_over(run))
         if self._running is not None:
-            done += (self._running.planned.trials or 1.0) * self._running.course.progress
+            done += (self._running.planned.trials or 1.0) * self._running.state.progress
         return done / sum(run.trials or 1.0 for run in self.runs)
 
     @property
-    def course(self) -> Course | None:
-        """Return the course of the run that goes on, or None."""
-        return None if self._running is None else self._running.course
+    def running(self) -> Running | None:
+        """Return the run in progress, or None."""
+        return self._running
+
+    @property
+    def comes(self) -> tuple[str, str]:
+        """Return what a page shows before the subject goes on: the stage and the introduction of the next run."""
+        return self.stage, "" if self.upcoming is None else self.upcoming.introduction
 
     @property
     def tally(self) -> tuple[RunTally, ...]:
@@ -280,10 +281,10 @@ class Session:
             running = self._begin(upcoming, 0 if before is None else before.attempt + 1)
         elif self.clock.monotonic_s() - running.last_heard_s > self.task.rules.resume_within_s:
             running = self._begin(running.planned, running.attempt + 1, replaced=running)
-        trial = running.course.trial()
+        trial = running.state.trial()
         assert trial is not None
         self._trial_since_s = self.clock.monotonic_s()
-        return NextTrial(running.row, running.planned, trial, running.course.seed)
+        return NextTrial(running.row, running.planned, trial, running.state.seed)
 
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
         now = self.clock.utc()
@@ -300,22 +301,61 @@ class Session:
         self._running = self._new_running(row, planned, attempt)
         return self._running
 
-    # -- answers and events
+    # -- presentation, answers and events
 
-    def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
-        """Save the answer to the trial that stands; it returns only after the commit.
+    def present(self, watch: Watch, halted: Callable[[], bool] = lambda: False) -> NextTrial:
+        """Play the next trial; again, if it was played and never answered, or its timing was missed.
 
-        Raises BadInput for an answer that is not allowed or to another trial, and StoreFault, with nothing changed,
-        where it could not be saved; the same answer may then come again.
+        halted: called while it plays, True to stop it. Raises Halted where it was stopped, the trial then being
+        unplayed, and TimingMissed where the rig missed the timing again and again.
+        """
+        self.pending = None
+        following, outlet = self.next_trial(), self.task.apparatus.outlet
+        watch = watch if outlet is None else outlet.watching(watch)
+        for attempt in range(_ATTEMPTS_MAX):
+            times = self._count_presentation(following.trial.number)
+            try:
+                played = self.task.play(following, watch, halted, self.clock.utc())
+            except TimingMissed as missed:
+                detail = f"run {following.run}, trial {following.trial.number}: {missed}"
+                self.note("timing-missed", detail, records.PROGRAM)
+                if attempt + 1 == _ATTEMPTS_MAX:
+                    raise
+                continue
+            ended, ended_s = self.clock.utc(), self.clock.monotonic_s()
+            self.pending = following, replace(played, ended=ended, ended_s=ended_s, presentations=times)
+            if outlet is not None:
+                outlet.played(following.run, self.pending[1])
+            break
+        return following
+
+    def _count_presentation(self, number: int) -> int:
+        assert self._running is not None
+        last, times = self._running.presented
+        self._running.presented = number, times + 1 if last == number else 1
+        return self._running.presented[1]
+
+    def answer(self, answer: records.Answer) -> Acknowledged:
+        """Save the answer to the pending trial; it returns only after the commit.
+
+        Raises BadInput where no trial waits, for an answer that came before its last interval had ended or was asked
+        for, and for a response that is not allowed; and StoreFault, with nothing changed, where it could not be saved:
+        the same answer may then come again.
         """
         running = self._running
-        number = played.trial.number
-        if running is None or number != running.course.trials:
-            raise BadInput(f"answer to trial {number}", "to the trial that stands")
-        correct = played.trial.judge(answer.response)
+        if self.pending is None or running is None:
+            raise BadInput("no trial waits for an answer", "an answer after its trial")
+        played = self.pending[1]
+        if answer.received_s is not None and played.ended_s is not None and answer.received_s < played.ended_s:
+            raise BadInput(f"answered {played.ended_s - answer.received_s:.3f} s before the interval ended", "after it")
+        shown_ms, pressed_ms = answer.client_shown_ms, answer.client_pressed_ms
+        if shown_ms is not None and pressed_ms is not None and pressed_ms < shown_ms:
+            raise BadInput(f"answered {shown_ms - pressed_ms:g} ms before the question", "after it")
+        number, correct = played.trial.number, played.trial.judge(answer.response)
         with self.store.begin() as connection:
             records.save_answer(connection, running.row, played, answer)
-        running.course.record(answer.response)
+        self.pending = None
+        running.state.record(answer.response)
         running.last_heard_s = self._rested_since_s = self.clock.monotonic_s()
         if self._trial_since_s is not None:
             taken_s = running.last_heard_s - self._trial_since_s + self.task.rules.feedback_s
@@ -325,6 +365,9 @@ class Session:
         self.trials += 1
         self._since_break += 1
         self._end_finished_run()
+        if (outlet := self.task.apparatus.outlet) is not None:
+            ago_s = 0.0 if answer.received_s is None else self.clock.monotonic_s() - answer.received_s
+            outlet.answered(running.row, played, answer.response, ago_s)
         right_response = played.trial.correct if running.planned.feedback else None
         return Acknowledged(running.row, number, correct, right_response)
 
@@ -343,22 +386,23 @@ class Session:
         Practice that has not met its criterion is not over: it begins again, once the experimenter says so.
         """
         running = self._running
-        if running is None or running.course.trial() is not None:
+        if running is None or running.state.trial() is not None:
             return
-        state = "done" if running.course.passed else "restarted"
+        state = "done" if running.state.passed else "restarted"
         self._leave_run(state)
         with suppress(StoreFault), self.store.begin() as connection:
             now = self.clock.utc()
             records.end_run(connection, running.row, state, now)
             if state == "restarted":
                 self.held = running.planned
-                detail = f"run {running.row}: {running.course.trials} trials"
+                detail = f"run {running.row}: {running.state.trials} trials"
                 records.note(connection, self.id, "practice-not-passed", detail, now, records.PROGRAM)
 
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
         self._states[self._running.planned.position] = state
-        self._running, self._introduced = None, False
+        self._running = self.pending = None
+        self._introduced = False
 
     def give_consent(self, name: str = "") -> None:
         """Store consent to this text, in this version of the protocol, which the session stays with.
@@ -419,7 +463,7 @@ class Session:
         self._introduced = True
 
     def stop_run(self) -> None:
-        """Stop the run that goes on, or practice that was not passed; its trials stay, marked."""
+        """Stop the run in progress, or practice that was not passed; its trials stay, marked."""
         planned = self.held if self._running is None else self._running.planned
         if planned is None:
             raise BadInput("no run goes on", "stopping one that does")

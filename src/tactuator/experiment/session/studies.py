@@ -19,11 +19,10 @@ from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.judging_task import JudgingTask
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
+from tactuator.experiment.session.tone_task import DetectionTask, JudgingTask
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Change, Found, Sitting, Tokens, note, stamp
 from tactuator.experiment.store.store import Store

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import ClassVar, Protocol
@@ -19,8 +19,9 @@ from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, RunRules, StudyProtocol
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.task.task import TaskState
 from tactuator.experiment.trial import Timing, Trial
-from tactuator.experiment.words import Words
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.rig.rig import Rig
@@ -130,10 +131,6 @@ class Apparatus:
         return math.sqrt(math.prod(self.band_hz))
 
 
-Picture = Mapping[str, object]
-"""A run as an operator's page draws it, in JSON's types: "kind" (track or confusion), "title", what that kind needs."""
-
-
 @dataclass(frozen=True)
 class OfferedResponse:
     """A response as it is offered.
@@ -211,75 +208,14 @@ class Rules:
         return cls(feedback_s, rules.break_after_trials, rules.break_between_runs, rules.break_s, rules.resume_within_s)
 
 
-@dataclass
-class Course:
-    """A run that goes on, in which the same responses in the same order always lead to the same trial.
+@dataclass(frozen=True)
+class NextTrial:
+    """The trial to present next; run: its row in the store; seed: of the run."""
 
-    A kind of it says what is drawn and played, and learns the answers. seed: of the run.
-    """
-
-    task: SessionTask
+    run: int
     planned: PlannedRun
+    trial: Trial
     seed: tuple[int, ...]
-    _answered: list[tuple[Trial, str, bool]] = field(init=False, default_factory=list)
-    _standing: tuple[int, Trial | None] = field(init=False, default=(-1, None))
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials answered so far, catch trials included."""
-        return len(self._answered)
-
-    @property
-    def progress(self) -> float:
-        """Return how far the run is, from 0 to 1."""
-        raise NotImplementedError
-
-    @property
-    def passed(self) -> bool:
-        """Return False for practice that is over and has not met its criterion, True otherwise."""
-        return True
-
-    def trial(self) -> Trial | None:
-        """Return the trial that stands, or None when the run is over. It is drawn once for each answer."""
-        if self._standing[0] != self.trials:
-            self._standing = (self.trials, self._draw())
-        return self._standing[1]
-
-    def _draw(self) -> Trial | None:
-        raise NotImplementedError
-
-    def play(self, trial: Trial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
-        """Play the trial.
-
-        watch: told of its intervals. halted: asked whether it is to end at once. presented: the present time. Raises
-        Halted where it was stopped while it played.
-        """
-        raise NotImplementedError
-
-    def shape(self, trial: Trial, interval: int) -> Envelope:
-        """Return the envelope of what the interval plays."""
-        raise NotImplementedError
-
-    def record(self, response: str) -> None:
-        """Record the response to the trial that stands. Raises BadInput when the run is over, or for no response."""
-        trial = self.trial()
-        if trial is None:
-            raise BadInput("the run is over", "a response to a trial that stands")
-        correct = trial.judge(response)
-        self._answered.append((trial, response, correct))
-        self._learn(trial, response, correct)
-
-    def _learn(self, trial: Trial, response: str, correct: bool) -> None:
-        """Learn nothing, as a run does whose trials are planned."""
-
-    def picture(self) -> Picture:
-        """Return the run so far as an operator's page draws it: the level and outcome of every trial."""
-        return self._track(self.task.words("run.so_far", title=self.planned.title, trials=self.trials))
-
-    def _track(self, title: str) -> Picture:
-        levels = [0.0 if trial.placement is None else trial.placement.level_db_sl for trial, _, _ in self._answered]
-        correct = [right for _, _, right in self._answered]
-        return {"kind": "track", "title": title, "levels_db_sl": levels, "correct": correct}
 
 
 @dataclass(frozen=True)
@@ -288,16 +224,16 @@ class SessionTask:
 
     protocol: StudyProtocol
     apparatus: Apparatus
-    words: Words
+    words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @property
     def question(self) -> Question:
-        """Return the question that subjects see."""
+        """The question that subjects see."""
         raise NotImplementedError
 
     @property
     def rules(self) -> Rules:
-        """Return the rules of a session."""
+        """The rules of a session."""
         raise NotImplementedError
 
     def enrol(self, connection: Connection, study: int) -> None:
@@ -307,8 +243,20 @@ class SessionTask:
         """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
         raise NotImplementedError
 
-    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> Course:
-        """Return the course of a planned run from its beginning."""
+    def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> TaskState:
+        """Return the state of a planned run at its beginning."""
+        raise NotImplementedError
+
+    def play(self, following: NextTrial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
+        """Play a trial.
+
+        watch: called at its intervals. halted: asked whether it is to end at once. presented: the present time. Raises
+        Halted where it was stopped while it played.
+        """
+        raise NotImplementedError
+
+    def envelope(self, trial: Trial, interval: int) -> Envelope:
+        """Return the envelope of what the interval plays."""
         raise NotImplementedError
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:

@@ -14,15 +14,13 @@ from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import protocol_hash
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
-from tactuator.experiment.session.session import NextTrial
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.session.task import Apparatus, Clock
+from tactuator.experiment.session.task import Apparatus, Clock, NextTrial
+from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.task.task_keys import JudgedTone
-from tactuator.experiment.trial import IntervalRecord, Trial, trial_rng
+from tactuator.experiment.trial import IntervalRecord, Tone, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
 from tactuator.rig.rig import Finger, require_finger_ports
@@ -142,7 +140,7 @@ def run_study(
     for place, (subject, who) in enumerate(zip(protocol.subject, people, strict=True)):
         session, sitting = open_session(study, subject.code, Sitting("simulated")), AtRig(who, task, load)
         try:
-            run_session(PresentedSession(session), sitting, lambda now: show(place, now.progress))  # noqa: B023
+            run_session(session, sitting, lambda now: show(place, now.progress))  # noqa: B023
         finally:
             sitting.leave()
     return study.id
@@ -178,15 +176,16 @@ class AtRig(Respondent):
 
     def respond(self, trial: Trial) -> str:
         """Return the answer to what was felt, and forget that."""
-        tones, rng = self._task.tones(self._planned, trial), trial_rng((*self._seed, 1), trial.number)
+        rng = trial_rng((*self._seed, 1), trial.number)
         felt = np.concatenate(self._felt_mm)
         self._felt_mm.clear()
         levels = [
-            self._level_db_re_1um(tone, at, felt) for (tone,), at in zip(tones, self._played.intervals, strict=True)
+            self._level_db_re_1um(tone, at, felt)
+            for (tone,), at in zip(trial.tones, self._played.intervals, strict=True)
         ]
-        return trial.responses[self._who.respond(levels, tones[0][0].frequency_hz, rng)]
+        return trial.responses[self._who.respond(levels, trial.tones[0][0].frequency_hz, rng)]
 
-    def _level_db_re_1um(self, tone: JudgedTone, record: IntervalRecord, felt: FloatArray) -> float:
+    def _level_db_re_1um(self, tone: Tone, record: IntervalRecord, felt: FloatArray) -> float:
         assert record.onset_s is not None
         assert record.duration_s is not None
         rate_hz = self._task.apparatus.rig.rate_hz

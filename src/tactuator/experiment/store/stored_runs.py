@@ -19,8 +19,8 @@ from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.task.task_keys import Answered, AnsweredRun, JudgedTone, TaskKeys
-from tactuator.experiment.trial import LOUD, SIGNAL
+from tactuator.experiment.task.task import Answered, AnsweredRun, Task
+from tactuator.experiment.trial import LOUD, SIGNAL, Tone
 
 _RUNS = 256
 """Runs that are read at once."""
@@ -172,7 +172,7 @@ def answered_runs(
     return tuple(_run(sessions[row.session_id], row, trials.get(row.id, ())) for row in rows)
 
 
-def task_keys(store: Store, kind: str | None = None) -> tuple[TaskKeys, ...]:
+def stored_tasks(store: Store, kind: str | None = None) -> tuple[Task, ...]:
     """Return the tables [task] that the store's protocols have, the newest last. kind: only of that kind."""
     with store.read() as connection:
         texts = connection.execute(select(schema.protocol_version.c.toml).order_by(schema.protocol_version.c.id))
@@ -210,9 +210,9 @@ def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[An
     return {run: tuple(trials) for run, trials in answers.items()}
 
 
-def _tone(label: str, level_db_sl: float | None, measured_db_sl: float | None) -> JudgedTone | None:
+def _tone(label: str, level_db_sl: float | None, measured_db_sl: float | None) -> Tone | None:
     if level_db_sl is None:
         return None
     role, _, rest = label.partition(":")
     finger, _, hertz = rest.rpartition(":")
-    return JudgedTone(role, finger, float(hertz), level_db_sl, measured_db_sl=measured_db_sl)
+    return Tone(role, finger, float(hertz), level_db_sl, measured_db_sl=measured_db_sl)

@@ -19,8 +19,8 @@ from tactuator.experiment.procedure.procedure import Placement, Procedure, Runs,
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.task.estimate import Measured
-from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
-from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.task.task import AnsweredRun, Place, Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import NotNegative, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL, Level
@@ -40,7 +40,7 @@ _LONGEST_SHARE = 0.8
 
 
 @table("[task]")
-class DiscriminationKeys(TaskKeys):
+class Discrimination(Task):
     """Keys of `discrimination`: which of several tones was stronger, higher or had a gap; which finger was first."""
 
     of: Annotated[Quantity, Field(description="what differs; order: of the onsets at two fingers")]
@@ -109,7 +109,7 @@ class DiscriminationKeys(TaskKeys):
         """Return a fresh run."""
         finger, hertz, level = self._cells()[index]
         procedure = self.rule(level).begin(self.guess, place.playable)
-        return DiscriminationRun(self, finger, hertz, level, place, seed, procedure)
+        return DiscriminationRun(seed, self, finger, hertz, level, place, procedure)
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return the just-noticeable differences."""
@@ -157,23 +157,22 @@ class Difference:
 
 
 @dataclass
-class DiscriminationRun:
+class DiscriminationRun(TaskState):
     """One run: the procedure places the difference."""
 
-    task: DiscriminationKeys
+    task: Discrimination
     finger: str
     frequency_hz: float
     level_db_sl: float
     place: Place
-    seed: tuple[int, ...]
     procedure: Runs
 
     @property
-    def progress(self) -> float:
-        """Return the procedure's progress."""
+    def share_done(self) -> float:
+        """The procedure's progress."""
         return self.procedure.progress()
 
-    def trial(self, number: int) -> Judgement | None:
+    def draw(self, number: int) -> Trial | None:
         """Return the trial where the procedure puts it, or None when the run is over."""
         placement = self.procedure.placement()
         if placement is None:
@@ -185,7 +184,7 @@ class DiscriminationRun:
             first = int(rng.integers(2))
             tones = [self._tone(_TARGET, finger=finger) for finger in task.fingers]
             late = replace(tones[1 - first], onset_s=1e-3 * difference)
-            return Judgement.of(number, [(tones[first], late)], task.fingers, task.fingers[first], at)
+            return Trial.of(number, [(tones[first], late)], task.fingers, task.fingers[first], at)
         names = tuple(str(1 + interval) for interval in range(task.intervals))
         target = int(rng.integers(task.intervals))
         roved = rng.uniform(-task.rove_db, task.rove_db, task.intervals)
@@ -194,18 +193,18 @@ class DiscriminationRun:
             self._changed(difference, float(level[i])) if i == target else (self._tone(_BASE, level=float(level[i])),)
             for i in range(task.intervals)
         ]
-        return Judgement.of(number, intervals, names, names[target], at)
+        return Trial.of(number, intervals, names, names[target], at)
 
-    def record(self, trial: Judgement, response: str) -> None:
+    def learn(self, trial: Trial, response: str, correct: bool) -> None:
         """Move the procedure on."""
-        self.procedure.record(trial.judge(response))
+        self.procedure.record(correct)
 
-    def _tone(self, role: str, finger: str | None = None, level: float | None = None) -> JudgedTone:
+    def _tone(self, role: str, finger: str | None = None, level: float | None = None) -> Tone:
         lasts_s = self.place.timing.duration_s(self.frequency_hz)
         level_db_sl = self.level_db_sl if level is None else level
-        return JudgedTone(role, finger or self.finger, self.frequency_hz, level_db_sl, duration_s=lasts_s)
+        return Tone(role, finger or self.finger, self.frequency_hz, level_db_sl, duration_s=lasts_s)
 
-    def _changed(self, difference: float, level_db_sl: float) -> tuple[JudgedTone, ...]:
+    def _changed(self, difference: float, level_db_sl: float) -> tuple[Tone, ...]:
         tone = self._tone(_TARGET, level=level_db_sl)
         if self.task.of == "amplitude":
             return (replace(tone, level_db_sl=min(level_db_sl + difference, COMFORT_DB_SL)),)

@@ -8,7 +8,7 @@ that of the amplitude (Stevens 1968).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -20,8 +20,8 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.task.estimate import Measured
-from tactuator.experiment.task.task_keys import AnsweredRun, JudgedTone, Judgement, Place, Planned, TaskKeys, TaskPrompt
-from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.task.task import AnsweredRun, Place, Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import Positive, Whole, table
 from tactuator.perception.curve import Level
@@ -31,7 +31,7 @@ _ROLE = "tone"
 
 
 @table("[task]")
-class EstimationKeys(TaskKeys):
+class MagnitudeEstimation(Task):
     """Keys of `magnitude-estimation`: a tone, and a number for how strong it was."""
 
     finger: Annotated[str, Field(description="finger that is stimulated")]
@@ -50,10 +50,10 @@ class EstimationKeys(TaskKeys):
         return (self.finger,)
 
     @property
-    def tones(self) -> tuple[JudgedTone, ...]:
+    def tones(self) -> tuple[Tone, ...]:
         """Return every tone once."""
         cells = ((hertz, level) for hertz in self.frequencies_hz for level in self.levels_db_sl)
-        return tuple(JudgedTone(_ROLE, self.finger, hertz, level) for hertz, level in cells)
+        return tuple(Tone(_ROLE, self.finger, hertz, level) for hertz, level in cells)
 
     def plans(self, words: Words) -> tuple[Planned, ...]:
         """Return one run of all tones."""
@@ -61,7 +61,7 @@ class EstimationKeys(TaskKeys):
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
         """Return a fresh run."""
-        return EstimationRun(self, seed)
+        return EstimationRun(seed, self)
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return geometric means and exponents."""
@@ -91,31 +91,24 @@ class EstimationKeys(TaskKeys):
 
 
 @dataclass
-class EstimationRun:
+class EstimationRun(TaskState):
     """One run: every tone `repeats` times; no tone comes again before all have come."""
 
-    task: EstimationKeys
-    seed: tuple[int, ...]
-    answered: int = field(init=False, default=0)
+    task: MagnitudeEstimation
 
     @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return self.answered / (len(self.task.tones) * self.task.repeats)
+    def share_done(self) -> float:
+        """The share of the trials done."""
+        return self.trials / (len(self.task.tones) * self.task.repeats)
 
-    def trial(self, number: int) -> Judgement | None:
+    def draw(self, number: int) -> Trial | None:
         """Return the next tone, or None when the run is over."""
         tones = self.task.tones
         block, place = divmod(number, len(tones))
         if block >= self.task.repeats:
             return None
         tone = tones[int(trial_rng((*self.seed, 7), block).permutation(len(tones))[place])]
-        return Judgement.of(number, [(tone,)], (), "", Placement(tone.level_db_sl, tone.frequency_hz))
-
-    def record(self, trial: Judgement, response: str) -> None:
-        """Count the response. Raises BadInput for no number above 0."""
-        trial.judge(response)
-        self.answered += 1
+        return Trial.of(number, [(tone,)], (), "", Placement(tone.level_db_sl, tone.frequency_hz))
 
 
 @dataclass(frozen=True, eq=False)

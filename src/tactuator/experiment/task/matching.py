@@ -21,17 +21,8 @@ from tactuator.experiment.procedure.up_down import Tracks, UpDown
 from tactuator.experiment.task.estimate import Equality, StrengthEstimate, equality, estimate
 from tactuator.experiment.task.laws import FREE
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
-from tactuator.experiment.task.task_keys import (
-    Answered,
-    AnsweredRun,
-    JudgedTone,
-    Judgement,
-    Place,
-    Planned,
-    TaskKeys,
-    TaskPrompt,
-)
-from tactuator.experiment.trial import trial_rng
+from tactuator.experiment.task.task import Answered, AnsweredRun, Place, Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import Band, Positive, Whole, table
 from tactuator.perception.contours import REFERENCE_HZ
@@ -53,7 +44,7 @@ _CURVE_POINTS = 3
 
 
 @table("[task]")
-class MatchingKeys(TaskKeys):
+class Matching(Task):
     """Keys of `matching`: a standard and a comparison in two intervals, and which was stronger."""
 
     finger: Annotated[str, Field(description="finger of the standard")]
@@ -138,8 +129,8 @@ class MatchingKeys(TaskKeys):
         """Return a fresh run."""
         finger, hertz = self._cells()[index]
         if hertz is None:
-            return ContourRun(self, finger, seed, self._candidates(place))
-        return PairsRun(self, finger, hertz, seed)
+            return ContourRun(seed, self, finger, self._candidates(place))
+        return PairsRun(seed, self, finger, hertz)
 
     def _candidates(self, place: Place) -> Candidates:
         playable = place.playable
@@ -150,24 +141,24 @@ class MatchingKeys(TaskKeys):
         clear = off_mains(hertz, playable.mains_hz, playable.clearance_hz, band)
         return Candidates(clear[np.abs(clear - self.frequency_hz) > _SAME_HZ], np.array(self.levels_db_sl))
 
-    def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Judgement:
+    def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Trial:
         """Return the trial of a match. swapped: the comparison serves as standard. second: it is in interval 2.
 
         Placed is the tone that does not serve as standard, so that the display's curve is kept at the reference too.
         """
         roles = (STANDARD, COMPARISON) if swapped else (COMPARISON, STANDARD)
-        comparison = JudgedTone(roles[0], finger, placed.frequency_hz, placed.comparison_db_sl)
-        reference = JudgedTone(roles[1], self.finger, self.frequency_hz, placed.reference_db_sl)
+        comparison = Tone(roles[0], finger, placed.frequency_hz, placed.comparison_db_sl)
+        reference = Tone(roles[1], self.finger, self.frequency_hz, placed.reference_db_sl)
         tones = (reference, comparison) if second else (comparison, reference)
         free = reference if swapped and finger == self.finger else comparison
         at = Placement(free.level_db_sl, free.frequency_hz)
-        return Judgement.of(number, [(tone,) for tone in tones], INTERVALS, INTERVALS[second], at)
+        return Trial.of(number, [(tone,) for tone in tones], INTERVALS, INTERVALS[second], at)
 
-    def is_reference(self, tone: JudgedTone) -> bool:
+    def is_reference(self, tone: Tone) -> bool:
         """Return whether a tone is at the reference frequency and finger."""
         return tone.finger == self.finger and abs(tone.frequency_hz - self.frequency_hz) < _SAME_HZ
 
-    def row(self, tones: Sequence[JudgedTone | None], stronger: bool) -> Row:
+    def row(self, tones: Sequence[Tone | None], stronger: bool) -> Row:
         """Return a match for `Matches.of`, by levels at the sensor where both are known. Raises BadInput for others."""
         both = [tone for tone in tones if tone is not None]
         at = [self.is_reference(tone) for tone in both]
@@ -245,12 +236,11 @@ def pairs_table(pairs: Sequence[tuple[AnsweredRun, Equality]], words: Words) -> 
 
 
 @dataclass
-class ContourRun:
+class ContourRun(TaskState):
     """One run of `contour`."""
 
-    task: MatchingKeys
+    task: Matching
     finger: str
-    seed: tuple[int, ...]
     candidates: Candidates
     rows: list[Row] = field(init=False, default_factory=list)
     known: Fit = field(init=False)
@@ -259,13 +249,13 @@ class ContourRun:
         self.known = fit(FREE, self.task.setting, Matches.of([]))
 
     @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return len(self.rows) / self.task.trials
+    def share_done(self) -> float:
+        """The share of the trials done."""
+        return self.trials / self.task.trials
 
-    def trial(self, number: int) -> Judgement | None:
+    def draw(self, number: int) -> Trial | None:
         """Return the most telling match, or None when the run is over."""
-        if len(self.rows) >= self.task.trials:
+        if number >= self.task.trials:
             return None
         turn = self._in_turn(7, 4, number)
         level_db_sl = self.task.levels_db_sl[self._in_turn(9, len(self.task.levels_db_sl), number)]
@@ -279,20 +269,19 @@ class ContourRun:
         block, place = divmod(number, count)
         return int(trial_rng((*self.seed, draw), block).permutation(count)[place])
 
-    def record(self, trial: Judgement, response: str) -> None:
+    def learn(self, trial: Trial, response: str, correct: bool) -> None:
         """Learn the response."""
-        self.rows.append(self.task.row([interval[0] for interval in trial.tones], trial.judge(response)))
+        self.rows.append(self.task.row([interval[0] for interval in trial.tones], correct))
         self.known = fit(FREE, self.task.setting, Matches.of(self.rows), start=self.known.place, steps=_STEPS)
 
 
 @dataclass
-class PairsRun:
+class PairsRun(TaskState):
     """One run of `pairs`: the tracks of all levels at one frequency and finger, interleaved."""
 
-    task: MatchingKeys
+    task: Matching
     finger: str
     frequency_hz: float
-    seed: tuple[int, ...]
     tracks: list[tuple[float, bool, Tracks]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -310,11 +299,11 @@ class PairsRun:
         return procedure.begin()
 
     @property
-    def progress(self) -> float:
-        """Return the mean progress of the tracks."""
+    def share_done(self) -> float:
+        """The mean progress of the tracks."""
         return float(np.mean([track.progress() for _, _, track in self.tracks]))
 
-    def trial(self, number: int) -> Judgement | None:
+    def draw(self, number: int) -> Trial | None:
         """Return the next match of a track that is drawn, or None when all are over."""
         which = self._drawn(number)
         if which is None:
@@ -332,9 +321,9 @@ class PairsRun:
         going = [index for index, (_, _, track) in enumerate(self.tracks) if not track.over[0]]
         return going[int(trial_rng((*self.seed, 8), number).integers(len(going)))] if going else None
 
-    def record(self, trial: Judgement, response: str) -> None:
+    def learn(self, trial: Trial, response: str, correct: bool) -> None:
         """Move the track on."""
         which = self._drawn(trial.number)
         assert which is not None
         _, swapped, track = self.tracks[which]
-        track.record(trial.judge(response) != swapped)
+        track.record(correct != swapped)
