@@ -36,4 +36,4 @@ def test_picture_and_walks__are_drawn_from_the_contract_and_lead_where_they_say(
         pattern = patterns.get(Path(path).suffix, r"^[a-z][\w ]*\*?{}\([^;]*$").replace("{}", name)
         text = (ROOT / path).read_text(encoding="utf-8")
         assert re.search(pattern, text, flags=re.MULTILINE) is not None, (path, name)
-    assert len(HOPS) >= 30
+    assert len(HOPS) >= 25

@@ -166,7 +166,7 @@ class Subject:
 
     def _answer(self, run: int, number: int) -> str:
         seed = run_seed(self._protocol, 0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
-        return response_of(self._protocol.paradigm.trial(number, Placement(0.0), seed))
+        return response_of(self._protocol.paradigm.trial(number, "index", Placement(0.0, 100.0), seed))
 
 
 def kills_and_finish(server: Server, subject: Subject, kills: int, seed: int) -> int:
