@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tactuator.api.parameters import paper_display
 from tactuator.paper.plan import LEVELS_DB_SL, Plan
-from tactuator.paper.report import plates
+from tactuator.paper.report import figures
 from tactuator.paper.run import run_study
 from tactuator.paper.steps import LOADED, UNLOADED, check_speech, worst_error_db
 from tactuator.paper.summary import comparison, upper_db
@@ -20,9 +20,9 @@ def main():
     """Replace the picture, and what stands between the marks."""
     plan = Plan(paper_display())
     study = run_study(plan, check_speech(plan), lambda step, done: None)
-    for plate in plates(study):
-        if plate.name in PICTURES:
-            (README.parent / "docs" / "figures" / PICTURES[plate.name]).write_text(plate.svg(), encoding="utf-8")
+    for figure in figures(study):
+        if figure.name in PICTURES:
+            (README.parent / "docs" / "figures" / PICTURES[figure.name]).write_text(figure.svg(), encoding="utf-8")
     rows = "".join(f"| {' | '.join(row)} |\n" for row in comparison(study))
     table = f"{MARK}\n| what | paper (2004) | here |\n|---|---|---|\n{rows}{MARK}"
     text = README.read_text(encoding="utf-8")

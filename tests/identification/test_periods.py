@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
-from tactuator.report.device import identification_plate
+from tactuator.report.device import identification_figure
 from tactuator.signals.multisine import Periods, odd_lines, periods_of
 from tactuator.signals.record import Record
 
@@ -149,7 +149,7 @@ def test_identify__lopsided_spring__shows_on_even_lines(found: list[Identificati
 
 def test_identify__distortion__widens_the_band_and_is_drawn(found: list[Identification]) -> None:
     assert found[1].model.band_db(HERTZ).min() > 3.0 * found[0].model.band_db(HERTZ).min()
-    (legend,) = identification_plate(found[1]).figure.legends
+    (legend,) = identification_figure(found[1]).drawing.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert {"model, with its 95 % band", "noise", "noise and distortion", "distortion, odd lines"} <= set(labels)
 

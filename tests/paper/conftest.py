@@ -13,7 +13,7 @@ from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.steps import check_speech
-from tactuator.report.plate import Plate
+from tactuator.report.figure import ReportFigure
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -39,9 +39,11 @@ class Reproduced:
 def reproduced(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> Reproduced:
     """The command itself, with the study that was run. Of the figures one is drawn: all are in a slow test."""
     folder = tmp_path_factory.mktemp("reproduce") / "paper"
-    draw = Plate.svg
+    draw = ReportFigure.svg
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
-        patch.setattr(Plate, "svg", lambda plate: draw(plate) if plate.name == "fig01" else f"of {plate.name}")
+        patch.setattr(
+            ReportFigure, "svg", lambda figure: draw(figure) if figure.name == "fig01" else f"of {figure.name}"
+        )
         patch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
         assert main(["reproduce", "--json", "--out", str(folder)]) == 0
     return Reproduced(folder, printed.getvalue())

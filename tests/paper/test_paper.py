@@ -17,7 +17,7 @@ from tactuator.model.requirements import Objectives
 from tactuator.paper import report as publish
 from tactuator.paper import run as reproduce
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ, Plan
-from tactuator.paper.report import plates
+from tactuator.paper.report import figures
 from tactuator.paper.run import PaperStudy, judge_objectives
 from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.summary import comparison, summary
@@ -147,9 +147,9 @@ def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduc
 
 
 def test_plates__of_the_study__can_all_be_drawn_and_their_texts_stand_apart(study: PaperStudy) -> None:
-    for plate in plates(study):
-        assert plate.svg().startswith("<?xml")
-        assert_texts_apart(plate)
+    for figure in figures(study):
+        assert figure.svg().startswith("<?xml")
+        assert_texts_apart(figure)
 
 
 def test_readme__first_sentence__is_felt_less_asked_of_the_summary(reproduced: Reproduced) -> None:

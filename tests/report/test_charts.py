@@ -17,10 +17,10 @@ import tactuator as tt
 from tactuator.api.nouns import RecordResult
 from tactuator.errors import BadInput
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.report.chart import chart_plate, draw
-from tactuator.report.controller import design_plates, resolution_plate, save_design_plates
-from tactuator.report.nichols import hull, nichols_plate
-from tactuator.report.plate import Plate
+from tactuator.report.chart import chart_figure, draw
+from tactuator.report.controller import design_figures, resolution_figure, save_design_figures
+from tactuator.report.figure import ReportFigure
+from tactuator.report.nichols import hull, nichols_figure
 from tactuator.report.tables import (
     design_rows,
     finding_row,
@@ -43,28 +43,28 @@ from tests.synthesis.displays import channel, paper_controller, three_finger_con
 
 
 @cache
-def paper_chart() -> Plate:
+def paper_chart() -> ReportFigure:
     family = plant_family(channel(), 4000.0, 1)
     c = bilinear(paper.FEEDBACK, 4000.0)
     loops = [FeedbackLoop(c, one.sampled) for one in family]
     continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
-    return nichols_plate(loops[0], paper.PLANT, continuous, loops[1:], name="fig07")
+    return nichols_figure(loops[0], paper.PLANT, continuous, loops[1:], name="fig07")
 
 
 @cache
-def default_chart() -> Plate:
+def default_chart() -> ReportFigure:
     made = design_controller(three_fingers())
-    return next(plate for plate in design_plates(made, "index") if plate.name == "nichols-index")
+    return next(figure for figure in design_figures(made, "index") if figure.name == "nichols-index")
 
 
 @cache
-def designed_charts(finger: str) -> dict[str, Plate]:
-    return {plate.name: plate for plate in design_plates(three_finger_controller(), finger)}
+def designed_charts(finger: str) -> dict[str, ReportFigure]:
+    return {figure.name: figure for figure in design_figures(three_finger_controller(), finger)}
 
 
 def test_texts__of_every_figure_of_a_design__stand_apart() -> None:
-    for plate in (paper_chart(), default_chart(), *designed_charts("thumb").values(), *many_models().values()):
-        assert_texts_apart(plate)
+    for figure in (paper_chart(), default_chart(), *designed_charts("thumb").values(), *many_models().values()):
+        assert_texts_apart(figure)
 
 
 def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end() -> None:
@@ -75,10 +75,10 @@ def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end()
         "delta": [(0, 14), (0, 14), (0, 13), (0, 13)],
     }
     forms = {form: {r: BitsNeeded(*b) for r, b in zip(rates, of, strict=True)} for form, of in bits.items()}
-    made = resolution_plate({"prefilter": forms, "feedback": forms}, whose="a controller")
+    made = resolution_figure({"prefilter": forms, "feedback": forms}, whose="a controller")
     assert len(boxes(made)) > 20
     assert_texts_apart(made)
-    ends = [np.isnan(line.get_ydata()[-1]) for line in made.figure.axes[0].get_lines() if len(line.get_ydata()) == 4]
+    ends = [np.isnan(line.get_ydata()[-1]) for line in made.drawing.axes[0].get_lines() if len(line.get_ydata()) == 4]
     assert ends == [True, False, False, False, False, False]
     assert MOST_BITS + 1 in made.table["accurate_bits"]
     assert len(made.table["rate_hz"]) == 24
@@ -86,39 +86,39 @@ def test_resolution__labels_and_bits__neither_collide_nor_go_on_where_bits_end()
 
 
 def test_nichols__marks_and_caption__cover_the_data_and_name_the_contours() -> None:
-    plate = paper_chart()
-    texts = {name.rpartition(" ")[0] for name in boxes(plate)}
+    figure = paper_chart()
+    texts = {name.rpartition(" ")[0] for name in boxes(figure)}
     assert {"1", "10", "20", "50", "100", "margins: 55.8°, 25.4 dB", "0 dB", "−3 dB", "−20 dB"} <= texts
-    assert all(words in plate.caption for words in ("|T| = 0.79 dB", "|S| = 2.95 dB"))
-    left, right = plate.figure.axes[0].get_xlim()
-    phase = np.array(plate.table["phase_deg"])[np.array(plate.table["gain_db"]) > -50.0]
+    assert all(words in figure.caption for words in ("|T| = 0.79 dB", "|S| = 2.95 dB"))
+    left, right = figure.drawing.axes[0].get_xlim()
+    phase = np.array(figure.table["phase_deg"])[np.array(figure.table["gain_db"]) > -50.0]
     assert left <= phase.min()
     assert phase.max() <= right
 
 
-def many_models() -> dict[str, Plate]:
+def many_models() -> dict[str, ReportFigure]:
     made = three_finger_controller()
     rng = np.random.default_rng(0)
     factors = rng.normal(1.0, 0.1, (8, 3))
     models = tuple(ContinuousSystem.from_polynomials([2875.0 * a], [1.0, 94.0 * b, 290.0 * c]) for a, b, c in factors)
     channels = (replace(made.display.channels[0], family=models), *made.display.channels[1:])
     shown = replace(made, display=replace(made.display, channels=channels))
-    return {plate.name.split("-")[0]: plate for plate in design_plates(shown, "index")}
+    return {figure.name.split("-")[0]: figure for figure in design_figures(shown, "index")}
 
 
 def test_plates__eighteen_plants__a_legend_of_few_lines_and_an_envelope() -> None:
-    plates = many_models()
+    figures = many_models()
     for kind in ("nichols", "sensitivity", "headroom"):
-        drawing = plates[kind].figure
+        drawing = figures[kind].drawing
         texts = [one.get_text() for one in (drawing.axes[0].get_legend() or drawing.legends[0]).get_texts()]
         assert len(texts) <= 7, texts
         assert not any("model" in text for text in texts)
-    assert "all 18 plants" in plates["nichols"].caption
-    table = {name: np.array(column) for name, column in plates["sensitivity"].table.items()}
+    assert "all 18 plants" in figures["nichols"].caption
+    table = {name: np.array(column) for name, column in figures["sensitivity"].table.items()}
     assert np.all(table["S finger least dB"] <= table["S finger dB"])
     assert np.all(table["S finger greatest dB"] >= table["S finger dB"])
     assert np.max(table["S finger greatest dB"] - table["S finger least dB"]) > 1.0
-    assert set(plates["headroom"].table["load"]) == {"none", "finger"}
+    assert set(figures["headroom"].table["load"]) == {"none", "finger"}
 
 
 @given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=3, max_size=30))
@@ -131,16 +131,16 @@ def test_hull__any_points__holds_them_all_and_turns_one_way(points: list[tuple[f
 
 
 def test_equality__felt_level__flat() -> None:
-    plate = designed_charts("thumb")["equality-thumb"]
-    felt = np.array(plate.table["felt_db_sl"])
-    total = np.array(plate.table["displacement_db_re_1um"]) + np.array(plate.table["sensitivity_db"])
+    figure = designed_charts("thumb")["equality-thumb"]
+    felt = np.array(figure.table["felt_db_sl"])
+    total = np.array(figure.table["displacement_db_re_1um"]) + np.array(figure.table["sensitivity_db"])
     assert felt == pytest.approx(total)
     assert np.abs(felt - 30.0).max() <= 0.25
-    assert "inferred" in plate.caption
+    assert "inferred" in figure.caption
 
 
 def test_save__every_plate__svg_and_csv_in_a_folder_of_nothing_else(tmp_path: Path) -> None:
-    save_design_plates(paper_controller(), tmp_path / "charts")
+    save_design_figures(paper_controller(), tmp_path / "charts")
     names = {f"{kind}-index" for kind in ("nichols", "bode", "sensitivity", "headroom", "equality")}
     for ending in ("svg", "csv"):
         assert {path.stem for path in (tmp_path / "charts").glob(f"*.{ending}")} == names
@@ -148,7 +148,7 @@ def test_save__every_plate__svg_and_csv_in_a_folder_of_nothing_else(tmp_path: Pa
     other.mkdir()
     (other / "precious.txt").write_text("keep me")
     with pytest.raises(BadInput, match="precious"):
-        save_design_plates(paper_controller(), other)
+        save_design_figures(paper_controller(), other)
 
 
 RATE_HZ = 2000.0
@@ -208,11 +208,11 @@ def test_draw__legend_band_and_units__cover_nothing_and_have_an_axis_each():
 @pytest.mark.parametrize("simulated", [False, True])
 def test_chart__that_nobody_felt__says_so_in_axes_figure_and_table(simulated: bool):
     chart = Chart("frequency (Hz)", "threshold (dB SL)", [ChartLine("S1", HERTZ, LEVEL, "o")], simulated=simulated)
-    plate, axes = chart_plate(chart, "thresholds"), draw(chart, Figure().add_subplot())
+    figure, axes = chart_figure(chart, "thresholds"), draw(chart, Figure().add_subplot())
     told = [text.get_text() == "simulated: nobody felt this" for text in axes.texts]
     assert told == [True] * simulated
-    assert ("simulated: nobody felt this" in plate.svg()) is simulated
-    assert plate.csv().splitlines()[1].endswith(",simulated") is simulated
+    assert ("simulated: nobody felt this" in figure.svg()) is simulated
+    assert figure.csv().splitlines()[1].endswith(",simulated") is simulated
 
 
 MARGINS = {

@@ -59,7 +59,7 @@ def design(
     with working("designing"):
         controller = promoted(ControllerResult, design_controller(described, poles, error_db))
     if figures is not None:
-        report.controller.save_design_plates(controller, Path(figures))
+        report.controller.save_design_figures(controller, Path(figures))
     if out is not None:
         _keep_met(Path(out), controller)
         controller.write(out)
@@ -180,8 +180,9 @@ def wordlength(
     if figures is not None:
         bands = [channel.threshold.band_hz for channel in judged.display.channels]
         band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
-        report.plate.save_plates(
-            [report.controller.resolution_plate(bits, "this controller (the most of any channel)", band)], Path(figures)
+        report.figure.save_figures(
+            [report.controller.resolution_figure(bits, "this controller (the most of any channel)", band)],
+            Path(figures),
         )
     return WordlengthResult(judged.rate_hz, bits, check, None if figures is None else Path(figures))
 

@@ -250,12 +250,12 @@ def _folder(
 
 def _draw(result: RenderResult, folder: Path, caption: str) -> None:
     felt = result.rendered.felt
-    plate = (
-        report.chart.chart_plate(result.chart(), result.source.stem)
+    figure = (
+        report.chart.chart_figure(result.chart(), result.source.stem)
         if felt is None
-        else report.felt.spectrogram_plate(felt, caption)
+        else report.felt.spectrogram_figure(felt, caption)
     )
-    report.plate.save_plates([plate], folder)
+    report.figure.save_figures([figure], folder)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -223,7 +223,7 @@ def curves(
         (*map(library.curve, library.curve_names()), *read), None if figures is None else Path(figures)
     )
     if figures is not None:
-        report.plate.save_plates(
-            [report.chart.chart_plate(result.chart(), "curves", "Detection thresholds.")], Path(figures)
+        report.figure.save_figures(
+            [report.chart.chart_figure(result.chart(), "curves", "Detection thresholds.")], Path(figures)
         )
     return result

@@ -129,7 +129,7 @@ def contours(
             raise BadInput(f"subject {subject!r} has no matches", ", ".join(people) or "one who has")
         write_contours(Path(out), result._contours()[0] if subject is None else people[subject])
     if figures is not None and results.group is not None:
-        report.chart.chart_plate(result.chart(), "contours", results.group.source).save(Path(figures))
+        report.chart.chart_figure(result.chart(), "contours", results.group.source).save(Path(figures))
     return result
 
 
@@ -188,5 +188,5 @@ def judged(
     keys, simulated = kinds[kind], any(run.simulated for run in runs)
     result = StoreJudged(kind, len(runs), keys.results(runs, words), keys.chart(runs, words), simulated)
     if figures is not None:
-        report.chart.chart_plate(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
+        report.chart.chart_figure(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
     return result

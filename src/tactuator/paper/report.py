@@ -21,21 +21,21 @@ from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, sampled_loop,
 from tactuator.paper.summary import comparison, summary_text
 from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.report.configuration import loop_plate, mechanism_plate, processor_plate
-from tactuator.report.controller import prefilter_plate, resolution_plate
-from tactuator.report.device import LevelResponse, calibration_plate, motor_plate, noise_plate, response_plate
-from tactuator.report.felt import equality_plate, felt_plate, threshold_plate, thresholds_plate
-from tactuator.report.nichols import nichols_plate
-from tactuator.report.plate import Plate
+from tactuator.report.configuration import loop_figure, mechanism_figure, processor_figure
+from tactuator.report.controller import prefilter_figure, resolution_figure
+from tactuator.report.device import LevelResponse, calibration_figure, motor_figure, noise_figure, response_figure
+from tactuator.report.felt import equality_figure, felt_figure, threshold_figure, thresholds_figure
+from tactuator.report.figure import ReportFigure
+from tactuator.report.nichols import nichols_figure
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.synthesis import paper
 
 
-def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
+def report_page(study: PaperStudy, figures: Sequence[ReportFigure]) -> str:
     """Return the page, one HTML file with every figure in it."""
     template = Template(files("tactuator.paper").joinpath("report.html").read_text("utf-8"))
     words = {name: escape(f"{value}") for name, value in _words(study).items()}
-    drawn = {plate.name.replace("-", "_"): _figure(plate) for plate in plates}
+    drawn = {figure.name.replace("-", "_"): _figure(figure) for figure in figures}
     objectives = [
         (objective.number, objective.outcome.value, objective.words, "; ".join(map(_worded, _worst(objective))))
         for objective in study.verdict.objectives
@@ -97,14 +97,14 @@ def _with_code(text: str) -> str:
     return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
-def _figure(plate: Plate) -> str:
-    picture = base64.b64encode(plate.svg().encode()).decode()
-    number = plate.name.removeprefix("fig").lstrip("0")
+def _figure(figure: ReportFigure) -> str:
+    picture = base64.b64encode(figure.svg().encode()).decode()
+    number = figure.name.removeprefix("fig").lstrip("0")
     label = f"Figure {number}. " if number.isdigit() else ""
     return (
-        f"<figure id='{escape(plate.name)}'><img alt='{escape(plate.title)}' "
+        f"<figure id='{escape(figure.name)}'><img alt='{escape(figure.title)}' "
         f"src='data:image/svg+xml;base64,{picture}'>"
-        f"<figcaption><b>{label}{escape(plate.title)}.</b> {escape(plate.caption)}</figcaption></figure>"
+        f"<figcaption><b>{label}{escape(figure.title)}.</b> {escape(figure.caption)}</figcaption></figure>"
     )
 
 
@@ -127,8 +127,8 @@ def _worded(finding: Finding) -> str:
     return f"{value} (allowed {finding.allowed:g}{unit}){remark}"
 
 
-def plates(study: PaperStudy) -> tuple[Plate, ...]:
-    """Return the plates: fig01 to fig12 as in the paper, then noise, prefilter, resolution, reshaped response."""
+def figures(study: PaperStudy) -> tuple[ReportFigure, ...]:
+    """Return the figures: fig01 to fig12 as in the paper, then noise, prefilter, resolution, reshaped response."""
     display, flatness_db = study.plan.display, study.plan.display.objectives.flatness_db
     first = display.channels[0]
     curve = first.threshold.curve
@@ -136,50 +136,50 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
     motor = study.motors[first.name].estimate.model
     identified = replace(first, plant=motor)
     return (
-        threshold_plate(curve),
-        equality_plate(first, band, study.controller.response(first.name, band), name="fig02"),
-        mechanism_plate(identified),
-        motor_plate(
+        threshold_figure(curve),
+        equality_figure(first, band, study.controller.response(first.name, band), name="fig02"),
+        mechanism_figure(identified),
+        motor_figure(
             study.open_loop.frequency_hz, study.open_loop.response[first.name], motor, display.rate_hz, first.name
         ),
-        calibration_plate(study.calibration),
-        loop_plate(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),
+        calibration_figure(study.calibration),
+        loop_figure(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),
         _nichols(study),
-        processor_plate(study.controller),
-        response_plate(_runs(study.responses, UNLOADED), "unloaded", "fig09", flatness_db),
-        response_plate(_runs(study.responses, LOADED), "with a finger", "fig10", flatness_db),
-        response_plate(_runs(study.default, UNLOADED), "the default, unloaded", "default", flatness_db),
-        response_plate(_runs(study.default, LOADED), "the default, with a finger", "default-finger", flatness_db),
+        processor_figure(study.controller),
+        response_figure(_runs(study.responses, UNLOADED), "unloaded", "fig09", flatness_db),
+        response_figure(_runs(study.responses, LOADED), "with a finger", "fig10", flatness_db),
+        response_figure(_runs(study.default, UNLOADED), "the default, unloaded", "default", flatness_db),
+        response_figure(_runs(study.default, LOADED), "the default, with a finger", "default-finger", flatness_db),
         _thresholds(study),
-        felt_plate(study.spoken.report, study.spoken.file.path.name),
-        noise_plate(
+        felt_figure(study.spoken.report, study.spoken.file.path.name),
+        noise_figure(
             {gain: levels.runs[0][1][0] for gain, levels in study.noise.proportional.items()},
             study.noise.designed.channels[0],
         ),
         _prefilters(study),
-        resolution_plate(study.resolution),
-        response_plate(
+        resolution_figure(study.resolution),
+        response_figure(
             _runs(study.reshaped.responses, UNLOADED), "prefilter reshaped to the new curve", "reshaped", flatness_db
         ),
     )
 
 
-def _nichols(study: PaperStudy) -> Plate:
+def _nichols(study: PaperStudy) -> ReportFigure:
     first = study.plan.display.channels[0]
     loops = (sampled_loop(study.plan.display, replace(first, plant=first.loaded_plant(load))) for load in first.loads)
     title = "Loop shaping in the Nichols chart"
     loop = study.loop
-    return nichols_plate(loop.sampled, first.plant, loop.continuous, tuple(loops), name="fig07", title=title)
+    return nichols_figure(loop.sampled, first.plant, loop.continuous, tuple(loops), name="fig07", title=title)
 
 
-def _prefilters(study: PaperStudy) -> Plate:
+def _prefilters(study: PaperStudy) -> ReportFigure:
     judged = study.prefilters
     errors = {
         "the paper's F": (judged.paper.frequency_hz, judged.paper.error_db),
         "the paper's F, sampled": (judged.paper_sampled.frequency_hz, judged.paper_sampled.error_db),
         **{f"fitted, {name}": (fit.frequency_hz, fit.error_db) for name, fit in judged.fitted.items()},
     }
-    return prefilter_plate(errors, study.plan.display.objectives.flatness_db)
+    return prefilter_figure(errors, study.plan.display.objectives.flatness_db)
 
 
 def _runs(points: tuple[ResponsePoint, ...], load: str) -> list[LevelResponse]:
@@ -196,7 +196,7 @@ def _run(points: list[ResponsePoint]) -> LevelResponse:
     return LevelResponse(points[0].channel, points[0].level_db_sl, *columns)
 
 
-def _thresholds(study: PaperStudy) -> Plate:
+def _thresholds(study: PaperStudy) -> ReportFigure:
     """Draw each observer's mean over the fingers, with the standard error of that mean."""
     people = []
     for name in dict.fromkeys(threshold.observer for threshold in study.thresholds):
@@ -208,7 +208,7 @@ def _thresholds(study: PaperStudy) -> Plate:
         ]
         counts = np.array([len(row) for row in levels])
         people.append(PersonThresholds(name, hertz, np.mean(levels, axis=1), np.array(errors) / counts, simulated=True))
-    return thresholds_plate(people, study.plan.display.channels[0].threshold.curve, study.curve)
+    return thresholds_figure(people, study.plan.display.channels[0].threshold.curve, study.curve)
 
 
 OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
@@ -217,9 +217,9 @@ OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
 
 def publish(study: PaperStudy, folder: Path) -> None:
     """Write everything into `folder`, which is there and empty."""
-    drawn = plates(study)
+    drawn = figures(study)
     (folder / "figures").mkdir()
-    for plate in drawn:
-        plate.save(folder / "figures")
+    for figure in drawn:
+        figure.save(folder / "figures")
     (folder / "report.html").write_text(report_page(study, drawn), encoding="utf-8")
     (folder / "summary.json").write_text(summary_text(study), encoding="utf-8")

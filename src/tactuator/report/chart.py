@@ -13,19 +13,19 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from tactuator.arrays import FloatArray
-from tactuator.report.plate import (
+from tactuator.report.figure import (
     CYCLE,
     FAINT,
     GREEN,
     INK,
     ORANGE,
     RED,
-    Plate,
-    figure,
+    ReportFigure,
     frequency_axis,
     house,
     labelled,
     legend,
+    subplots,
     table_of,
 )
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine
@@ -47,13 +47,13 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def chart_plate(chart: Chart, name: str, caption: str = "") -> Plate:
+def chart_figure(chart: Chart, name: str, caption: str = "") -> ReportFigure:
     """Return the chart as a figure of its own, with the numbers of every curve."""
     drawing = Figure(figsize=(6.6, 3.6), layout="constrained")
-    draw(replace(chart, simulated=False), drawing.add_subplot())  # the plate says it above
+    draw(replace(chart, simulated=False), drawing.add_subplot())  # the figure says it above
     rows = (row for curve in chart.curves for row in labelled((curve.label,), np.asarray(curve.x), np.asarray(curve.y)))
     heads = ("curve", chart.x_label, chart.y_label)
-    return Plate(name, name, caption, drawing, table_of(heads, rows), chart.simulated)
+    return ReportFigure(name, name, caption, drawing, table_of(heads, rows), chart.simulated)
 
 
 def panels(charts: Sequence[Sequence[Chart]], height_in: float, ratios: Sequence[float] | None = None) -> Figure:
@@ -65,7 +65,7 @@ def panels(charts: Sequence[Sequence[Chart]], height_in: float, ratios: Sequence
     rows, columns = len(charts), len(charts[0])
     same_y = len({chart.y_label for chart in charts[0]}) == 1
     shared: dict[str, Any] = {"sharex": "col", "sharey": "row" if same_y else False}
-    drawing, grid = figure(rows, columns, height_in, squeeze=False, height_ratios=ratios, **shared)
+    drawing, grid = subplots(rows, columns, height_in, squeeze=False, height_ratios=ratios, **shared)
     handles: dict[str, Any] = {}
     for place, (row, axes_of_row) in enumerate(zip(charts, grid, strict=True)):
         for column, (chart, axes) in enumerate(zip(row, axes_of_row, strict=True)):

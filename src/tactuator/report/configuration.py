@@ -11,7 +11,7 @@ import numpy as np
 
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.report.plate import Plate, table_of
+from tactuator.report.figure import ReportFigure, table_of
 from tactuator.report.tables import printed_polynomials
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -51,7 +51,7 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
     return f"zeros {zeros} Hz", f"poles {poles} Hz", f"gain {system.gain:.5g}"
 
 
-def mechanism_plate(channel: Channel) -> Plate:
+def mechanism_figure(channel: Channel) -> ReportFigure:
     """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
     num, den = printed_polynomials(channel.plant)
     loads = [f"{load.name}: {load.mass:g} s² + {load.damping:g} s + {load.stiffness:g}" for load in channel.loads]
@@ -72,10 +72,10 @@ def mechanism_plate(channel: Channel) -> Plate:
     plant_num, plant_den = channel.plant.polynomials()
     parts = (("num", plant_num), ("den", plant_den))
     rows = [(f"{part}[{index}]", float(value)) for part, values in parts for index, value in enumerate(values)]
-    return Plate("fig03", "Motor assembly", caption, drawing, table_of(("coefficient", "value"), rows))
+    return ReportFigure("fig03", "Motor assembly", caption, drawing, table_of(("coefficient", "value"), rows))
 
 
-def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> Plate:
+def loop_figure(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> ReportFigure:
     """Draw the two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled,
     is shown by the corner frequencies of its roots (log z times the rate).
     """
@@ -92,10 +92,10 @@ def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> Plate
         for index, value in enumerate(values)
     )
     table = table_of(("block", "part", "power", "coefficient"), rows)
-    return Plate("fig06", "Closed-loop signal block diagram", caption, drawing, table)
+    return ReportFigure("fig06", "Closed-loop signal block diagram", caption, drawing, table)
 
 
-def processor_plate(controller: Controller) -> Plate:
+def processor_figure(controller: Controller) -> ReportFigure:
     """Draw what runs at every tick, with rate, converters and sections of the controller at hand."""
     converter, designed = controller.display.channels[0].converter, controller.channels[0]
     figures: dict[str, float] = {
@@ -115,4 +115,4 @@ def processor_plate(controller: Controller) -> Plate:
         f"of ±{converter.range_v:g} V, {controller.delay_samples} sample of computing delay."
     )
     table = table_of(("quantity", "value"), figures.items())
-    return Plate("fig08", "Digital environment", caption, drawing, table)
+    return ReportFigure("fig08", "Digital environment", caption, drawing, table)

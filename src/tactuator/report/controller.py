@@ -16,22 +16,22 @@ from tactuator.measure.adaptive import LANDS_S, LIFTED_S, Landing, landing
 from tactuator.model.controller import Controller
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.report.chart import panels
-from tactuator.report.felt import equality_plate
-from tactuator.report.nichols import nichols_plate
-from tactuator.report.plate import (
+from tactuator.report.felt import equality_figure
+from tactuator.report.figure import (
     BLUE,
     GREEN,
     INK,
     LINE_STYLES,
     ORANGE,
     RED,
-    Plate,
-    figure,
+    ReportFigure,
     labelled,
     phase_deg,
-    save_plates,
+    save_figures,
+    subplots,
     table_of,
 )
+from tactuator.report.nichols import nichols_figure
 from tactuator.report.tables import load_words
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
@@ -42,7 +42,7 @@ from tactuator.table import FREQUENCY, Chart, ChartLine
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 
-def bode_plate(systems: Mapping[str, System], band_hz: tuple[float, float]) -> Plate:
+def bode_figure(systems: Mapping[str, System], band_hz: tuple[float, float]) -> ReportFigure:
     """Draw magnitude (dB) and phase (degrees, continuous) of each system by its label, over band_hz."""
     frequency = np.geomspace(*band_hz, 600)
     levels, phases = [], []
@@ -59,7 +59,7 @@ def bode_plate(systems: Mapping[str, System], band_hz: tuple[float, float]) -> P
         [Chart(FREQUENCY, "phase (degrees)", phases, True, y_step=90.0)],
     ]
     caption = f"Magnitude and phase of {', '.join(systems)}."
-    return Plate("bode", "Bode diagram", caption, panels(charts, 5.0), table)
+    return ReportFigure("bode", "Bode diagram", caption, panels(charts, 5.0), table)
 
 
 _LIMIT_COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
@@ -75,7 +75,7 @@ def _lowest(rooms: Mapping[str, Headroom]) -> dict[str, Headroom]:
     return lowest
 
 
-def headroom_plate(rooms: Mapping[str, Headroom]) -> Plate:
+def headroom_figure(rooms: Mapping[str, Headroom]) -> ReportFigure:
     """Draw the greatest sinusoidal reference (dB SL) against frequency for each load; colour: the limit that binds."""
     curves, points = [], []
     rows: list[tuple[object, ...]] = []
@@ -97,10 +97,10 @@ def headroom_plate(rooms: Mapping[str, Headroom]) -> Plate:
         "the colour of a point says which."
     )
     table = table_of(("load", "frequency_hz", "level_db_sl", "binding"), rows)
-    return Plate("headroom", "Headroom", caption, panels([[chart]], 3.6), table)
+    return ReportFigure("headroom", "Headroom", caption, panels([[chart]], 3.6), table)
 
 
-def landing_plate(shown: Landing) -> Plate:
+def landing_figure(shown: Landing) -> ReportFigure:
     """Draw the change of the felt level against time, adaptive over fixed, and the band of 1 dB about none."""
     curves = [
         ChartLine("fixed", shown.time_s, shown.fixed_db, "--", colour=ORANGE),
@@ -117,12 +117,12 @@ def landing_plate(shown: Landing) -> Plate:
         f"converters. Adaptive: {adaptive}; fixed: {fixed}."
     )
     table = {name: getattr(shown, name).tolist() for name in ("time_s", "adaptive_db", "fixed_db")}
-    return Plate("landing", "A finger lands", caption, panels([[chart]], 3.2), table)
+    return ReportFigure("landing", "A finger lands", caption, panels([[chart]], 3.2), table)
 
 
-def sensitivity_plate(
+def sensitivity_figure(
     loops: Mapping[str, FeedbackLoop], requirements: FeedbackRequirements, band_hz: tuple[float, float]
-) -> Plate:
+) -> ReportFigure:
     """Draw |S| and |T| in dB for each load, the limits as bars (the curves must stay below them).
 
     loops: by the name of their plant; the models of one load are one envelope around its nominal line.
@@ -149,7 +149,7 @@ def sensitivity_plate(
     caption = "Sensitivity S and complementary sensitivity T; bars: the limits of the display file, to stay below."
     if len(loops) > len(by_load):
         caption += " Shaded: every model of the family."
-    return Plate("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
+    return ReportFigure("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
 
 
 def _bars(requirements: FeedbackRequirements) -> Iterator[ChartLine]:
@@ -163,7 +163,7 @@ def _bars(requirements: FeedbackRequirements) -> Iterator[ChartLine]:
         yield ChartLine("limits", ends, np.full(2, limit), colour=ORANGE, width=3.0)
 
 
-def prefilter_plate(errors: Mapping[str, tuple[FloatArray, FloatArray]], tolerance_db: float) -> Plate:
+def prefilter_figure(errors: Mapping[str, tuple[FloatArray, FloatArray]], tolerance_db: float) -> ReportFigure:
     """Draw the error of |H| against the curve for every prefilter, with the tolerance as a band.
 
     errors: by name, frequency_hz (n,) and the error there, dB (n,).
@@ -177,22 +177,22 @@ def prefilter_plate(errors: Mapping[str, tuple[FloatArray, FloatArray]], toleran
     chart = Chart(FREQUENCY, "|H| less curve (dB)", curves, True, (0.0,), tolerance_db)
     caption = f"Error of the response against the threshold curve, and the tolerance of ±{tolerance_db:g} dB."
     table = table_of(("prefilter", "frequency_hz", "error_db"), rows)
-    return Plate("prefilter", "Prefilters against the curve", caption, panels([[chart]], 3.4), table)
+    return ReportFigure("prefilter", "Prefilters against the curve", caption, panels([[chart]], 3.4), table)
 
 
 _WORDS = {"direct": "one direct form", "sections": "second-order sections", "delta": "delta sections"}
 _FORM_COLOURS = {"direct": BLUE, "sections": RED, "delta": GREEN}
 
 
-def resolution_plate(
+def resolution_figure(
     needed: Mapping[str, Mapping[str, Mapping[float, BitsNeeded]]],
     whose: str = "the paper's filters",
     band: str = "0.1-300 Hz",
-) -> Plate:
+) -> ReportFigure:
     """Draw a panel for each filter: bits to keep 0.1 dB (solid) and to be stable (dashed). needed: filter ("prefilter
     F", ...) to form to rate_hz to bits. whose, band: as the caption tells it.
     """
-    drawing, axes = figure(1, len(needed), height_in=3.6, sharey=True, squeeze=False)
+    drawing, axes = subplots(1, len(needed), height_in=3.6, sharey=True, squeeze=False)
     for panel, (filter_name, forms) in zip(axes[0], needed.items(), strict=True):
         _draw_resolution(panel, forms)
         panel.set_title(filter_name, fontsize=9)
@@ -221,7 +221,7 @@ def resolution_plate(
         for rate, bits in by_rate.items()
     )
     table = table_of(("filter", "form", "rate_hz", "stable_bits", "accurate_bits"), rows)
-    return Plate("resolution", "Coefficient resolution against sampling rate", caption, drawing, table)
+    return ReportFigure("resolution", "Coefficient resolution against sampling rate", caption, drawing, table)
 
 
 def _draw_resolution(panel: Axes, forms: Mapping[str, Mapping[float, BitsNeeded]]) -> None:
@@ -241,7 +241,7 @@ def _draw_resolution(panel: Axes, forms: Mapping[str, Mapping[float, BitsNeeded]
     panel.set_xlabel("sampling rate (kHz)", fontsize=9)
 
 
-def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
+def design_figures(controller: Controller, channel_name: str) -> tuple[ReportFigure, ...]:
     """Return the figures of one channel, each named KIND-CHANNEL; of an adaptive one, how a finger lands as well."""
     display = controller.display
     channel, designed = display.channel(channel_name), controller.channel(channel_name)
@@ -252,14 +252,14 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
     free = loops[family[0].name]
     low, high = channel.threshold.band_hz
     wide = (low / 2.0, min(2.0 * high, 0.45 * display.rate_hz))
-    plates = []
+    figures = []
     if feedback is not None:
         nominal, *others = closed.values()
-        plates.append(nichols_plate(nominal, channel.plant, family=others, band_hz=wide))
+        figures.append(nichols_figure(nominal, channel.plant, family=others, band_hz=wide))
         systems = {"P": family[0].sampled, "C": feedback, "C P": nominal.open_loop, "F": prefilter}
-        plates += [bode_plate(systems, wide), sensitivity_plate(closed, channel.feedback, wide)]
+        figures += [bode_figure(systems, wide), sensitivity_figure(closed, channel.feedback, wide)]
     else:
-        plates.append(bode_plate({"P": family[0].sampled, "F": prefilter}, wide))
+        figures.append(bode_figure({"P": family[0].sampled, "F": prefilter}, wide))
     grid = headroom_grid_hz(channel)
     rooms = {}
     for member in family:
@@ -267,23 +267,24 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
         answer = fed_response(designed.feed_forward, channel, free, loop, member.load, grid, display.rate_hz)
         room = headroom(channel, loop, grid, display.objectives.comfort_db_sl, answer)
         rooms[member.name] = room.before(designed.strength, display.rate_hz)
-    plates.append(headroom_plate(_lowest(rooms)))
+    figures.append(headroom_figure(_lowest(rooms)))
     fine = np.geomspace(low, high, 400)
-    plates.append(equality_plate(channel, fine, free.position_response(fine)))
+    figures.append(equality_figure(channel, fine, free.position_response(fine)))
     if designed.feed_forward is not None:
-        plates.append(landing_plate(landing(controller, channel_name)))
+        figures.append(landing_figure(landing(controller, channel_name)))
     return tuple(
-        replace(plate, name=f"{plate.name}-{channel_name}", title=f"{plate.title}, {channel_name}") for plate in plates
+        replace(figure, name=f"{figure.name}-{channel_name}", title=f"{figure.title}, {channel_name}")
+        for figure in figures
     )
 
 
-def save_design_plates(controller: Controller, folder: Path) -> None:
+def save_design_figures(controller: Controller, folder: Path) -> None:
     """Write every channel's figures (SVG, with their numbers as CSV) into `folder`, whole or not at all.
 
     Raises BadInput for a folder that holds anything else.
     """
     channels = controller.channels
-    save_plates([plate for channel in channels for plate in design_plates(controller, channel.name)], folder)
+    save_figures([figure for channel in channels for figure in design_figures(controller, channel.name)], folder)
 
 
 def _by_load(names: Sequence[str]) -> dict[str, list[str]]:

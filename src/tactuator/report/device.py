@@ -19,17 +19,17 @@ from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.chart import panels
-from tactuator.report.plate import (
+from tactuator.report.figure import (
     BLUE,
     FAINT,
     GREEN,
     INK,
     ORANGE,
     RED,
-    Plate,
+    ReportFigure,
     labelled,
     phase_deg,
-    save_plates,
+    save_figures,
     table_of,
 )
 from tactuator.signals.decibels import db
@@ -40,7 +40,7 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
-def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
+def calibration_figure(calibrations: Mapping[str, Calibration]) -> ReportFigure:
     """Draw pairs and lines of one or more channels above, residuals in millivolts below; refused pairs are crossed."""
     lines, pairs, residuals = [], [], []
     rows: list[tuple[object, ...]] = []
@@ -62,10 +62,10 @@ def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
         f"confidence; linear within {worst:.2f} % of the span."
     )
     table = table_of(("channel", "displacement_mm", "voltage_v", "residual_v"), rows)
-    return Plate("fig05", "Calibration of sensor gain", caption, panels(charts, 4.6, (2.2, 1.0)), table)
+    return ReportFigure("fig05", "Calibration of sensor gain", caption, panels(charts, 4.6, (2.2, 1.0)), table)
 
 
-def identification_plate(fit: Identification) -> Plate:
+def identification_figure(fit: Identification) -> ReportFigure:
     """Draw magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself
     below. Noise and distortion are drawn as the errors that they make of that response.
     """
@@ -116,10 +116,10 @@ def identification_plate(fit: Identification) -> Plate:
     )
     names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     table = table_of(names, labelled((), frequency, level, phase, band))
-    return Plate("identification", "Identified response", caption, panels(charts, 6.4), table)
+    return ReportFigure("identification", "Identified response", caption, panels(charts, 6.4), table)
 
 
-def residual_plate(fit: Identification, rate_hz: float) -> Plate:
+def residual_figure(fit: Identification, rate_hz: float) -> ReportFigure:
     """Draw the spectra of the position and of what the model leaves of it."""
     resolution = max(1.0, 8.0 * rate_hz / fit.measured.size)
     measured = power_spectrum(fit.measured, rate_hz, resolution)
@@ -134,17 +134,17 @@ def residual_plate(fit: Identification, rate_hz: float) -> Plate:
     columns = measured.frequency_hz[1:], measured.density[1:], residual.density[1:]
     table = table_of(("frequency_hz", "position_density", "residual_density"), labelled((), *columns))
     caption = f"The innovations are {white} and {free} the command."
-    return Plate("residual", "Residual", caption, panels([[chart]], 3.2), table)
+    return ReportFigure("residual", "Residual", caption, panels([[chart]], 3.2), table)
 
 
 def save_identification(fit: Identification, folder: Path) -> None:
-    """Write the plates (SVG and CSV) into `folder`, whole or not at all."""
+    """Write the figures (SVG and CSV) into `folder`, whole or not at all."""
     rate = float(fit.model.record.get("rate_hz", 0.0) or 0.0)
-    plates = [identification_plate(fit), *([residual_plate(fit, rate)] if rate > 0.0 else [])]
-    save_plates([*plates, *([] if fit.path is None else [path_plate(fit, fit.path)])], folder)
+    figures = [identification_figure(fit), *([residual_figure(fit, rate)] if rate > 0.0 else [])]
+    save_figures([*figures, *([] if fit.path is None else [path_figure(fit, fit.path)])], folder)
 
 
-def path_plate(fit: Identification, path: FloatArray) -> Plate:
+def path_figure(fit: Identification, path: FloatArray) -> ReportFigure:
     """Draw the path (blocks, k) that a recursion's parameters take along the record, each over its last value."""
     names = [f"b{k}" for k in reversed(range(fit.model.num.size))] + [f"a{k}" for k in reversed(range(fit.order))]
     time = np.arange(1.0, path.shape[0] + 1.0) * float(fit.model.record["duration_s"]) / path.shape[0]
@@ -152,12 +152,12 @@ def path_plate(fit: Identification, path: FloatArray) -> Plate:
     chart = Chart("time (s)", "parameter over its last value", curves, y_range=(0.0, 2.0))
     caption = "Parameters of the recursion along the record: numerator b, denominator a (monic), by powers of s."
     table = table_of(("time_s", *names), np.column_stack([time, path]).tolist())
-    return Plate("recursion", "Path of the recursion", caption, panels([[chart]], 2.8), table)
+    return ReportFigure("recursion", "Path of the recursion", caption, panels([[chart]], 2.8), table)
 
 
-def motor_plate(
+def motor_figure(
     frequency_hz: FloatArray, measured: ComplexArray, continuous: ContinuousSystem, rate_hz: float, channel: str
-) -> Plate:
+) -> ReportFigure:
     """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model, continuous and sampled."""
     sampled = zero_order_hold(continuous, rate_hz)
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
@@ -179,10 +179,10 @@ def motor_plate(
     )
     names = ("frequency_hz", "measured_db", "measured_deg", "continuous_db", "sampled_db")
     table = table_of(names, labelled((), frequency_hz, levels[0], phase_deg(measured), *levels[1:]))
-    return Plate("fig04", "Open-loop response of the motor assembly", caption, panels(charts, 5.0), table)
+    return ReportFigure("fig04", "Open-loop response of the motor assembly", caption, panels(charts, 5.0), table)
 
 
-def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> Plate:
+def noise_figure(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> ReportFigure:
     """Draw one channel: third octaves (left), mains lines (right), by proportional gain and designed loop."""
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
     heard_by: list[tuple[str, str, FeltNoise, Any, float]] = [
@@ -210,7 +210,7 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) ->
         f"{designed.worst_line_db_sl:.1f} dB SL and strongest third octave at {designed.band_db_sl.max():.1f} dB SL."
     )
     table = table_of(("controller", "kind", "frequency_hz", "level_db_sl"), rows)
-    return Plate("noise", "Felt hum and noise", caption, panels([charts], 4.2), table)
+    return ReportFigure("noise", "Felt hum and noise", caption, panels([charts], 4.2), table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,10 +255,10 @@ def save_measured(responses: Sequence[Response], controller: Controller, folder:
     ]  # fmt: skip
     load = responses[0].load
     words = "without load" if load == "none" else f"under the load {load!r}"
-    save_plates([response_plate(runs, words, "response", display.objectives.flatness_db)], folder)
+    save_figures([response_figure(runs, words, "response", display.objectives.flatness_db)], folder)
 
 
-def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, flatness_db: float) -> Plate:
+def response_figure(runs: Sequence[LevelResponse], condition: str, name: str, flatness_db: float) -> ReportFigure:
     """Draw a panel for each channel: felt level (dB SL) against frequency over the levels asked for, below it felt less
     asked with its confidence, the tolerance flatness_db and the just-noticeable difference.
     """
@@ -293,7 +293,7 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str, fla
     ]
     table = table_of(("channel", "level_db_sl", *names), rows)
     drawing = panels([upper, lower], 4.8, (1.6, 1.0))
-    return Plate(name, f"Felt level against frequency, {condition}", caption, drawing, table)
+    return ReportFigure(name, f"Felt level against frequency, {condition}", caption, drawing, table)
 
 
 def _measured(run: LevelResponse, over_db: float, number: int) -> Iterator[ChartLine]:

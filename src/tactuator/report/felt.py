@@ -20,25 +20,25 @@ from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.report.chart import panels
-from tactuator.report.plate import (
+from tactuator.report.figure import (
     BLUE,
     CYCLE,
     GREEN,
     INK,
     ORANGE,
     RED,
-    Plate,
-    figure,
+    ReportFigure,
     frequency_axis,
     labelled,
     legend,
+    subplots,
     table_of,
 )
 from tactuator.signals.decibels import db
 from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
-def felt_plate(report: FeltReport, what: str) -> Plate:
+def felt_figure(report: FeltReport, what: str) -> ReportFigure:
     """Draw a panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
     fingers, names = report.fingers, ("band level (dB SL)", "felt − asked (dB)")
     loudest = max(float(np.max(finger.asked_db_sl)) for finger in fingers)
@@ -59,12 +59,12 @@ def felt_plate(report: FeltReport, what: str) -> Plate:
         f"{HEARD_DB_SL:g} dB SL or more was asked for; rms {report.worst_rms_db:.2f} dB on the worst finger."
     )
     drawing = panels([upper, lower], 4.2, (2.2, 1.0))
-    return Plate("fig12", "Speech, asked and felt", caption, drawing, _band_levels_table(report))
+    return ReportFigure("fig12", "Speech, asked and felt", caption, drawing, _band_levels_table(report))
 
 
-def equality_plate(
+def equality_figure(
     channel: Channel, frequency_hz: FloatArray, position_response: ComplexArray, name: str = "equality"
-) -> Plate:
+) -> ReportFigure:
     """Draw three panels side by side for a reference of 30 dB SL: the displacement that the display makes of it,
     the finger's sensitivity, and their sum, which is the felt level.
 
@@ -97,20 +97,20 @@ def equality_plate(
     charts[2] = replace(charts[2], limits={"threshold, 0 dB SL": 0.0})
     names = ("frequency_hz", "displacement_db_re_1um", "sensitivity_db", "felt_db_sl")
     table = table_of(names, labelled((), frequency_hz, displacement, sensitivity, felt))
-    return Plate(name, "Response + sensitivity = constant", caption, panels([charts], 2.8), table)
+    return ReportFigure(name, "Response + sensitivity = constant", caption, panels([charts], 2.8), table)
 
 
 _MARKERS = "os^Dv<>"
 
 
-def thresholds_plate(
+def thresholds_figure(
     people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None,
     others: Mapping[str, ThresholdCurve] = MappingProxyType({}),
-) -> Plate:  # fmt: skip
+) -> ReportFigure:  # fmt: skip
     """Draw points with standard errors for every person, the library's curve (solid), the new one (dashed, with band),
     and others by name (dotted). Flagged points have a cross, censored ones an arrow.
     """
-    drawing, axes = figure(height_in=4.2)
+    drawing, axes = subplots(height_in=4.2)
     low = min(float(person.frequency_hz.min()) for person in people)
     high = max(float(person.frequency_hz.max()) for person in people)
     fine = np.geomspace(low, high, 300)
@@ -139,7 +139,7 @@ def thresholds_plate(
     if any(person.flagged is not None for person in people):
         table |= {"flagged": flags.astype(int).tolist(), "bound": list(bounds)}
     simulated = any(person.simulated for person in people)
-    return Plate("fig11", "Detection thresholds and the new curve", caption, drawing, table, simulated)
+    return ReportFigure("fig11", "Detection thresholds and the new curve", caption, drawing, table, simulated)
 
 
 def _draw_new(axes: Axes, new: ThresholdCurve, others: Mapping[str, ThresholdCurve], fine: FloatArray) -> None:
@@ -179,7 +179,7 @@ def _draw_person(axes: Axes, person: PersonThresholds, at: FloatArray, index: in
 _ARROW_DB = 5.0
 
 
-def threshold_plate(curve: ThresholdCurve) -> Plate:
+def threshold_figure(curve: ThresholdCurve) -> ReportFigure:
     """Draw the level of the threshold (dB re 1 um peak) against frequency, and the range up to comfort above it."""
     low, high = float(curve.frequency_hz[0]), float(curve.frequency_hz[-1])
     frequency = np.geomspace(low, high, 400)
@@ -197,14 +197,14 @@ def threshold_plate(curve: ThresholdCurve) -> Plate:
         f"comfortable levels above it. Points: the curve's own; lines: linear in dB over log frequency."
     )
     table = {"frequency_hz": curve.frequency_hz.tolist(), "level_db_re_1um": curve.level_db_re_1um.tolist()}
-    return Plate("fig01", "Human detection threshold", caption, panels([[chart]], 3.6), table)
+    return ReportFigure("fig01", "Human detection threshold", caption, panels([[chart]], 3.6), table)
 
 
 _COLUMNS = 3
 _LARGEST, _SMALLEST = 9.0, 2.0
 
 
-def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plate:
+def psychometric_figure(subject: str, runs: Sequence[PsychometricTrials]) -> ReportFigure:
     """Draw a panel for each run: share correct against level (area: trials), fit, refitted threshold with its interval.
 
     Raises BadInput where there is no run.
@@ -212,7 +212,7 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     if not runs:
         raise BadInput(f"no runs of {subject}", "one or more")
     rows = -(-len(runs) // _COLUMNS)
-    drawing, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=1.1 + 1.8 * rows, squeeze=False, sharey=True)
+    drawing, grid = subplots(rows, min(_COLUMNS, len(runs)), height_in=1.1 + 1.8 * rows, squeeze=False, sharey=True)
     panels = list(grid.flat)
     for panel, run in zip(panels, runs, strict=False):
         _panel(panel, run)
@@ -245,7 +245,9 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
         )
     ]
     table = table_of(("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials"), rows_of_table)
-    return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table, simulated)
+    return ReportFigure(
+        f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table, simulated
+    )
 
 
 _ANSWERS = "answers (larger: more trials)"
@@ -279,14 +281,14 @@ DIFFERENCE_DB = 3.0
 _TICKS_HZ = (2, 5, 10, 20, 50, 100, 200)
 
 
-def spectrogram_plate(report: FeltReport, what: str) -> Plate:
+def spectrogram_figure(report: FeltReport, what: str) -> ReportFigure:
     """Draw a row for each finger: third-octave levels asked, felt, and their difference where 10 dB SL or more was
     asked.
 
     The first 30 s are shown; the table holds the levels over the whole.
     """
     fingers = report.fingers
-    drawing, grid = figure(len(fingers), 3, 1.2 + 1.5 * len(fingers), sharex=True, sharey=True, squeeze=False)
+    drawing, grid = subplots(len(fingers), 3, 1.2 + 1.5 * len(fingers), sharex=True, sharey=True, squeeze=False)
     for row, finger in zip(grid, fingers, strict=True):
         levels, difference = _draw_finger(row, finger)
         row[0].set_ylabel(f"{finger.finger}\nfrequency (Hz)", fontsize=8)
@@ -307,7 +309,7 @@ def spectrogram_plate(report: FeltReport, what: str) -> Plate:
         f"{1e3 * SHORT_FRAME_S:.0f} ms (above), asked for and felt, and the difference where {HEARD_DB_SL:g} dB SL or "
         "more was asked for; white: less was asked for."
     )
-    return Plate("render", "Asked and felt over time", caption, drawing, _band_levels_table(report))
+    return ReportFigure("render", "Asked and felt over time", caption, drawing, _band_levels_table(report))
 
 
 def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[ScalarMappable, ScalarMappable]:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.report.plate import BLUE, GREEN, INK, ORANGE, PURPLE, RED, Plate, figure
+from tactuator.report.figure import BLUE, GREEN, INK, ORANGE, PURPLE, RED, ReportFigure, subplots
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
 
@@ -25,7 +25,7 @@ _GRID_INK = "#76818c"
 _FAMILY = "#ece4f3"
 
 
-def nichols_plate(
+def nichols_figure(
     sampled: FeedbackLoop,
     plant: System,
     continuous: FeedbackLoop | None = None,
@@ -33,7 +33,7 @@ def nichols_plate(
     band_hz: tuple[float, float] = (0.2, 600.0),
     name: str = "nichols",
     title: str = "Nichols chart",
-) -> Plate:
+) -> ReportFigure:
     """Draw the chart, with margins marked and the contours that the loop touches highlighted.
 
     sampled: the loop as it runs, whose margins are marked. plant: P alone. continuous: the loop in continuous time, if
@@ -58,7 +58,7 @@ def nichols_plate(
     if continuous is not None:
         style = {"color": RED, "linestyle": "--", "linewidth": 1.4, "label": "C P, continuous", "zorder": 3}
         others.append((_Track(frequency, continuous.open_response(frequency)), style))
-    drawing, axes = figure(height_in=5.6)
+    drawing, axes = subplots(height_in=5.6)
     _frame(axes, [run, *members, *(track for track, _ in others)])
     _grid(axes, limits)
     for track, style in others:
@@ -72,7 +72,7 @@ def nichols_plate(
     for track, style in others:
         table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
         table[f"{style['label']} gain_db"] = track.level_db.tolist()
-    return Plate(name, title, _caption(limits, len(family)), drawing, table)
+    return ReportFigure(name, title, _caption(limits, len(family)), drawing, table)
 
 
 def _caption(limits: Margins, others: int) -> str:

@@ -32,7 +32,7 @@ from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
-from tactuator.report.felt import psychometric_plate, thresholds_plate
+from tactuator.report.felt import psychometric_figure, thresholds_figure
 from tactuator.result import finite
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
@@ -111,32 +111,32 @@ def test_thresholds__simulated_doubtful_or_censored__are_marked_in_every_figure(
     assert any("simulated" in note for note in notes)
     assert any("79.4 % correct" in note for note in notes)
     assert group_curve(found, LIBRARY, (0.4, 300.0)).curve.provenance == "simulated"
-    plates = psychometric_trials(detection_runs(store), found)
-    plate = psychometric_plate("S1", plates["S1"])
-    assert "simulated" in plate.caption
-    assert [text.get_text() for text in plate.figure.legends[0].texts][::3] == ["fit", "procedure's own"]
-    assert set(plate.table["simulated"]) == {"simulated"}
-    for drawn in (plate, thresholds_plate(person_thresholds(found), LIBRARY, None)):
+    figures = psychometric_trials(detection_runs(store), found)
+    figure = psychometric_figure("S1", figures["S1"])
+    assert "simulated" in figure.caption
+    assert [text.get_text() for text in figure.drawing.legends[0].texts][::3] == ["fit", "procedure's own"]
+    assert set(figure.table["simulated"]) == {"simulated"}
+    for drawn in (figure, thresholds_figure(person_thresholds(found), LIBRARY, None)):
         assert "simulated: nobody felt this" in drawn.svg()
         assert drawn.figure.get_suptitle() == "simulated: nobody felt this"
         assert ",simulated\n" in drawn.csv()
-    felt = thresholds_plate(person_thresholds([replace(one, simulated=False) for one in found]), LIBRARY, None)
+    felt = thresholds_figure(person_thresholds([replace(one, simulated=False) for one in found]), LIBRARY, None)
     assert "simulated" not in felt.svg() + felt.csv()
-    assert sum(plate.table["trials"]) == sum(int(one.count.sum()) for one in plates["S1"])
+    assert sum(figure.table["trials"]) == sum(int(one.count.sum()) for one in figures["S1"])
     people = person_thresholds(found)
-    plate = thresholds_plate(people, LIBRARY, None)
+    figure = thresholds_figure(people, LIBRARY, None)
     doubtful, beyond = sum(bool(DOUBTFUL & set(one.flags)) for one in found), sum(bool(one.bound) for one in found)
-    assert f"Crossed: {doubtful} thresholds" in plate.caption
-    assert f"Arrows: {beyond} that lie beyond" in plate.caption
-    axes = plate.figure.axes[0]
+    assert f"Crossed: {doubtful} thresholds" in figure.caption
+    assert f"Arrows: {beyond} that lie beyond" in figure.caption
+    axes = figure.drawing.axes[0]
     arrows, crosses = (
         np.concatenate([line.get_xydata() for line in axes.lines if line.get_marker() == marker])
         for marker in (CARETUPBASE, "x")
     )
-    assert sum(bool(bound) for bound in plate.table["bound"]) == beyond == len(arrows) == 3
+    assert sum(bool(bound) for bound in figure.table["bound"]) == beyond == len(arrows) == 3
     assert np.all(arrows[:, 1] < axes.get_ylim()[1])
-    assert sum(plate.table["flagged"]) == len(crosses) == doubtful
-    assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
+    assert sum(figure.table["flagged"]) == len(crosses) == doubtful
+    assert "flagged" not in thresholds_figure([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
 def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_path):
@@ -228,9 +228,9 @@ def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     assert drawn.whole_curve
     assert drawn.count.sum() == 60
     assert drawn.threshold.refit_db_sl == pytest.approx(0.0, abs=2.5)  # curve and function tell the same story
-    plate = psychometric_plate("S1", [drawn])
-    assert "relative to the run's own curve" in plate.caption
-    assert plate.figure.axes[0].get_title().startswith("index, whole curve")
+    figure = psychometric_figure("S1", [drawn])
+    assert "relative to the run's own curve" in figure.caption
+    assert figure.drawing.axes[0].get_title().startswith("index, whole curve")
     truth = observers[0].curve.level_db_re_1um_at([one.frequency_hz for one in found])
     errors = np.array([one.level_db_re_1um for one in found]) - truth
     assert float(np.sqrt(np.mean(errors**2))) < 3.5

@@ -26,7 +26,7 @@ from tactuator.measure.finger import (
     plan_play,
 )
 from tactuator.model.controller import Controller
-from tactuator.report.controller import landing_plate
+from tactuator.report.controller import landing_figure
 from tactuator.rig.rig import Trace, WrappedRig
 from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import RATE_HZ, controller, display
@@ -211,7 +211,7 @@ def test_landing__adaptive__within_a_decibel_where_fixed_loses_it() -> None:
     assert np.max(np.abs(shown.fixed_db[free])) < 0.1
     assert np.max(np.abs(shown.adaptive_db)) < 0.6
     assert np.max(np.abs(shown.adaptive_db[touched & (shown.time_s > LANDS_S + 0.3)])) < 0.15
-    plate = landing_plate(shown)
-    assert plate.table["adaptive_db"] == shown.adaptive_db.tolist()
-    assert f"{shown.fixed_db.min():+.2f}" in plate.caption
-    assert plate.svg().startswith("<?xml")
+    figure = landing_figure(shown)
+    assert figure.table["adaptive_db"] == shown.adaptive_db.tolist()
+    assert f"{shown.fixed_db.min():+.2f}" in figure.caption
+    assert figure.svg().startswith("<?xml")

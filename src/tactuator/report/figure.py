@@ -1,5 +1,5 @@
-"""A plate: one figure with its number, caption and the numbers that it shows, in the style of every figure: one size of
-type, colours that stay apart in print and for colour-blind readers.
+"""A figure with its caption and the numbers that it shows, in the style that all have: one size of type, colours that
+stay apart in print and for colour-blind readers.
 """
 
 import csv
@@ -33,7 +33,7 @@ _DECADES_HZ = (0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)
 _TICKS_HZ = sorted(factor * decade for factor in (1, 2, 5) for decade in _DECADES_HZ)
 
 
-def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: Any) -> tuple[Figure, Any]:
+def subplots(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: Any) -> tuple[Figure, Any]:
     """Return a figure of the house's width, and its axes as `Figure.subplots(rows, columns, **subplots)` gives them."""
     drawing = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     panels = drawing.subplots(rows, columns, **subplots)
@@ -82,8 +82,8 @@ def legend(axes: Axes, **keywords: Any) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Plate:
-    """A figure with its name and table. name: file name without ending. figure: a drawing, or the SVG of a diagram.
+class ReportFigure:
+    """A figure with its name and table. name: file name without ending. drawing: of matplotlib, or the SVG of a diagram.
     table: columns of equal length, name (with unit) to values. simulated: nobody felt what it shows, which figure and
     table say themselves.
     """
@@ -91,13 +91,13 @@ class Plate:
     name: str
     title: str
     caption: str
-    figure: Figure | str
+    drawing: Figure | str
     table: Mapping[str, Sequence[object]]
     simulated: bool = False
 
     def __post_init__(self) -> None:
-        if self.simulated and isinstance(self.figure, Figure):
-            self.figure.suptitle(NOBODY_FELT_IT, fontsize=9, color=RED)
+        if self.simulated and isinstance(self.drawing, Figure):
+            self.drawing.suptitle(NOBODY_FELT_IT, fontsize=9, color=RED)
             rows = max((len(column) for column in self.table.values()), default=0)
             object.__setattr__(self, "table", {**self.table, "simulated": ["simulated"] * rows})
         lengths = {name: len(column) for name, column in self.table.items()}
@@ -113,11 +113,11 @@ class Plate:
 
     @cached_property
     def _drawn(self) -> str:
-        if isinstance(self.figure, str):
-            return self.figure
+        if isinstance(self.drawing, str):
+            return self.drawing
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}), io.StringIO() as stream:
             about = {"Date": None, "Creator": "tactuator", **({"Title": NOBODY_FELT_IT} if self.simulated else {})}
-            FigureCanvasSVG(self.figure).print_svg(stream, metadata=about)  # type: ignore[no-untyped-call]
+            FigureCanvasSVG(self.drawing).print_svg(stream, metadata=about)  # type: ignore[no-untyped-call]
             return stream.getvalue()
 
     def csv(self) -> str:
@@ -137,7 +137,7 @@ class Plate:
 
 
 def table_of(names: Sequence[str], rows: Iterable[Sequence[object]]) -> dict[str, list[object]]:
-    """Return rows as the columns of a plate's table, by name."""
+    """Return rows as the columns of a figure's table, by name."""
     columns = list(zip(*rows, strict=True)) or [()] * len(names)
     return {name: list(cells) for name, cells in zip(names, columns, strict=True)}
 
@@ -148,12 +148,12 @@ def labelled(labels: tuple[object, ...], *columns: NDArray[Any]) -> Iterator[tup
         yield (*labels, *row)
 
 
-def save_plates(plates: Sequence[Plate], folder: Path) -> None:
-    """Write every plate's figure (SVG) and numbers (CSV) into `folder`, whole or not at all.
+def save_figures(figures: Sequence[ReportFigure], folder: Path) -> None:
+    """Write every figure's figure (SVG) and numbers (CSV) into `folder`, whole or not at all.
 
     Raises BadInput for a folder that holds anything else.
     """
-    own_names = frozenset(f"{plate.name}.{ending}" for plate in plates for ending in ("svg", "csv"))
+    own_names = frozenset(f"{figure.name}.{ending}" for figure in figures for ending in ("svg", "csv"))
     with atomic_folder(folder, own_names) as beside:
-        for plate in plates:
-            plate.save(beside)
+        for figure in figures:
+            figure.save(beside)
