@@ -83,9 +83,10 @@ def legend(axes: Axes, **keywords: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ReportFigure:
-    """A figure with its name and table. name: file name without ending. drawing: of matplotlib, or the SVG of a diagram.
-    table: columns of equal length, name (with unit) to values. simulated: nobody felt what it shows, which figure and
-    table say themselves.
+    """A figure with its name and table.
+
+    name: file name without ending. drawing: of matplotlib, or the SVG of a diagram. table: columns of equal length,
+    name (with unit) to values. simulated: nobody felt what it shows, which figure and table say themselves.
     """
 
     name: str
