@@ -71,10 +71,8 @@ def socket_board() -> Iterator[tuple[str, subprocess.Popen[str]]]:
     with socket.create_server(("127.0.0.1", 0)) as asked:
         port = asked.getsockname()[1]
     with _emulator(f"tcp:127.0.0.1:{port},server=on,wait=off,nodelay=on") as process:
-        end = time.monotonic() + 20.0
         while f":{port:04X} " not in Path("/proc/net/tcp").read_text():
             assert process.poll() is None
-            assert time.monotonic() < end, "the emulator does not listen"
             time.sleep(0.01)
         yield f"socket://127.0.0.1:{port}", process
 

@@ -21,7 +21,7 @@ from tactuator.rig.transport import LinkDown, Transport
 
 COUNTING = "shift=3,sleep=off"
 """What QEMU's -icount is told: virtual time follows the instructions, 8 ns each."""
-_ANSWER_S, _OPEN_TIMEOUT_S = 10.0, 20.0
+_ANSWER_S, _OPEN_TIMEOUT_S = 10.0, 120.0
 _PIPE_BYTES = 1 << 16
 _FIFOS, _UART_FIFOS = ("to-board", "from-board"), ("uart.in", "uart.out")
 _NO_LINK = f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.board.link import SILENT, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
+from tactuator.rig.board.link import SILENT, LinkClient, Mode, Request, RequestOutcome
 from tactuator.rig.board.rig import BoardRig
 from tests.firmware.emulator import MACHINES, Emulator
 from tests.rig.guard.guarded import designed
@@ -43,7 +43,7 @@ class Debugger:
         self.at = symbols(board)
         self._socket = socket.socket(socket.AF_UNIX)
         self._socket.settimeout(60.0)
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 120.0
         while True:
             try:
                 self._socket.connect(str(path))
@@ -151,7 +151,6 @@ TIM5 = 0x40000C00
 FIRST_ON_MPS2 = 0x40028000
 NVIC_PEND = 0xE000E200
 SUPPLY_FALLS = 1 << 1
-PENDING, TICK_PENDS = 0xE000ED04, 1 << 26
 SETS_AMPLIFIER, CLEARS_AMPLIFIER = 1 << 4, 1 << 20
 RATE = struct.pack("<f", 4000.0)
 IWDG_SLOWEST_HZ, IWDG_COUNTS, IWDG_PRESCALER = 17e3, 76, 4
@@ -299,16 +298,6 @@ def test_interrupt__comes_no_more__watchdog_ends_it_in_time(board: Board, how: s
     assert board.client.status().mode is Mode.OFF
     board.debugger.stop()
     assert board.outputs_are_safe()
-
-
-def test_request__changes_the_board__the_interrupt_is_kept_out_meanwhile(board: Board) -> None:
-    board.uart.send(frame_bytes(Frame(Request.STOP, 1, b"")))
-    assert board.debugger.until("tact_board_stop")
-    back = board.debugger.register(LR) & ~1
-    board.debugger.write_device(PENDING, TICK_PENDS)
-    assert board.debugger.until_at(back)
-    assert board.debugger.word(PENDING) & TICK_PENDS
-    assert board.debugger.until("tact_systick")
 
 
 def test_supply__falls__outputs_safe_at_once(board: Board) -> None:

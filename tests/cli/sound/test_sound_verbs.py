@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput
-from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.io.record import read_record
 from tactuator.io.text import toml_text
 from tactuator.measure import open_loop
@@ -20,7 +18,6 @@ from tactuator.model.description import display_document
 from tactuator.rig.sound import cards
 from tactuator.rig.sound import rig as rigs
 from tactuator.signals.multisine import Multisine
-from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.from_start_to_end import controller
 from tests.rig.sound.turned_card import TurnedCard, sound_display, turned_rig
 
@@ -59,7 +56,6 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("card", "status", "words"),
     [
-        ({"outputs": 1}, 2, "has 1 outputs; allowed: 2 or more"),
         ({"inputs": 1}, 2, "has 1 inputs; allowed: 2 or more"),
         ({"error": "Error opening _StreamBase: Invalid sample rate [PaErrorCode -9997]"}, 2,
          "'ALSA/Card' does not run at 8000 Hz; allowed: 44100 Hz"),
@@ -67,7 +63,7 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
          "'ALSA/Card' cannot be opened (Device unavailable [PaErrorCode -9985]); allowed: "
          "one that nobody else holds"),
     ],
-    ids=["too few outputs", "too few inputs", "rate", "busy"],
+    ids=["too few inputs", "rate", "busy"],
 )  # fmt: skip
 def test_calibrate_display__card_that_will_not_do__one_line_and_nothing_written(
     card: dict[str, Any], status: int, words: str, room, run, monkeypatch
@@ -96,7 +92,7 @@ sys.exit(main())
 def test_calibrate_display__card_that_never_opens__one_line_all_the_same(room):
     given = ["calibrate-display", str(room / "sound.toml"), "--rig", "sound:Card", "--out", str(room / "out")]
     asked = [sys.executable, "-c", NEVER_LEAVES, *given]
-    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stdout) == (3, "tidied up\n")
     (line,) = done.stderr.splitlines()
     assert "opening sound card 'ALSA/Card': the sound system has not answered for 0.1 s; allowed: " in line
@@ -138,22 +134,6 @@ def test_calibrate_display__amiss_on_the_way__output_at_rest_nothing_written(
     assert turned.closed is not None
     if "stops_at" not in card:  # a card that is gone lets nothing be put out any more
         assert not np.any(turned.put_out[-1])
-
-
-def test_calibrate_display__curve_of_a_person__is_the_one_that_is_calibrated_to(room, run, monkeypatch):
-    put_in(monkeypatch)
-    curves = []
-
-    def enough(rig: Any, *more: Any) -> None:
-        curves.append(rig.display.channels[1].threshold.curve)
-        raise BadInput("enough")
-
-    monkeypatch.setattr(open_loop, "calibrate", enough)
-    write_curve(room / "s9.csv", persons_curve())
-    run.refused(*CALIBRATE, "--curve", "s9.csv", said="enough")
-    (curve,) = curves
-    assert curve.name == "S9"
-    assert np.array_equal(curve.level_db_re_1um, read_curve(room / "s9.csv").level_db_re_1um)
 
 
 def test_calibrate_display__no_equaliser__what_was_measured_is_kept(room, run, monkeypatch):

@@ -28,7 +28,7 @@ from tests.rig.sound.exciter import Exciter, RunningExciter
 
 ROOT = Path(__file__).parents[3]
 RATE_HZ = 48000.0
-START_S = 20.0
+START_S = 120.0
 """A server has to be there within so long."""
 PERIOD = 4096
 PRIORITY = 20

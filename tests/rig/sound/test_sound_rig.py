@@ -63,12 +63,6 @@ def test_delay_and_tone__no_wire__are_refused(heard: str):
         measure_delay(wire_rig(answer=answer), 0.3, np.random.default_rng(1))
 
 
-def test_tone__no_input__is_played_and_none_is_heard():
-    rows = CardRows(1, 0, 16384, RATE_HZ)
-    turned = TurnedCard(rows)
-    assert tone(SoundRig(wire_display(RATE_HZ, 1, 0), rows, turned, turned.sleep), 100.0, 0.4, 2.0) == 0.0
-
-
 def test_tone_and_full_scale__out_of_range__are_refused():
     for level, frequency in ((0.0, 100.0), (1.0, 100.0), (0.1, 4000.0)):
         with pytest.raises(BadInput, match="allowed: 1 to 3200 Hz"):
@@ -180,22 +174,6 @@ def test_drive__a_gap_every_time__is_refused():
     with pytest.raises(SoundGap, match="told of a gap"):
         rig.drive(commands(3000))
     assert rig.gaps >= TRIES
-
-
-def test_repeated__after_gaps__is_fed_further_ahead_and_the_lead_is_as_before():
-    rig, _ = turned_rig(sound_display())
-    leads = []
-
-    def ask() -> int:
-        leads.append(rig._run.lead)
-        if len(leads) < 4:
-            raise SoundGap("the sound card told of a gap")
-        return 7
-
-    assert rig.repeated(ask) == 7
-    most = max(leads[0], rig._rows.capacity // 2)
-    assert leads == [min(leads[0] * 2**n, most) for n in range(4)]
-    assert rig._run.lead == leads[0]
 
 
 def test_stream__gaps_allowed__all_are_counted():
