@@ -10,7 +10,7 @@ from tactuator.signals.decibels import db, from_db
 from tactuator.speech import limiter as module
 from tactuator.speech.band_codings import band_limit_kernel
 from tactuator.speech.filters import filter_bank
-from tactuator.speech.limiter import Limiter, Reach, channel_limits, reduction_envelope
+from tactuator.speech.limiter import Limiter, reduction_envelope
 from tests.griffin import distance_db
 from tests.measure.loops import loaded
 from tests.strength import reshaped
@@ -88,35 +88,6 @@ def test_limiter__harmless_reference__passes_to_the_bit(controller):
     out, reports = limited(controller, reference)
     np.testing.assert_array_equal(out, reference)
     assert all(report.max_reduction_db == 0.0 and report.reduced_s == 0.0 for report in reports)
-
-
-@pytest.mark.parametrize("band_hz", [(0.0, 5.0), (20.0, 40.0), (2.0, 290.0), (250.0, 290.0), (300.0, 500.0)])
-@pytest.mark.parametrize(("begin_s", "end_s"), [(4.0, 6.3), (4.0, 18.0), (0.0, 18.0), (0.0, 4.1), (3.9, 9.0)])
-def test_reach__any_signal__is_never_below_the_prediction_nor_far_above(controller, band_hz, begin_s, end_s):
-    size, memory, end = 18 * RATE, 4 * RATE, round(end_s * RATE)
-    spectrum = np.random.default_rng(round(band_hz[1])).standard_normal((size // 2 + 1, 2)) @ [1.0, 1j]
-    spectrum[np.abs(np.fft.rfftfreq(size, 1 / RATE) - np.mean(band_hz)) > np.ptp(band_hz) / 2] = 0.0
-    signal = np.fft.irfft(spectrum, size) * np.arange(size) ** 2.0  # greatest in its last piece
-    signal[: round(begin_s * RATE)] = signal[end:] = 0.0  # it jumps there
-    reach = Reach(200.0 * signal / np.abs(signal).max(), memory, end, RATE)
-    for name in ("index", "thumb"):  # bounds of the thumb may come from those of the index
-        for limit in channel_limits(controller, name, size).constraints:
-            everywhere = np.fft.irfft(np.fft.rfft(reach.signal) * limit.response, size)
-            share = np.abs(everywhere[memory:]).max() / limit.limit
-            assert share <= reach.share(limit) <= (2.0 * share + 1.0 if band_hz[1] < 320.0 else np.inf)
-
-
-def test_reach__echo_beyond_a_piece__is_counted():
-    size, at = 18 * RATE, np.array([6, 11]) * RATE
-    hertz = np.fft.rfftfreq(size, 1 / RATE)
-    echo = 0.5 + 0.5 * np.exp(-2j * np.pi * hertz * 5.0)  # of 5 s, where a piece is 3 s long
-    (limit,) = module.constraints_of([("comfort", echo, 1.0, 1.0)], hertz <= 320.0, size)
-    signal = np.zeros(size)
-    for begin in at:
-        signal[begin : begin + 400] = np.sin(2.0 * np.pi * 50.0 * np.arange(400) / RATE)
-    share = np.abs(np.fft.irfft(np.fft.rfft(signal) * echo, size)).max()
-    assert share == pytest.approx(1.0, abs=1e-3)
-    assert Reach(signal, 4 * RATE, size, RATE).share(limit) >= share
 
 
 def test_limiter__loud_moment__the_rest_is_untouched(controller):

@@ -9,29 +9,25 @@ exceeds 4 A / pi (that of a square wave), so no component exceeds 55 dB SL, what
 The stream is taken in stretches of 12 s with 2 s of look-ahead. For every finger the responses of its limits predict,
 from the reference as it would go out and from what went out before, the felt signal, the displacement and the command.
 Where one would pass its limit, the reduction there is raised by what is missing, over a neighbourhood that doubles
-with every round (so that a slow response's cause is reached as well), and all is predicted anew. A stretch whose
-reference cannot reach any limit passes untouched, to the bit. The reduction is the smallest smooth one, in dB, that is
-nowhere less than what is needed.
-
-A bound that costs little shows that a stretch cannot reach a limit (`Reach`), or a prediction of every sample does.
+with every round (so that a slow response's cause is reached as well), and all is predicted anew. A stretch that reaches
+no limit passes untouched, to the bit. The reduction is the smallest smooth one, in dB, that is nowhere less than what
+is needed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.excitation import raised_ends
 from tactuator.signals.spectra import SlidingWindow
 
 SAFETY_DB = 0.25
@@ -43,36 +39,19 @@ QUIET_ABOVE_HZ = 320.0
 BINDING_SHARE = 0.8
 """A limit that the greatest allowed reference reaches to no more than this share is not looked at again."""
 
-COARSE_STRIDE = 3
-"""For a bound, predictions are looked at on every third sample only."""
-
-SURELY, SINGLE_SHARE = 0.998, 0.999
-"""Bounds, and predictions, in float32 stay this far from a limit, so that their rounding does not count."""
-
-STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
-PIECES, PIECES_OF_SIZE, TOGETHER = 8, 6, 4
-"""A bound looks at eight pieces, each a sixth of all as long: they overlap. Four transforms take little longer than
-one."""
+STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
     """A limit at every sample: |response applied to the reference| <= limit.
 
-    kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
-    magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell. As shares of the
-    limit: impulse, the response to one; tail, the sum of its magnitudes beyond a piece's margin; coarse, the response
-    up to 320 Hz at the bins of a piece; beyond, its greatest magnitude above.
+    kind: comfort, travel or command. response: at the bins of a transform of `size` samples.
     """
 
     kind: str
     response: ComplexArray
     limit: float
-    norm: float
-    impulse: NDArray[np.float32]
-    tail: float
-    coarse: NDArray[np.complex64]
-    beyond: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +61,6 @@ class ChannelLimits:
     finger: str
     peak: float
     constraints: tuple[Constraint, ...]
-
-    @property
-    def harmless(self) -> float:
-        """Return the amplitude below which the samples of a reference cannot reach any limit."""
-        return min([self.peak, *(constraint.limit / constraint.norm for constraint in self.constraints)])
-
-
-def between_samples(rate_hz: float) -> float:
-    """Return the factor by which a signal below 320 Hz can exceed every third sample of it: 1/cos(pi f / rate).
-
-    Source: Ehlich & Zeller 1964, Math. Z. 86, 41-44.
-    """
-    return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE_STRIDE / rate_hz))
 
 
 @lru_cache(maxsize=16)
@@ -121,83 +87,8 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     peak = 0.25 * np.pi * comfort / gain
     norms = np.abs(scipy.fft.irfft(np.stack([response for _, response, _ in asked]) * quiet, size)).sum(axis=1)
     stated = zip(asked, norms.tolist(), strict=True)
-    binding = [(*each, norm) for each, norm in stated if BINDING_SHARE * each[2] / norm < peak]
-    return ChannelLimits(name, peak, constraints_of(binding, heard, size))
-
-
-def constraints_of(
-    binding: list[tuple[str, ComplexArray, float, float]], heard: NDArray[np.bool_], size: int
-) -> tuple[Constraint, ...]:
-    """Return constraints of kind, response, limit and norm; heard: the bins up to 320 Hz."""
-    if not binding:
-        return ()
-    shares = np.stack([response / limit for _, response, limit, _ in binding])
-    impulses, (_, _, flat) = scipy.fft.irfft(shares.astype(np.complex64), size), pieces_of(size)
-    tails = np.abs(impulses[:, flat:-flat]).sum(axis=1).tolist()
-    coarse = shares[:, : np.count_nonzero(heard) : PIECES_OF_SIZE].astype(np.complex64)
-    beyond = np.abs(shares[:, ~heard]).max(axis=1).tolist()
-    derived = zip(binding, impulses, tails, coarse, beyond, strict=True)
-    return tuple(Constraint(*each, *more) for each, *more in derived)
-
-
-def pieces_of(size: int) -> tuple[int, int, int]:
-    """Return the samples of a piece, from one to the next, and of the part beside its step that does not fade yet."""
-    length, step = size // PIECES_OF_SIZE, -(-round(size * (STRETCH_S + AHEAD_S) / 18.0) // PIECES)
-    return length, step, (length - step) // 4
-
-
-class Reach:
-    """What a signal comes to, of limits: bounds from above, in shares, which cost little.
-
-    A response gives of a piece, within its step, what it gives of all, but for what lies beyond the margin: no more
-    than the tail times the peak, twice since the piece's transform closes on itself. What a piece gives is looked at on
-    every third sample up to 320 Hz, with the sum of the amplitudes above. And one response gives what another does, but
-    for the peak times the norm of their difference: fingers are much alike. signal: zero from sample `end` on.
-    """
-
-    def __init__(self, signal: FloatArray, memory: int, end: int, rate_hz: float) -> None:
-        self.signal, self._memory, self._end, self._rate_hz = signal, memory, end, rate_hz
-        self.peak = max(float(signal[:end].max()), -float(signal[:end].min()))
-        self._known: list[tuple[Constraint, float]] = []
-
-    @cached_property
-    def spectrum(self) -> NDArray[np.complex64]:
-        """Return the spectrum of all, in float32."""
-        return np.asarray(scipy.fft.rfft(self.signal.astype(np.float32)))
-
-    @cached_property
-    def _pieces(self) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
-        """Return the spectra of the pieces, and the sums of their amplitudes above 320 Hz."""
-        length, step, flat = pieces_of(len(self.signal))
-        margin = (length - step) // 2
-        begin, is_round = self._memory - margin, self.signal[:flat].any()  # what stands there comes after the end
-        sounding = PIECES if is_round else -(-(self._end + flat - self._memory) // step)
-        count = min(PIECES, TOGETHER * -(-sounding // TOGETHER))
-        extent = np.concatenate((self.signal[begin:], self.signal[:length]), dtype=np.float32, casting="same_kind")
-        pieces = np.lib.stride_tricks.sliding_window_view(extent, length)[: count * step : step]
-        spectra = scipy.fft.rfft(pieces * raised_ends(length, margin - flat))
-        above = int(QUIET_ABOVE_HZ * length / self._rate_hz) + 1
-        return spectra, np.abs(spectra[:, above:].view(np.float32)).sum(axis=1) * np.float32(2.0 / length)
-
-    def share(self, constraint: Constraint) -> float:
-        """Return a bound of the share of a limit that the signal comes to, memory left out."""
-        for known, share in self._known:
-            bound = share + self.peak * _apart(constraint, known)
-            if bound <= SURELY:
-                return bound
-        spectra, rest = self._pieces
-        length = pieces_of(len(self.signal))[0]
-        coarse = scipy.fft.irfft(spectra[:, : len(constraint.coarse)] * constraint.coarse, length // COARSE_STRIDE)
-        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
-        within = between_samples(self._rate_hz) * greatest + rest * constraint.beyond
-        self._known.append((constraint, float(within.max()) + 2.0 * self.peak * constraint.tail))
-        return self._known[-1][1]
-
-
-@lru_cache(maxsize=256)
-def _apart(constraint: Constraint, other: Constraint) -> float:
-    """Return the norm of the difference of two impulse responses: they are kept for the next stretch."""
-    return float(np.abs(constraint.impulse - other.impulse).sum())
+    binding = (Constraint(*each) for each, norm in stated if BINDING_SHARE * each[2] / norm < peak)
+    return ChannelLimits(name, peak, tuple(binding))
 
 
 def _raised(controller: Controller, name: str, frequency_hz: FloatArray) -> FloatArray | float:
@@ -264,7 +155,6 @@ class _Finger:
     report: FingerLimiting
     carried_db: FloatArray
     start_db: float | None = None
-    quiet_for: int = 1 << 60  # samples since the last reduction
 
 
 class Limiter:
@@ -296,33 +186,12 @@ class Limiter:
             yield self._limit(min(self._stretch, count), last=count <= self._stretch)
 
     def _limit(self, commit: int, last: bool) -> FloatArray:
-        memory, end, reach = self._memory, self._window.filled, None
+        memory = self._memory
         for finger, signal in zip(self._fingers, self._window.rows, strict=True):
-            if reach is None or not np.array_equal(signal[:end], reach.signal[:end]):  # fingers are often alike
-                reach = Reach(signal, memory, end, self._rate)
-            if self._is_harmless(finger, reach):
-                finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
-            else:
-                reduction, limited = self._reduce(finger, signal, last)
-                signal[memory : memory + commit], reach = limited[:commit], None
-                self._commit(finger, reduction, commit)
+            reduction, limited = self._reduce(finger, signal, last)
+            signal[memory : memory + commit] = limited[:commit]
+            self._commit(finger, reduction, commit)
         return self._window.rows[:, memory : memory + commit].copy().T  # the window moves on
-
-    def _is_harmless(self, finger: _Finger, reach: Reach) -> bool:
-        limits = finger.limits
-        if finger.start_db or finger.carried_db.any() or finger.quiet_for < self._memory:
-            return False
-        if reach.peak <= limits.harmless:
-            return True
-        if reach.peak > limits.peak:
-            return False
-        for constraint in limits.constraints:
-            if reach.share(constraint) <= SURELY:
-                continue
-            fine = scipy.fft.irfft(reach.spectrum * constraint.response.astype(np.complex64), self._size)
-            if np.abs(fine[self._memory :]).max() > SINGLE_SHARE * constraint.limit:
-                return False
-        return True
 
     def _reduce(self, finger: _Finger, signal: FloatArray, last: bool) -> tuple[FloatArray, FloatArray]:
         history, reference = signal[: self._memory], signal[self._memory :]
@@ -339,7 +208,7 @@ class Limiter:
             if not last:
                 excess[-self._edge :] = 0.0
             if excess.max() <= 1.0:
-                for kind, seconds in reasons.items():
+                for kind, seconds in reasons.items() if reduction.any() else ():
                     finger.report.reasons[kind] += seconds
                 return reduction, limited
             missing = np.where(excess > 1.0, 20.0 * np.log10(np.maximum(excess, 1.0)) + OVERSHOOT_DB, 0.0)
@@ -370,15 +239,13 @@ class Limiter:
     def _commit(self, finger: _Finger, reduction: FloatArray, commit: int) -> None:
         report = finger.report
         if not reduction.any():
-            finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
+            finger.carried_db, finger.start_db = np.zeros(0), 0.0
             return
         steps = np.abs(
             np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db)
         )
         report.max_reduction_db = max(report.max_reduction_db, float(reduction[:commit].max()))
         report.max_slope_db_per_ms = max(report.max_slope_db_per_ms, float(steps.max()) * self._rate * 1e-3)
-        reduced = np.flatnonzero(reduction[:commit])
-        report.reduced_s += len(reduced) / self._rate
-        finger.quiet_for = commit - 1 - int(reduced[-1]) if len(reduced) else finger.quiet_for + commit
+        report.reduced_s += np.count_nonzero(reduction[:commit]) / self._rate
         finger.carried_db = reduction[commit : len(reduction) - 2 * self._edge].copy()
         finger.start_db = float(reduction[commit - 1])

@@ -118,7 +118,7 @@ def test_thresholds__simulated_doubtful_or_censored__are_marked_in_every_figure(
     assert set(figure.table["simulated"]) == {"simulated"}
     for drawn in (figure, thresholds_figure(person_thresholds(found), LIBRARY, None)):
         assert "simulated: nobody felt this" in drawn.svg()
-        assert drawn.figure.get_suptitle() == "simulated: nobody felt this"
+        assert drawn.drawing.get_suptitle() == "simulated: nobody felt this"
         assert ",simulated\n" in drawn.csv()
     felt = thresholds_figure(person_thresholds([replace(one, simulated=False) for one in found]), LIBRARY, None)
     assert "simulated" not in felt.svg() + felt.csv()
