@@ -1,12 +1,13 @@
-"""Results: what each answers in a line, as a table, as JSON, as HTML in a notebook and as a chart."""
+"""Results: one list of facts each, from which come the summary, the tables, JSON, HTML in a notebook and `repr`."""
 
 import dataclasses
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ResultTable, plain
@@ -15,51 +16,84 @@ _LONGEST = 499
 _Promoted = TypeVar("_Promoted", bound="Result")
 
 
-class Result:
-    """A result: `repr` of under 500 characters, HTML for notebooks, `plot`, `to_dict`, `to_dataframe` of a table.
+@dataclass(frozen=True, eq=False)
+class Fact:
+    """A figure or a sentence of a result.
 
-    What the command line prints of it, and the status that it ends with, are told here as well. `holds` is the verdict:
-    the only place from which status 1 comes. `SHOWN` has the words for each attribute that is a row of its table, with
-    "::" and the form of a number. A field with repr=False is neither in JSON nor told at a glance.
+    Parameters
+    ----------
+    name: its key in JSON; "" where text alone has it.
+    value: what JSON has; in text, a number by its form, True and False as yes and no.
+    words: its name in text; "" where JSON alone has it.
+    unit, form: of a number in text.
+    summary: whether the summary has it; otherwise the tables of `--full` alone.
     """
 
-    SHOWN: ClassVar[Mapping[str, str]] = {}
+    name: str
+    value: Any
+    words: str = ""
+    unit: str = ""
+    form: str = ".4g"
+    summary: bool = False
 
-    def headline(self) -> Mapping[str, str]:
-        """Return the figures that tell the result at a glance, each with its unit: by default those of its fields."""
-        values = {name: getattr(self, name) for name in self._told_fields()}
-        return {name: str(value) for name, value in values.items() if isinstance(value, str | int | float | Path)}
+    @property
+    def text(self) -> str:
+        """Return the value as a person reads it, with its unit."""
+        if isinstance(self.value, bool):
+            return "yes" if self.value else "no"
+        number = f"{self.value:{self.form}}" if isinstance(self.value, float) else str(self.value)
+        return f"{number} {self.unit}" if self.unit else number
 
-    def _told_fields(self) -> list[str]:
-        return [field.name for field in dataclasses.fields(self) if field.repr]  # type: ignore[arg-type]
+
+def found(words: str, value: object, unit: str = "", form: str = ".4g") -> Fact:
+    """Return a fact of the summary which JSON has in another form."""
+    return Fact("", value, words, unit, form, summary=True)
+
+
+def data(document: Mapping[str, Any]) -> list[Fact]:
+    """Return the entries of a document as facts of JSON alone."""
+    return [Fact(name, value) for name, value in document.items()]
+
+
+def fields_of(result: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass by name, but those with repr=False."""
+    return {field.name: getattr(result, field.name) for field in dataclasses.fields(result) if field.repr}
+
+
+class Result:
+    """A result: its facts, and what they become; `plot`, `to_dataframe` where it has curves or a table.
+
+    `holds` is the verdict: the only place from which the command line's status 1 comes. By default the facts are the
+    fields of the dataclass, but those with repr=False.
+    """
+
+    def facts(self) -> Sequence[Fact]:
+        """Return every figure of the result, once."""
+        return [
+            Fact(name, value, name.replace("_", " "), summary=True)
+            if isinstance(value, str | int | float | Path)
+            else Fact(name, value)
+            for name, value in fields_of(self).items()
+        ]
+
+    def next_step(self) -> str:
+        """Return what to do next, if anything is to be said of that."""
+        return ""
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the tables and lines that `--full` prints below the facts."""
+        return ()
 
     def columns(self) -> Mapping[str, Any]:
         """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
         raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
 
     def chart(self) -> Chart:
-        """Return what `plot` draws; raises BadInput where there is nothing to report.chart.draw."""
+        """Return what `plot` draws; raises BadInput where there is nothing to draw."""
         raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
-        return {name: finite(getattr(self, name)) for name in self._told_fields()}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        """Return the tables and lines that the command line prints, in their order."""
-        if not self.SHOWN:
-            return [f"{name}: {value}" for name, value in self.headline().items()]
-        shown = {name: getattr(self, name) for name in self.SHOWN}
-        rows = [(*self.SHOWN[name].split("::"), value) for name, value in shown.items() if value is not None]
-        return [ResultTable(self.title, ("what", "value"), tuple((words, _cell(v, *how)) for words, *how, v in rows))]
-
-    @property
-    def title(self) -> str:
-        """Return what stands above the table of what is shown."""
-        return ""
-
     def notices(self) -> Sequence[str]:
-        """Return lines for standard error: what is to be known of the result beside it."""
+        """Return lines for standard error: doubts about the result."""
         return ()
 
     @property
@@ -69,8 +103,21 @@ class Result:
 
     @property
     def ending(self) -> BaseException | None:
-        """Return what the command line raises once the result was told: a part of it that could not be had."""
+        """Return what the command line raises once the result is printed: a part of it that is missing."""
         return None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the facts of the summary, each with its unit."""
+        return {fact.words: fact.text for fact in self.facts() if fact.summary and fact.value is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
+        return {fact.name: finite(fact.value) for fact in self.facts() if fact.name}
+
+    def all_tables(self) -> Sequence[ResultTable | str]:
+        """Return what `--full` prints: a table of the facts, then the others."""
+        rows = tuple((fact.words, fact.text) for fact in self.facts() if fact.words and fact.value is not None)
+        return [*([ResultTable("", ("what", "value"), rows)] if rows else []), *self.tables()]
 
     def to_dataframe(self) -> Any:
         """Return the table as a pandas.DataFrame; BadInput where pandas is not installed, or there is no table."""
@@ -79,12 +126,12 @@ class Result:
             pandas = import_module("pandas")
         except ImportError:
             raise BadInput("pandas is not installed", "pip install pandas, or to_dict()") from None
-
         return pandas.DataFrame(dict(columns))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the result into `ax` (None: the current axes of matplotlib) and return the axes."""
-        return import_module("tactuator.report.chart").draw(self.chart(), ax)  # matplotlib takes a second to load
+        # matplotlib takes a second to load, and only `report` draws
+        return import_module("tactuator.report.chart").draw(self.chart(), ax)
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}: {value}" for name, value in self.headline().items())
@@ -123,20 +170,9 @@ def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:
     return form(**(fields | more))
 
 
-def _cell(value: object, form: str = "g") -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:{form}}" if isinstance(value, float) else str(value)
-
-
 def coefficients(values: Iterable[float]) -> str:
-    """Return the coefficients of a polynomial as they are told in a line."""
+    """Return the coefficients of a polynomial in a line."""
     return "[" + ", ".join(f"{value:.5g}" for value in values) + "]"
-
-
-def figure(value: float, unit: str = "", digits: int = 4) -> str:
-    """Return a number with its unit."""
-    return f"{value:.{digits}g}{' ' if unit else ''}{unit}"
 
 
 def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:

@@ -1,12 +1,12 @@
 """The verb `acknowledge`: a board that is locked after faults is told that they are known."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 from tactuator.api.option import Option
 from tactuator.errors import BadInput
-from tactuator.result import Result
+from tactuator.result import Fact, Result
 from tactuator.rig.open import acknowledge_faults
 
 
@@ -17,8 +17,11 @@ class AcknowledgedResult(Result):
     rig: str
     sensor_faults: int
 
-    def headline(self) -> Mapping[str, str]:
-        return {self.rig: f"{self.sensor_faults} sensor and travel faults acknowledged"}
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("rig", self.rig, "board", summary=True),
+            Fact("sensor_faults", self.sensor_faults, "sensor and travel faults acknowledged", summary=True),
+        ]
 
 
 def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from tactuator.io.text import read_content
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.plant import HIGHEST_RATE_HZ
-from tactuator.result import Result, promoted
+from tactuator.result import Fact, Result, found, promoted
 from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
@@ -120,13 +120,6 @@ class WordlengthResult(Result):
     def holds(self) -> bool:
         return self.float32.safe
 
-    def headline(self) -> Mapping[str, str]:
-        return {"rate": f"{self.rate_hz:g} Hz", "float32": "safe" if self.float32.safe else "not safe"}
-
-    def to_dict(self) -> dict[str, Any]:
-        document = super().to_dict()
-        return document if self.figures else {name: document[name] for name in ("rate_hz", "bits", "float32")}
-
     def tables(self) -> Sequence[ResultTable | str]:
 
         def as_text(bits: int) -> str:
@@ -154,6 +147,15 @@ class WordlengthResult(Result):
         rows.append(("safe", "yes" if check.safe else "no"))
         notes = () if check.refused is None else (f"{check.refused}.",)
         return ResultTable(f"float32 at {self.rate_hz:g} Hz", ("what", "value"), tuple(rows), notes)
+
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("rate_hz", self.rate_hz, "sampling rate", "Hz", "g", True),
+            Fact("bits", self.bits),
+            Fact("float32", self.float32),
+            found("float32", "safe" if self.float32.safe else "not safe"),
+            *([Fact("figures", self.figures)] if self.figures else []),
+        ]
 
 
 def wordlength(
@@ -195,17 +197,6 @@ class ImageResult(Result):
     the image of the controller of which that was asked, which is `asked`.
     """
 
-    SHOWN: ClassVar[Mapping[str, str]] = {
-        "bytes": "size (bytes)",
-        "rate_hz": "sampling rate (Hz)",
-        "delay_samples": "computing delay (samples)",
-        "channels": "channels",
-        "controller": "hash of the controller",
-        "crc32": "checksum (CRC-32)",
-        "response_error_db": "greatest error of |H| (dB)::.1g",
-    }
-    title = "Image"
-
     image: Path | None
     bytes: int
     rate_hz: float
@@ -222,21 +213,24 @@ class ImageResult(Result):
     def holds(self) -> bool:
         return self.is_of_controller is not False
 
-    def to_dict(self) -> dict[str, Any]:
-        return {name: value for name, value in super().to_dict().items() if value is not None or name == "image"}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        (table,) = super().tables()
-        assert isinstance(table, ResultTable)
-        if self.is_of_controller is None:
-            return [table]
-        row = (f"made from {self.asked}", "yes" if self.is_of_controller else "no")
-        return [replace(table, rows=(*table.rows, row))]
-
     def write(self, path: Place) -> None:
         """Write the image, whole or not at all."""
         with atomic_path(path) as beside:
             beside.write_bytes(self.content)
+
+    def facts(self) -> Sequence[Fact]:
+        made = f"made from {self.asked}"
+        facts = [
+            Fact("bytes", self.bytes, "size", "bytes", summary=True),
+            Fact("rate_hz", self.rate_hz, "sampling rate", "Hz", "g", True),
+            Fact("delay_samples", self.delay_samples, "computing delay", "samples", summary=True),
+            Fact("channels", self.channels, "channels", summary=True),
+            Fact("controller", self.controller, "hash of the controller", summary=True),
+            Fact("crc32", self.crc32, "checksum (CRC-32)", summary=True),
+            Fact("response_error_db", self.response_error_db, "greatest error of |H|", "dB", ".1g", True),
+            Fact("is_of_controller", self.is_of_controller, made, summary=True),
+        ]
+        return [Fact("image", self.image), *(fact for fact in facts if fact.value is not None)]
 
 
 def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:

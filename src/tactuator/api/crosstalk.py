@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.measure.crosstalk import Crosstalk, FeltLevel
-from tactuator.result import Result, columns_of
+from tactuator.result import Fact, Result, columns_of, found
 from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 
 
@@ -29,15 +29,14 @@ class CrosstalkResult(Result):
     def _of(self, driven: str) -> list[Crosstalk]:
         return [row for row in self.rows if row.driven == driven]
 
-    def headline(self) -> Mapping[str, str]:
-        words = {}
+    def facts(self) -> Sequence[Fact]:
+        facts = [Fact("level_db_sl", self.level_db_sl, "driven at", "dB SL", "g", True), Fact("rows", self.rows)]
         for driven in dict.fromkeys(row.driven for row in self.rows):
             cells = [(row, *cell) for row in self._of(driven) for cell in row.others.items()]
             row, name, level = max(cells, key=lambda cell: cell[2].at_most_db_sl)
-            words[f"{driven} at {self.level_db_sl:g} dB SL"] = (
-                f"{level.words} dB SL on {name}, {row.frequency_hz:.4g} Hz"
-            )
-        return words
+            words = f"{level.words} dB SL on {name}, {row.frequency_hz:.4g} Hz"
+            facts.append(found(f"{driven} driven, most felt", words))
+        return facts
 
     def notices(self) -> Sequence[str]:
         cut = sorted({row.frequency_hz for row in self.rows if row.saturated})

@@ -19,7 +19,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.verdict import Finding, Outcome, Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row, printed_factors, remark_lines
-from tactuator.result import Result, figure
+from tactuator.result import Fact, Result, data, found
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants
@@ -27,16 +27,34 @@ from tactuator.synthesis.verdict import whole_verdict
 from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 
 
+def verdict_facts(verdict: Verdict) -> list[Fact]:
+    """Return the verdict, and the worst of each objective that is not met; and its document for JSON."""
+    missed = [finding for objective in verdict.objectives for finding in objective.worst()]
+    missed = [finding for finding in missed if finding.outcome is Outcome.NOT_MET]
+    worst = {finding.objective: finding for finding in sorted(missed, key=lambda finding: finding.excess)}
+    return [
+        found("verdict", verdict.sentence),
+        *(found(f"not met, {number}", _in_words(finding)) for number, finding in sorted(worst.items())),
+        *data(verdict.document()),
+    ]
+
+
+def _in_words(finding: Finding) -> str:
+    _, channel, _, value, allowed, at, load = finding_row(finding)
+    words = f"{channel}, {load}: {value}{f' at {at}' if at else ''}{f' (allowed {allowed})' if allowed else ''}"
+    return words if finding.value is not None else f"{words}: {finding.remark}"
+
+
 def verdict_tables(verdict: Verdict) -> list[ResultTable | str]:
     """Return a table of one row for each objective, channel and quantity, the worst of its loads, models and lines.
 
-    Remarks, which may be long, stand below it.
+    Remarks, which may be long, are listed below it.
     """
     worst = [finding for objective in verdict.objectives for finding in objective.worst()]
-    rows = tuple(map(finding_row, worst))
     assumed = dict.fromkeys(f"assumed: {sentence}" for sentence in verdict.assumptions)
-    table = ResultTable("", FINDING_COLUMNS, rows, whole=("objective", "outcome", "allowed", "frequency"))
-    return [table, *remark_lines(worst), *assumed, f"verdict: {verdict.sentence}"]
+    whole = ("objective", "outcome", "allowed", "frequency")
+    table = ResultTable("", FINDING_COLUMNS, tuple(map(finding_row, worst)), whole=whole)
+    return [table, *remark_lines(worst), *assumed]
 
 
 class ControllerResult(Result, Controller):
@@ -54,17 +72,19 @@ class ControllerResult(Result, Controller):
     def notices(self) -> Sequence[str]:
         return [notice for channel in self.display.channels for notice in channel.contact_notices()]
 
-    def headline(self) -> Mapping[str, str]:
-        figures = {"rate": figure(self.rate_hz, "Hz")}
+    def next_step(self) -> str:
+        return "tactuator build" if self.holds else "--full lists every finding, with what helps"
+
+    def facts(self) -> Sequence[Fact]:
+        facts = [found("rate", self.rate_hz, "Hz")]
         for channel in self.channels:
             margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
             margin = f"phase margin {margins['phase_margin_deg']:.1f}°, " if margins else ""
             error_db = fit.get("max_error_db", np.nan)
-            figures[channel.name] = f"{margin}prefilter within {error_db:.2f} dB without friction"
-        return figures
-
-    def to_dict(self) -> dict[str, Any]:
-        return {channel.name: dict(channel.report) for channel in self.channels} | {"verdict": self.verdict.document()}
+            facts.append(found(channel.name, f"{margin}prefilter within {error_db:.2f} dB without friction"))
+            facts.append(Fact(channel.name, dict(channel.report)))
+        judged, *missed = (fact for fact in verdict_facts(self.verdict) if not fact.name)
+        return [judged, *missed, *facts, Fact("verdict", self.verdict.document())]
 
     def tables(self) -> Sequence[ResultTable | str]:
         columns = ("figure (worst over the loads)", *(channel.name for channel in self.channels))
@@ -117,12 +137,12 @@ class VerdictResult(Result, Verdict):
     def holds(self) -> bool:
         return self.outcome is not Outcome.NOT_MET
 
-    def headline(self) -> Mapping[str, str]:
-        return {"outcome": self.outcome.value, "verdict": self.sentence}
+    def next_step(self) -> str:
+        return "" if self.outcome is Outcome.MET else "--full lists every finding, with what helps"
 
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         drawn = {"monte_carlo": [plants.document() for plants in self.drawn]} if self.drawn else {}
-        return self.document() | drawn
+        return [*verdict_facts(self), *data(drawn)]
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [*verdict_tables(self), *([_plants_table(self.drawn)] if self.drawn else [])]

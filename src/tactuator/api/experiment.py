@@ -45,7 +45,7 @@ from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_relative_curve, write_curve
 from tactuator.parameters import from_table
 from tactuator.perception.curve import RelativeCurve
-from tactuator.result import Result, columns_of, finite
+from tactuator.result import Fact, Result, columns_of, data, finite, found
 from tactuator.rig.rig import require_finger_ports, usual_load
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 
@@ -66,13 +66,14 @@ class EnrolledResult(Result):
     subject: str
     visits: Mapping[int, str]
 
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         visits = [{"visit": visit, "path": path} for visit, path in self.visits.items()]
-        return {"study": self.study, "subject": self.subject, "visits": visits}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple((str(visit), path) for visit, path in self.visits.items())
-        return [ResultTable(f"{self.study}: {self.subject}", ("visit", "link, after the server's address"), rows)]
+        return [
+            Fact("study", self.study, "study", summary=True),
+            Fact("subject", self.subject, "subject", summary=True),
+            Fact("visits", visits),
+            *(found(f"visit {visit}, link after the server's address", path) for visit, path in self.visits.items()),
+        ]
 
 
 def enrol(
@@ -106,11 +107,14 @@ class CorrectedResult(Result):
     subject: str
     changes: tuple[Mapping[str, Any], ...]
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple(
-            (str(change["item"]), *(change[at] or "-" for at in ("before", "after"))) for change in self.changes
-        )
-        return [ResultTable(f"{self.study}: {self.subject}", ("item", "before", "after"), rows)]
+    def facts(self) -> Sequence[Fact]:
+        changes = [(each["item"], each["before"] or "-", each["after"] or "-") for each in self.changes]
+        return [
+            Fact("study", self.study, "study", summary=True),
+            Fact("subject", self.subject, "subject", summary=True),
+            Fact("changes", self.changes),
+            *(found(str(item), f"{after} (before: {before})") for item, before, after in changes),
+        ]
 
 
 def correct(
@@ -188,19 +192,23 @@ class ObservedResult(Result):
         names = ("subject", "frequency_hz", "true_db_re_1um", "simulated")
         return columns_of(names, [(*row, "simulated") for row in self.truth])
 
-    def to_dict(self) -> dict[str, Any]:
-        columns = self.columns()
-        return {
-            "store": self.store,
-            "truth": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
-        }
+    def facts(self) -> Sequence[Fact]:
+        columns, subjects = self.columns(), dict.fromkeys(subject for subject, *_ in self.truth)
+        truth = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        answered = ", ".join(subjects) or "nothing left to do, all have gone through the study"
+        return [
+            Fact("store", self.store, "store", summary=True),
+            Fact("truth", truth),
+            found("simulated subjects", f"{answered} ({NOBODY_FELT_IT})"),
+        ]
+
+    def next_step(self) -> str:
+        return f"tactuator experiment thresholds --store {self.store}"
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
         columns = ("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
-        if not rows:
-            return [f"nothing left to do, all have gone through the study: {self.store}"]
-        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,)), f"written: {self.store}"]
+        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,))] if rows else []
 
 
 def observe(
@@ -289,13 +297,19 @@ class StoreThresholds(Result):
         """Return why there is no curve, where one was asked for: the thresholds are worth telling all the same."""
         return self.results.no_curve if self.is_curve_asked else None
 
-    def headline(self) -> Mapping[str, str]:
-        thresholds = self.results.thresholds
+    def facts(self) -> Sequence[Fact]:
+        thresholds, group = self.results.thresholds, self.results.group
         levels = [threshold.refit_db_sl for threshold in thresholds]
-        people = {threshold.subject for threshold in thresholds}
-        figures = {"runs": str(len(levels)), "subjects": str(len(people))}
-        figures["thresholds"] = f"{min(levels):.1f} to {max(levels):.1f} dB SL"
-        return figures | ({"simulated": "nobody felt this"} if self._simulated else {})
+        flagged = sum(bool(threshold.flags) for threshold in thresholds)
+        return [
+            found("runs", len(levels)),
+            found("subjects", len({threshold.subject for threshold in thresholds})),
+            found("thresholds", f"{min(levels):.1f} to {max(levels):.1f} dB SL"),
+            *([found("doubtful (flagged)", flagged)] if flagged else []),
+            *([] if group is None else [found("curve across subjects", group.curve.provenance)]),
+            *([found("simulated", "nobody felt this")] if self._simulated else []),
+            *data(self.results.document()),
+        ]
 
     @property
     def _simulated(self) -> bool:
@@ -322,9 +336,6 @@ class StoreThresholds(Result):
         limits = {f"curve {curve!r}": 0.0}
         axes = ("frequency (Hz)", "threshold (dB SL)")
         return Chart(*axes, curves, log_x=True, limits=limits, simulated=self._simulated)
-
-    def to_dict(self) -> dict[str, Any]:
-        return self.results.document()
 
     def tables(self) -> Sequence[ResultTable | str]:
         measured = threshold_table(self.results.thresholds, shipped_words("en"))
@@ -407,9 +418,6 @@ class ExportedResult(Result):
     format: str
     trials: int
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        return [f"{self.trials} trials exported"]
-
 
 def export(
     store: StoreFile,
@@ -427,9 +435,6 @@ class BackupResult(Result):
 
     out: Path
     answers: int
-
-    def tables(self) -> Sequence[str]:
-        return [f"{self.answers} answers"]
 
 
 def backup(
@@ -456,35 +461,38 @@ class QualityResult(Result):
     study: PlannedStudy | None = None
     plan: StudyPlan | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        rows = []
+    def facts(self) -> Sequence[Fact]:
+        rows = [("procedure", f"{self.procedure}, {self.runs} simulated runs")]
         for key, value in self.figures.items():
             if isinstance(value, dict):
                 rows += [_quality_row(f"{key} {inner}", number) for inner, number in value.items()]
             elif key != "by_frequency":
                 rows.append(_quality_row(key, value))
+        facts = [Fact("", text, words, summary=words in _SUMMARISED) for words, text in rows]
         if self.study is not None and self.plan is not None:
             groups = " in each of two groups" if self.study.design == "between" else ""
-            rows.append(("error of a person's threshold (dB)", f"{self.plan.error_db:.2f}"))
-            rows.append(("subjects", f"{self.plan.subjects}{groups}"))
-            rows.append(("power", f"{self.plan.power:.3f} for {self.study.effect_db:g} dB"))
-        return dict(rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        plan = {} if self.plan is None else {"study": finite(self.study), "plan": finite(self.plan)}
-        return {**self.figures, **plan, "simulated": True}
+            facts += [
+                found("error of a person's threshold", self.plan.error_db, "dB", ".2f"),
+                found("subjects", f"{self.plan.subjects}{groups}"),
+                found("power", f"{self.plan.power:.3f} for {self.study.effect_db:g} dB"),
+                *data({"study": finite(self.study), "plan": finite(self.plan)}),
+            ]
+        return [*facts, *data(self.figures), Fact("simulated", True)]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        title = f"{self.procedure}, {self.runs} simulated runs"
-        whole = ResultTable(title, ("figure", "value"), tuple(self.headline().items()))
         at = tuple(
             (f"{row['frequency_hz']:.4g}", f"{row['rms_error_db']:.2f}", f"{row['coverage95']:.2f}")
             for row in self.figures.get("by_frequency", ())
         )
         heads = ("frequency (Hz)", "rms error (dB)", _WORDS["coverage95"])
-        return [whole, ResultTable("by frequency, simulated", heads, at)] if at else [whole]
+        return [ResultTable("by frequency, simulated", heads, at)] if at else []
 
 
+_SUMMARISED = (
+    *("procedure", "refit: bias (dB)", "refit: rms error (dB)", "rms error of the median person (dB)"),
+    *("trials, mean", "runs that did not end"),
+)
+"""Figures of a procedure that the summary has."""
 _WORDS = {
     "sd": "standard deviation", "rmse": "rms error", "rms error median": "rms error of the median person",
     "trials mean": "trials, mean", "trials p05": "trials, 5th percentile", "trials p95": "trials, 95th percentile",

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactuator.api.parameters import Place
 from tactuator.identification.by_response import ResponseFit
-from tactuator.identification.calibration import Calibration
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.result import Identification, Validation, resonances
@@ -17,21 +16,10 @@ from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
-from tactuator.model.plausibility import pairs_doubts
-from tactuator.report.tables import identification_rows, response_rows, trust_table, with_error
-from tactuator.result import Result, coefficients, figure
+from tactuator.report.tables import identification_rows, response_rows, trust_table
+from tactuator.result import Fact, Result, coefficients, data, found
 from tactuator.signals.decibels import db
-from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable, picked, plain
-
-
-def response_chart(model: PlantModel, *shown: ChartLine) -> Chart:
-    """Return the chart of a model's magnitude with its 95 % band, under what was `shown` by a measurement."""
-    hertz = np.geomspace(*model.band_hz, 300)
-    unit = f"{model.position_unit or 'unit'}/{model.command_unit or 'unit'}"
-    level, half = db(model.response(hertz)), model.band_db(hertz)
-    drawn = ChartLine("model, with its 95 % band", hertz, level, half=half, colour=0)
-    return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *shown], log_x=True)
-
+from tactuator.table import Chart, ChartLine, ResultTable, picked, plain
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
@@ -57,10 +45,11 @@ class _FittedResult(Result):
         """Return frequencies even in log over the model's band, (count,)."""
         return np.geomspace(*self.model.band_hz, count)
 
-    def _with_trust(self, fit: Mapping[str, str]) -> Mapping[str, str]:
+    def _fitted(self, *fit: Fact) -> list[Fact]:
         trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
-        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
-        return {**model, **fit, "trusted": trusted}
+        num, den = coefficients(self.model.num), coefficients(self.model.den)
+        told = [found("num", num), found("den", den), *fit, found("trusted", trusted)]
+        return [*told, *data(self._document())]
 
     def notices(self) -> Sequence[str]:
         return [
@@ -72,6 +61,9 @@ class _FittedResult(Result):
     @property
     def holds(self) -> bool:
         return not self.model.distrust
+
+    def next_step(self) -> str:
+        return "plant = this file in a display, or `tactuator init --from` it" if self.holds else ""
 
     def columns(self) -> Mapping[str, Any]:
         frequency = self.frequency_hz()
@@ -85,7 +77,7 @@ class _FittedResult(Result):
         }
 
     def chart(self) -> Chart:
-        return response_chart(self.model)
+        return self.model.chart()
 
     def write(self, path: Place) -> None:
         write_text(path, identified_text(self.model))
@@ -129,9 +121,6 @@ class IdentificationResult(_FittedResult, Identification):
     about: Mapping[str, str] | None = None
     out: Path | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        return self._with_trust({"fit": figure(self.fit_percent, "%", 5)})
-
     def notices(self) -> Sequence[str]:
         unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name) for row in self.model.trust)
         return [*super().notices(), *([_HELPS] if unlikely or (self.tests.feedback and not self.holds) else [])]
@@ -139,30 +128,30 @@ class IdentificationResult(_FittedResult, Identification):
     def chart(self) -> Chart:
         hertz, value, error = self.shown()
         half = 20.0 / np.log(10.0) * 1.959964 * error
-        return response_chart(self.model, ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
+        return self.model.chart(ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
 
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
         rows = tuple(identification_rows(self, self.about or {}))
         return [ResultTable(title, ("what", "value", "±95 %"), rows), trust_table(self.model)]
 
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         about, excitation = self.about or {}, self.excitation
         other = None if self.other is None else picked(self.other, *_POLYNOMIALS)
         band_hz = [excitation.low_hz, excitation.high_hz]
-        return self._document() | {
+        documents = {
             "hold": picked(self.between, "source", "certain", "advantage", taken="hold") | {"other": other},
             "excitation": picked(excitation, "order", "needed", "sufficient") | {"band_hz": band_hz},
             "residuals": picked(self.tests, *_TESTS, "white", "uncorrelated_with_input", closed_loop="feedback"),
-            "fit_percent": self.fit_percent,
             "validation": [_validation_document(validation) for validation in self.validations],
             "friction": self._friction_document(),
             "mechanism": self._mechanism_document(),
             "distortion": None if self.distortion is None else _distortion_document(self.distortion),
             "tried": [vars(candidate) for candidate in self.tried],
             "columns": {name: about.get(name) for name in ("input", "output")},
-            "out": self.out,
         }
+        fit = Fact("fit_percent", self.fit_percent, "fit", "%", ".5g", True)
+        return [*self._fitted(fit), *data(documents), Fact("out", self.out)]
 
     def _mechanism_document(self) -> dict[str, float] | None:
         if self.mass_and_viscous is None:
@@ -182,15 +171,13 @@ class ResponseModelResult(_FittedResult, ResponseFit):
 
     out: Path | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        return self._with_trust({"departure": figure(self.largest_db, "dB", 3)})
-
     def tables(self) -> Sequence[ResultTable | str]:
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
         return [ResultTable(title, ("what", "value"), tuple(response_rows(self))), trust_table(self.model)]
 
-    def to_dict(self) -> dict[str, Any]:
-        return self._document() | {"departure": self.departure, "largest_db": self.largest_db, "out": self.out}
+    def facts(self) -> Sequence[Fact]:
+        largest = Fact("largest_db", self.largest_db, "departure", "dB", ".3g", True)
+        return [*self._fitted(largest), Fact("departure", self.departure), Fact("out", self.out)]
 
 
 _POLYNOMIALS = ("num", "den", "delay_s")
@@ -215,47 +202,3 @@ def _distortion_document(seen: Distortion) -> dict[str, Any]:
 def _validation_document(validation: Validation) -> dict[str, Any]:
     document = picked(validation, "failures", "fit_percent", "points", record="name", inside_band="inside")
     return document | {"holds": not validation.failures, "residuals": picked(validation.tests, *_TESTS)}
-
-
-class CalibrationResult(Result, Calibration):
-    """A sensor gain. It draws the pairs and their line."""
-
-    def headline(self) -> Mapping[str, str]:
-        return {
-            "gain": f"{self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g} V/mm",
-            "offset": f"{self.offset_v:.4g} ± {self.offset_confidence_v:.2g} V",
-            "refused": ", ".join(pair.name for pair in self.refused) or "none",
-        }
-
-    def notices(self) -> Sequence[str]:
-        doubts = pairs_doubts(self.displacement_mm, self.voltage_v)
-        return [*(f"refused: {pair}" for pair in self.refused), *(f"note: {doubt}" for doubt in doubts)]
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        title = f"{self.displacement_mm.size} pairs, {len(self.refused)} refused"
-        rows = (
-            ("gain (V/mm)", *with_error(self.gain_v_per_mm, self.gain_confidence_v_per_mm)),
-            ("offset (V)", *with_error(self.offset_v, self.offset_confidence_v)),
-            ("displacements (mm)", f"{np.min(self.displacement_mm):.4g} to {np.max(self.displacement_mm):.4g}", ""),
-            ("voltages (V)", f"{np.min(self.voltage_v):.4g} to {np.max(self.voltage_v):.4g}", ""),
-            ("largest departure from the line (% of span)", f"{self.linearity_percent:.2f}", ""),
-        )
-        return [ResultTable(title, ("what", "value", "±95 %"), rows)]
-
-    def to_dict(self) -> dict[str, Any]:
-        gains = {f"sensor_{name}": getattr(self, name) for name in ("gain_v_per_mm", "gain_confidence_v_per_mm")}
-        rest = picked(self, "offset_v", "offset_confidence_v", "linearity_percent", pairs="displacement_mm.size")
-        return gains | rest | {"refused": [vars(pair) for pair in self.refused]}
-
-    def columns(self) -> Mapping[str, Any]:
-        return picked(self, "displacement_mm", "voltage_v", "residual_v")
-
-    def chart(self) -> Chart:
-        x = np.concatenate([self.displacement_mm, [pair.displacement_mm for pair in self.refused]])
-        y = np.concatenate([self.voltage_v, [pair.voltage_v for pair in self.refused]])
-        ends = np.array([x.min(), x.max()])
-        words = f"({self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g}) V/mm, 95 %"
-        crossed = np.arange(x.size) >= self.displacement_mm.size
-        pairs = ChartLine("pairs (crossed: refused)" if self.refused else "pairs", x, y, "o", crossed=crossed)
-        line = ChartLine(words, ends, self.gain_v_per_mm * ends + self.offset_v)
-        return Chart("displacement (mm)", "sensor (V)", [pairs, line])

@@ -11,7 +11,7 @@ from tactuator.api.option import Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
 from tactuator.api.progress import working
 from tactuator.io.atomic import atomic_folder, write_text
-from tactuator.result import Result
+from tactuator.result import Fact, Result, found
 from tactuator.speech.items import (
     CUTANEOUS,
     KINESTHETIC,
@@ -40,26 +40,33 @@ class ItemsResult(Result):
     items: tuple[WrittenItem, ...]
     notes: tuple[str, ...] = ()
 
-    def headline(self) -> Mapping[str, str]:
-        return {"written": str(self.out), "items": str(len(self.items))}
+    def notices(self) -> Sequence[str]:
+        return self.notes
 
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         items = [
             {"label": item.label, "file": item.path.name, "max_reduction_db": item.max_reduction_db}
             for item in self.items
         ]
-        return {"out": self.out, "protocol": self.out / PROTOCOL, "items": items, "notes": list(self.notes)}
+        limited = sum(item.max_reduction_db > 0.0 for item in self.items)
+        return [
+            Fact("out", self.out, "folder", summary=True),
+            Fact("protocol", self.out / PROTOCOL, "protocol", summary=True),
+            Fact("items", items),
+            Fact("notes", list(self.notes)),
+            found("references", len(items)),
+            found("of them limited", limited),
+        ]
 
-    def notices(self) -> Sequence[str]:
-        return self.notes
+    def next_step(self) -> str:
+        return f"tactuator experiment recognise {self.out / PROTOCOL} --store answers.db"
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = tuple(
             (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "not needed")
             for item in self.items
         )
-        table = ResultTable("Items", ("item", "limiter"), rows)
-        return [table, f"written: {self.out}", f"written: {self.out / PROTOCOL}"]
+        return [ResultTable("Items", ("item", "limiter"), rows)]
 
 
 def waveforms(

@@ -1,16 +1,16 @@
 """The verbs from records to models: calibrate, record, identify."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator import report
-from tactuator.api.identified import CalibrationResult, IdentificationResult, ResponseModelResult
+from tactuator.api.identified import IdentificationResult, ResponseModelResult
 from tactuator.api.option import Argument, Option, option_of
 from tactuator.api.parameters import (
     Figures,
@@ -28,7 +28,7 @@ from tactuator.api.parameters import (
 from tactuator.api.progress import working
 from tactuator.errors import BadInput
 from tactuator.identification.by_response import identify_response
-from tactuator.identification.calibration import fit_line
+from tactuator.identification.calibration import Calibration, fit_line
 from tactuator.identification.identify import identify as identified
 from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.validation import validated
@@ -36,7 +36,7 @@ from tactuator.io.csv_tables import read_pairs
 from tactuator.io.record import read_measured, read_record, write_record
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.result import Result, promoted
+from tactuator.result import Fact, Result, promoted
 from tactuator.rig.rig import require_sensors
 from tactuator.signals import excitation as signals
 from tactuator.signals.excitation import sample_count
@@ -54,7 +54,7 @@ def calibrate(
     ],
     gauge_error_mm: Annotated[float, Option("Standard error of the gauge.", ge=0)] = 0.0,
     strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
-) -> CalibrationResult:
+) -> Calibration:
     """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
     pairs off the line are refused, each by its name.
 
@@ -71,21 +71,12 @@ def calibrate(
         line = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
     if line.refused and strict:
         raise BadInput("; ".join(map(str, line.refused)), "pairs on one line")
-    return promoted(CalibrationResult, line)
+    return line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordingResult(Result):
     """A record that was taken. record: the file that has it, if any; taken: the record itself."""
-
-    SHOWN: ClassVar[Mapping[str, str]] = {
-        "duration_s": "duration (s)",
-        "rate_hz": "sampling rate (Hz)",
-        "command_peak_v": "greatest command (V)::.2f",
-        "position_peak_v": "greatest position (V of the sensor)::.3f",
-        "saturated": "a converter reached its limit, or the motion did",
-        "beyond_travel": "the motion went beyond travel_mm",
-    }
 
     record: Path | None
     channel: str
@@ -97,9 +88,20 @@ class RecordingResult(Result):
     beyond_travel: bool
     taken: Record = field(repr=False)
 
-    @property
-    def title(self) -> str:
-        return f"Record of {self.channel}"
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("record", self.record),
+            Fact("channel", self.channel, "channel", summary=True),
+            Fact("duration_s", self.duration_s, "duration", "s", "g", True),
+            Fact("rate_hz", self.rate_hz, "sampling rate", "Hz", "g", True),
+            Fact("command_peak_v", self.command_peak_v, "greatest command", "V", ".2f", True),
+            Fact("position_peak_v", self.position_peak_v, "greatest position", "V of the sensor", ".3f", True),
+            Fact("saturated", self.saturated, "a converter reached its limit, or the motion did", summary=True),
+            Fact("beyond_travel", self.beyond_travel, "the motion went beyond travel_mm", summary=True),
+        ]
+
+    def next_step(self) -> str:
+        return "" if self.record is None else f"tactuator identify {self.record} --out model.json"
 
 
 def record(

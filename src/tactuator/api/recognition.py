@@ -1,7 +1,7 @@
 """The parts of the verb `experiment` on recognition, from items to bits: recognise, information."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_matrix
-from tactuator.result import Result
+from tactuator.result import Fact, Result, data, found
 from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
 
 
@@ -42,11 +42,10 @@ class AnsweredResult(Result):
     store: Place
     simulated: bool = False
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        columns = {name: str(getattr(self, name)) for name in ("subject", "trials", "store")}
-        return [
-            ResultTable("", tuple(columns), (tuple(columns.values()),), (NOBODY_FELT_IT,) if self.simulated else ())
-        ]
+    def facts(self) -> Sequence[Fact]:
+        felt = [found("simulated", NOBODY_FELT_IT.partition(": ")[2])] if self.simulated else []
+        told = [Fact(name, getattr(self, name), name, summary=True) for name in ("subject", "trials", "store")]
+        return [*told, Fact("simulated", self.simulated), *felt]
 
 
 def recognise(
@@ -130,11 +129,13 @@ class MatrixInformation(Result):
     matrix: Path
     information: Information
 
-    def headline(self) -> Mapping[str, str]:
-        return _bits(self.information)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"matrix": self.matrix, **_information_document(self.information)}
+    def facts(self) -> Sequence[Fact]:
+        bits = [found(name, words) for name, words in _bits(self.information).items()]
+        return [
+            Fact("matrix", self.matrix, "matrix", summary=True),
+            *bits,
+            *data(_information_document(self.information)),
+        ]
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [_information_table(str(self.matrix), self.information)]
@@ -147,25 +148,24 @@ class StoreInformation(Result):
     subjects: tuple[SubjectResult, ...]
     abx: tuple[AbxResult, ...]
 
-    def headline(self) -> Mapping[str, str]:
-        return {_title(each): next(iter(_bits(each.information).values())) for each in self.subjects}
-
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         names = ("study", "paradigm", "subject", "labels", "seconds_per_stimulus", "simulated")
         results = [
             picked(each, *names, matrix="counts") | _information_document(each.information) for each in self.subjects
         ]
-        return {"results": results, "abx": [asdict(each) for each in self.abx]}
+        bits = {_title(each): next(iter(_bits(each.information).values())) for each in self.subjects}
+        correct = {
+            f"{each.study}, {each.subject} (abx)": f"{each.trials} trials, {100 * each.share_correct:.1f} % correct"
+            f"{f' ({NOBODY_FELT_IT})' if each.simulated else ''}"
+            for each in self.abx
+        }
+        return [
+            *(found(title, words) for title, words in (bits | correct).items()),
+            *data({"results": results, "abx": [asdict(each) for each in self.abx]}),
+        ]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        return [
-            *(_information_table(_title(each), each.information, each.simulated) for each in self.subjects),
-            *(
-                f"{each.study}, {each.subject} (abx): {each.trials} trials, {100 * each.share_correct:.1f} % correct"
-                f"{f' ({NOBODY_FELT_IT})' if each.simulated else ''}"
-                for each in self.abx
-            ),
-        ]
+        return [_information_table(_title(each), each.information, each.simulated) for each in self.subjects]
 
 
 def information(

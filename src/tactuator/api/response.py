@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactuator import report
 from tactuator.api.crosstalk import CrosstalkResult
-from tactuator.api.designed import verdict_tables
+from tactuator.api.designed import verdict_facts, verdict_tables
 from tactuator.api.option import Option
 from tactuator.api.parameters import (
     Channels,
@@ -55,7 +55,7 @@ from tactuator.measure.response import multisine_response, stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.result import Result, columns_of
+from tactuator.result import Fact, Result, columns_of, data, found
 from tactuator.rig.rig import Rig, usual_load
 from tactuator.signals.multisine import over_the_band
 from tactuator.signals.record import Response
@@ -92,11 +92,21 @@ class FeltLevels(Result):
     def holds(self) -> bool:
         return self.verdict.outcome != "not met"
 
-    def headline(self) -> Mapping[str, str]:
-        return {
-            felt.channel: f"hum up to {felt.worst_line_db_sl:.1f} dB SL, noise up to {max(felt.band_db_sl):.1f} dB SL"
-            for felt in self.channels
-        }
+    def facts(self) -> Sequence[Fact]:
+        runs = [
+            {"under": name, "channels": [_felt_document(felt) for felt in channels]} for name, channels in self.runs
+        ]
+        return [
+            *(fact for fact in verdict_facts(self.verdict) if not fact.name),
+            *(found(felt.channel, _felt_words(felt)) for felt in self.channels),
+            *data({"runs": runs, "not_played": self.not_played}),
+            Fact("written", self.written, "written", summary=True),
+            *data(self.verdict.document()),
+        ]
+
+    def next_step(self) -> str:
+        path = self.written
+        return f'measured = "{path.name}" under [environment] judges by what was measured' if path else ""
 
     def columns(self) -> Mapping[str, Any]:
         rows = [
@@ -115,24 +125,20 @@ class FeltLevels(Result):
             ]
         return Chart("frequency (Hz)", "felt level (dB SL)", curves, log_x=True, limits={"threshold": 0.0})
 
-    def to_dict(self) -> dict[str, Any]:
-        runs = [
-            {"under": name, "channels": [_felt_document(felt) for felt in channels]} for name, channels in self.runs
-        ]
-        return {"runs": runs, "not_played": self.not_played, "written": self.written, **self.verdict.document()}
-
     def tables(self) -> Sequence[ResultTable | str]:
         columns = ("under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)")
         rows = tuple((name, *_felt_row(felt)) for name, channels in self.runs for felt in channels)
         measured = [felt for felt in self.channels if felt.sensor is not None]
-        path = self.written
         return [
             ResultTable("", columns, rows, ("levels as a finger feels them",)),
             *(f"not played: {name}: {why}" for name, why in self.not_played.items()),
             *(f"measured, {felt.channel}: {felt.sensor.environment()}" for felt in measured if felt.sensor),
             *verdict_tables(self.verdict),
-            *([f'written: {path}; to judge by it: measured = "{path.name}" under [environment]'] if path else []),
         ]
+
+
+def _felt_words(felt: FeltNoise) -> str:
+    return f"hum up to {felt.worst_line_db_sl:.1f} dB SL, noise up to {max(felt.band_db_sl):.1f} dB SL"
 
 
 def _felt_document(felt: FeltNoise) -> dict[str, Any]:
@@ -236,12 +242,17 @@ class MeasuredResponses(Result):
     def _levels(self) -> list[tuple[Response, ResponseLevels]]:
         return [(response, ResponseLevels.of(response, self.controller)) for response in self.responses]
 
-    def headline(self) -> Mapping[str, str]:
-        return {
-            response.channel: f"felt within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
-            f"({levels.error_jnd.max():.1f} JND) at {response.frequency_hz.size} frequencies (load {response.load})"
+    def facts(self) -> Sequence[Fact]:
+        responses = [
+            picked(response, *_OF_RESPONSE) | picked(levels, "error_db", "error_jnd", **_OF_LEVELS)
             for response, levels in self._levels()
-        }
+        ]
+        return [
+            *(fact for fact in verdict_facts(self.verdict) if not fact.name),
+            *(found(response.channel, _felt_within(response, levels)) for response, levels in self._levels()),
+            *data({"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]}),
+            *data(self.verdict.document()),
+        ]
 
     def columns(self) -> Mapping[str, Any]:
         rows = [
@@ -275,22 +286,6 @@ class MeasuredResponses(Result):
         """Write the responses as .h5 or .csv."""
         write_responses(Path(path), self.responses)
 
-    def to_dict(self) -> dict[str, Any]:
-        names = (
-            *("channel", "load", "level_db_sl", "method", "controller_hash", "frequency_hz", "magnitude_v"),
-            *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
-            *("reached", "averaged_s"),
-        )
-        others = {
-            "sensation_level_db": "felt_db_sl", "model_error_db": "model_db", "prefilter_error_db": "prefilter_db",
-            "load_error_db": "load_db", "rest_error_db": "unpredicted_db", "expected_level_db_sl": "predicted_db_sl",
-        }  # fmt: skip
-        responses = [
-            picked(response, *names) | picked(levels, "error_db", "error_jnd", **others)
-            for response, levels in self._levels()
-        ]
-        return {"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]} | self.verdict.document()
-
     def tables(self) -> Sequence[ResultTable | str]:
         cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
         heads = tuple(name for name in cells[0] if any(row[name] for row in cells))
@@ -302,6 +297,25 @@ class MeasuredResponses(Result):
         )
         table = ResultTable("", heads, tuple(tuple(row[name] for name in heads) for row in cells), (note,))
         return [table, *map(_learnt_line, self.learnt), *verdict_tables(self.verdict)]
+
+
+_OF_RESPONSE = (
+    *("channel", "load", "level_db_sl", "method", "controller_hash", "frequency_hz", "magnitude_v"),
+    *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
+    *("reached", "averaged_s"),
+)
+_OF_LEVELS = {
+    "sensation_level_db": "felt_db_sl", "model_error_db": "model_db", "prefilter_error_db": "prefilter_db",
+    "load_error_db": "load_db", "rest_error_db": "unpredicted_db", "expected_level_db_sl": "predicted_db_sl",
+}  # fmt: skip
+"""Keys of a response in JSON, and of its levels, each with its attribute."""
+
+
+def _felt_within(response: Response, levels: ResponseLevels) -> str:
+    return (
+        f"felt within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
+        f"({levels.error_jnd.max():.1f} JND) at {response.frequency_hz.size} frequencies (load {response.load})"
+    )
 
 
 def _cells(response: Response, levels: ResponseLevels, k: int) -> dict[str, str]:
@@ -423,12 +437,18 @@ class DisturbanceResult(Result):
 
     reports: tuple[DisturbanceReport, ...]
 
-    def headline(self) -> Mapping[str, str]:
-        return {
+    def facts(self) -> Sequence[Fact]:
+        channels = [
+            {"channel": each.channel, "unit": each.unit}
+            | {name: vars(getattr(each, name)) for name in ("rejection", "press", "tremor")}
+            for each in self.reports
+        ]
+        pressed = {
             each.channel: f"press {each.press.peak_mm:.3g} {each.unit}, within a tenth after "
             f"{each.press.recovery_s:.2f} s"
             for each in self.reports
         }
+        return [Fact("channels", channels), *(found(name, words) for name, words in pressed.items())]
 
     def columns(self) -> Mapping[str, Any]:
         rows = [
@@ -455,15 +475,6 @@ class DisturbanceResult(Result):
                 ChartLine(words, hertz, rejection.expected_db, "--", colour=number),
             ]
         return Chart("frequency (Hz)", "motion with the loop over without (dB)", curves, True, limits={"no loop": 0.0})
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "channels": [
-                {"channel": each.channel, "unit": each.unit}
-                | {name: vars(getattr(each, name)) for name in ("rejection", "press", "tremor")}
-                for each in self.reports
-            ]
-        }
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows: list[tuple[str, ...]] = []
@@ -528,11 +539,11 @@ class FingerResult(Result):
     def holds(self) -> bool:
         return all(estimate.described_by == ONE for estimate in self.estimates)
 
-    def headline(self) -> Mapping[str, str]:
-        return {e.channel: f"{e.mass:.4g}, {e.damping:.4g}, {e.stiffness:.4g}: {_said(e)}" for e in self.estimates}
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"channels": [vars(estimate) for estimate in self.estimates]}
+    def facts(self) -> Sequence[Fact]:
+        words = [
+            found(e.channel, f"{e.mass:.4g}, {e.damping:.4g}, {e.stiffness:.4g}: {_said(e)}") for e in self.estimates
+        ]
+        return [Fact("channels", [vars(estimate) for estimate in self.estimates]), *words]
 
     def columns(self) -> Mapping[str, Any]:
         names = ("channel", "mass", "damping", "stiffness", "misfit_db")

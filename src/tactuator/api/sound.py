@@ -17,7 +17,7 @@ from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser, calibrate
 from tactuator.model.description import Display
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.result import Result, columns_of
+from tactuator.result import Fact, Result, columns_of, data, found
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import Card, Delay, full_scale_v, list_cards, measure_delay, tone, wire_display
 from tactuator.rig.sound.rig import SoundRig
@@ -35,14 +35,18 @@ class CardsResult(Result):
 
     cards: tuple[Card, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        return {"devices": [asdict(card) | {"device": card.full_name} for card in self.cards]}
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("devices", [asdict(card) | {"device": card.full_name} for card in self.cards]),
+            *(
+                found(card.full_name, f"{card.outputs} outputs, {card.inputs} inputs, {card.rate_hz:g} Hz")
+                for card in self.cards
+            ),
+        ]
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple((card.full_name, str(card.outputs), str(card.inputs), f"{card.rate_hz:g}") for card in self.cards)
+    def next_step(self) -> str:
         hint = "PortAudio finds no card; `aplay -l` lists those of ALSA, and a sound server may have to run"
-        columns = ("card", "outputs", "inputs", "its own rate (Hz)")
-        return [ResultTable("sound cards", columns, rows, () if rows else (hint,))]
+        return "" if self.cards else hint
 
 
 def devices() -> CardsResult:
@@ -64,21 +68,18 @@ class LatencyResult(Result):
     def holds(self) -> bool:
         return self.delay.spread <= 1
 
-    def headline(self) -> Mapping[str, str]:
-        return {
-            "latency_samples": str(self.delay.samples),
-            "ms": f"{1e3 * self.delay.samples / self.rate_hz:.3f}",
-            "spread (samples)": str(self.delay.spread),
-            "gain": f"{self.delay.gain:.4g}",
-        }
-
-    def to_dict(self) -> dict[str, Any]:
+    def facts(self) -> Sequence[Fact]:
         samples = self.delay.samples
-        return {"device": self.device, "rate_hz": self.rate_hz, "latency_samples": samples, "delay": self.delay}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        title = f"{self.device}, output {self.output} to input {self.input_number}"
-        return [ResultTable(title, ("what", "value"), tuple(self.headline().items()))]
+        return [
+            Fact("device", self.device, "card", summary=True),
+            found("wire", f"output {self.output} to input {self.input_number}"),
+            Fact("rate_hz", self.rate_hz),
+            Fact("latency_samples", samples, "latency_samples", summary=True),
+            Fact("delay", self.delay),
+            found("ms", f"{1e3 * samples / self.rate_hz:.3f}"),
+            found("spread", self.delay.spread, "samples"),
+            found("gain", self.delay.gain),
+        ]
 
 
 def latency(
@@ -107,17 +108,14 @@ class FullScaleResult(Result):
     input_number: int = 0
     input_full_scale_v: float | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        values = self.to_dict()
-        return {key: f"{value:.6g}" if isinstance(value, float) else str(value) for key, value in values.items()}
-
-    def to_dict(self) -> dict[str, Any]:
-        document = {"device": self.device, "output": self.output, "output_full_scale_v": self.output_full_scale_v}
+    def facts(self) -> Sequence[Fact]:
         wired = {"input": self.input_number, "input_full_scale_v": self.input_full_scale_v}
-        return document | (wired if self.input_number else {})
+        document = {"device": self.device, "output": self.output, "output_full_scale_v": self.output_full_scale_v}
+        keys = document | (wired if self.input_number else {})
+        return [Fact(name, value, name, form=".6g", summary=True) for name, value in keys.items()]
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        return [ResultTable("", ("key of [sound]", "value"), tuple(self.headline().items()))]
+    def next_step(self) -> str:
+        return "these are keys of [sound] in the display file"
 
 
 def calibrate_output(
@@ -168,12 +166,23 @@ class EqualisedResult(Result):
         allowed = self.calibrated.controller.display.objectives.flatness_db
         return {channel.name: channel.shortfall(allowed) for channel in self.calibrated.channels}
 
-    def headline(self) -> Mapping[str, str]:
-        return {
+    def facts(self) -> Sequence[Fact]:
+        shortfalls = self._shortfalls()
+        channels = [
+            picked(channel, **_KEYS) | {"shortfall": shortfalls[channel.name]} for channel in self.calibrated.channels
+        ]
+        within = {
             channel.name: f"{channel.usable.band_hz[0]:.4g} to {channel.usable.band_hz[1]:.4g} Hz within "
             f"{channel.last.worst_db:.2f} dB"
             for channel in self.calibrated.channels
         }
+        return [
+            Fact("flat", self.calibrated.flat, "felt flat", summary=True),
+            *(found(name, f"NOT felt flat: {why}") for name, why in shortfalls.items() if why),
+            *(found(name, words) for name, words in within.items()),
+            Fact("out", self.out, "written", summary=True),
+            *data({"gaps": self.gaps, "channels": channels}),
+        ]
 
     def columns(self) -> Mapping[str, Any]:
         rows = [
@@ -189,28 +198,15 @@ class EqualisedResult(Result):
         tolerance = self.calibrated.controller.display.objectives.flatness_db
         return Chart("frequency (Hz)", "felt minus asked (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
-    def to_dict(self) -> dict[str, Any]:
-        shortfalls = self._shortfalls()
-        return {
-            "out": self.out,
-            "flat": self.calibrated.flat,
-            "gaps": self.gaps,
-            "channels": [
-                picked(channel, **_KEYS) | {"shortfall": shortfalls[channel.name]}
-                for channel in self.calibrated.channels
-            ],
-        }
-
     def tables(self) -> Sequence[ResultTable | str]:
         rows = []
         for channel in self.calibrated.channels:
             low, high = channel.usable.band_hz
             spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
             rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
-        short = [f"{name}: NOT felt flat: {why}" for name, why in self._shortfalls().items() if why]
         columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
         files = (f"written: {self.out / name}" for name in report.open_loop.FILES)
-        return [ResultTable("", columns, tuple(rows)), *files, *(short or ["felt flat"])]
+        return [ResultTable("", columns, tuple(rows)), *files]
 
 
 _KEYS = {

@@ -30,7 +30,7 @@ from tactuator.api.progress import working
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.result import Result, columns_of, figure
+from tactuator.result import Fact, Result, columns_of, data, found
 from tactuator.rig.player import Played, Wish, play_reference
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, write_coding
@@ -58,14 +58,27 @@ class RenderResult(Result):
         loss = self.rendered.loss
         return loss is None or loss.shortfall_db_sl <= self.most_loss_db
 
-    def headline(self) -> Mapping[str, str]:
-        peaks = {name: figure(level, "dB SL at the peak") for name, level in self.rendered.peak_db_sl.items()}
-        loss = self.rendered.loss
-        short = {} if loss is None else {"short by up to": figure(loss.shortfall_db_sl, "dB", 3)}
-        return {"reference": str(self.path), "duration": figure(self.rendered.duration_s, "s"), **short, **peaks}
+    def facts(self) -> Sequence[Fact]:
+        loss, duration_s = self.rendered.loss, self.rendered.duration_s
+        facts = [
+            Fact("out", self.path, "reference", summary=True),
+            Fact("source", self.source),
+            found("duration", duration_s, "s"),
+        ]
+        if loss is not None:
+            facts += [
+                found("short by up to", f"{loss.shortfall_db_sl:.3g} dB (allowed: {self.most_loss_db:g})"),
+                found("the display's limits take back", f"{loss.clipped_s:.2f} s of {duration_s:.2f} s"),
+                found("frequencies moved into the band, by up to", loss.frequency_shift_jnd, "JND", ".1f"),
+            ]
+            if loss.emphasis_rise_db is not None:
+                rise = "{:.1f}, {:.1f} dB".format(*loss.emphasis_rise_db)
+                facts.append(found("taps rise above what is beneath, asked and delivered", rise))
+        peaks = [found(name, level, "dB SL at the peak") for name, level in self.rendered.peak_db_sl.items()]
+        return [*facts, *peaks, *data(self.rendered.document()), Fact("met", self.holds)]
 
-    def to_dict(self) -> dict[str, Any]:
-        return {"out": self.path, "source": self.source, **self.rendered.document(), "met": self.holds}
+    def next_step(self) -> str:
+        return f"tactuator play {self.path}, with the controller"
 
     def notices(self) -> Sequence[str]:
         return self.rendered.notes
@@ -102,21 +115,7 @@ class RenderResult(Result):
             cells = ["–"] * 3 if figures is None else [f"{figures[name]:.2f} dB" for name in names]
             rows.append((entry.finger, f"{self.rendered.peak_db_sl[entry.finger]:.1f}", _limited(entry), *cells))
         columns = ("finger", "peak dB SL", "limiter", "felt − asked, rms", "median frame", "95 % of frames")
-        return [ResultTable("Reference", columns, tuple(rows)), *self._lost()]
-
-    def _lost(self) -> Sequence[ResultTable]:
-        loss = self.rendered.loss
-        if loss is None:
-            return []
-        rows = [
-            ("short by up to", f"{loss.shortfall_db_sl:.1f} dB SL (allowed: {self.most_loss_db:g})"),
-            ("the display's limits take back", f"{loss.clipped_s:.2f} s of {self.rendered.duration_s:.2f} s"),
-            ("frequencies moved into the band, by up to", f"{loss.frequency_shift_jnd:.1f} JND"),
-        ]
-        if loss.emphasis_rise_db is not None:
-            asked, given = loss.emphasis_rise_db
-            rows.append(("taps rise above what is beneath, asked and delivered", f"{asked:.1f}, {given:.1f} dB"))
-        return [ResultTable(f"What the display does not give of {self.source.name}", ("what", "value"), tuple(rows))]
+        return [ResultTable("Reference", columns, tuple(rows))]
 
 
 def _limited(entry: Any) -> str:
@@ -142,28 +141,26 @@ class FolderResult(Result):
     def holds(self) -> bool:
         return not (self.folder.failures or self._short())
 
-    def headline(self) -> Mapping[str, str]:
-        kept = sum(each["kept"] for each in self.folder.files)
-        return {
-            "rendered": str(len(self.folder.files) - kept),
-            "kept from an earlier run": str(kept),
-            "failed": str(len(self.folder.failures)),
-            "short": str(len(self._short())),
-            "left out": str(len(self.folder.left_out)),
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        duration_s = sum(each["duration_s"] for each in self.folder.files)
-        return {"out": self.path, "duration_s": duration_s, **vars(self.folder), "met": self.holds}
-
     def notices(self) -> Sequence[str]:
         endings = Counter(Path(name).suffix or Path(name).name for name in self.folder.left_out)
         listed = ", ".join(f"{count} {ending}" for ending, count in endings.most_common())
         return [f"left out, since they are no source: {listed}"] if listed else []
 
+    def facts(self) -> Sequence[Fact]:
+        kept, short = sum(each["kept"] for each in self.folder.files), self._short()
+        duration_s = sum(each["duration_s"] for each in self.folder.files)
+        return [
+            Fact("out", self.path, "folder", summary=True),
+            found("rendered", len(self.folder.files) - kept),
+            found("kept from an earlier run", kept),
+            found("failed", len(self.folder.failures)),
+            found("short", len(short)),
+            found("left out", len(self.folder.left_out)),
+            *data({"duration_s": duration_s, **vars(self.folder), "met": self.holds}),
+        ]
+
     def tables(self) -> Sequence[ResultTable | str]:
-        failures = (f"failed: {failure['error']}" for failure in self.folder.failures)
-        return [ResultTable("Folder", ("what", "files"), tuple(self.headline().items())), *failures, *self._short()]
+        return [*(f"failed: {failure['error']}" for failure in self.folder.failures), *self._short()]
 
 
 def render(
@@ -267,11 +264,6 @@ class PlayedResult(Result):
     played: Played
     gaps: int | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        played = self.played
-        seconds = {"length": played.duration_s, "played": played.played_s, "saturated": played.saturated_s}
-        return {name: f"{value:.2f} s" for name, value in seconds.items()}
-
     def notices(self) -> Sequence[str]:
         return (f"the sound card told of {self.gaps} gaps",) if self.gaps else ()
 
@@ -280,19 +272,18 @@ class PlayedResult(Result):
         """Return an interruption where a person stopped it."""
         return KeyboardInterrupt() if self.played.stopped else None
 
-    def to_dict(self) -> dict[str, Any]:
-        gaps = {} if self.gaps is None else {"gaps": self.gaps}
-        return {"reference": self.reference, "rig": self.rig, **asdict(self.played), **gaps}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        seconds = {
-            "length": self.played.duration_s,
-            "played": self.played.played_s,
-            "paused": self.played.paused_s,
-            "at a limit of a converter": self.played.saturated_s,
-        }
-        rows = tuple((words, f"{value:.2f}") for words, value in seconds.items())
-        return [ResultTable(str(self.reference), ("what", "time (s)"), rows)]
+    def facts(self) -> Sequence[Fact]:
+        played = self.played
+        words = {"length": "duration_s", "played": "played_s", "paused": "paused_s", "at a limit": "saturated_s"}
+        times = {name: word for word, name in words.items()}
+        return [
+            *data({"reference": self.reference, "rig": self.rig}),
+            *(
+                Fact(name, value, times.get(name, ""), "s", ".2f", name in times)
+                for name, value in asdict(played).items()
+            ),
+            *([] if self.gaps is None else [Fact("gaps", self.gaps)]),
+        ]
 
 
 def play(

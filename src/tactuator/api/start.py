@@ -3,14 +3,13 @@ files, which Python alone has.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from tactuator import report
 from tactuator.api.designed import ControllerResult
-from tactuator.api.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import Figures, Place
 from tactuator.errors import BadInput
@@ -30,28 +29,29 @@ from tactuator.io.shipped import (
     write_all,
 )
 from tactuator.io.text import parse_toml
+from tactuator.model.description import Display
+from tactuator.model.plant_model import PlantModel
 from tactuator.parameters import parameters
 from tactuator.perception import curve as library
 from tactuator.perception.curve import Contact, ThresholdCurve
-from tactuator.result import Result, promoted
-from tactuator.table import Chart, ChartLine, ResultTable, plain
+from tactuator.result import Fact, Result, found, promoted
+from tactuator.signals.record import Record
+from tactuator.table import Chart, ChartLine, ResultTable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrittenFiles(Result):
-    """Files that were written. note: what to say in place of their names, if anything."""
+    """Files that were written. note: what to do with them."""
 
     written: tuple[Path, ...]
     note: str = ""
 
-    def headline(self) -> Mapping[str, str]:
-        return {"files": str(len(self.written)), "first": str(self.written[0])}
+    def facts(self) -> Sequence[Fact]:
+        files = list(map(str, self.written))
+        return [Fact("written", files), found("files", len(files)), found("first", files[0])]
 
-    def to_dict(self) -> dict[str, Any]:
-        return {"written": [str(path) for path in self.written]}
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        return [self.note] if self.note else [f"written: {path}" for path in self.written]
+    def next_step(self) -> str:
+        return self.note
 
 
 def init(
@@ -75,7 +75,7 @@ def init(
         if like is not None or model is not None or protocol is not None:
             raise BadInput("--examples with another option", "--examples alone, since it copies everything")
         copied = copy_examples(Path(examples))
-        note = f"{len(copied)} files written into {examples}; {Path(examples) / 'README.md'} says what each is"
+        note = f"{Path(examples) / 'README.md'} says what each file is"
         return WrittenFiles(copied, note)
     target = Path(out)
     if not target.parent.is_dir():
@@ -91,8 +91,8 @@ def init(
         if path.exists() and (path == target or path.suffix == ".toml"):
             raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
     write_all(contents)
-    note = f"written: {', '.join(map(str, contents))}; change the lines that say CHANGE THIS: no model tells those"
-    return WrittenFiles(tuple(contents), "" if model is None else note)
+    note = "change the lines that say CHANGE THIS" + (", which the model does not tell" if model is not None else "")
+    return WrittenFiles(tuple(contents), note)
 
 
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
@@ -113,34 +113,34 @@ def examples(folder: Place = ".") -> tuple[Path, ...]:
     return init(examples=folder).written
 
 
-def read_display(path: Place) -> DisplayResult:
+def read_display(path: Place) -> Display:
     """Read a display file (TOML). Raises BadInput for a key that is not known or out of range.
 
     >>> tt.read_display("display.toml")
     <Display name: three-finger tactuator, rate: 4000 Hz, channels: index, thumb, middle, curve: bolanowski-1988>
     """
-    return promoted(DisplayResult, display_file.read_display(Path(path)))
+    return display_file.read_display(Path(path))
 
 
-def read_record(path: Place, **columns: Any) -> RecordResult:
+def read_record(path: Place, **columns: Any) -> Record:
     """Read a record: HDF5, CSV, MATLAB or WAV. columns: input_name, output_name, time_name, rate_hz, where needed.
 
     >>> tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t").duration_s
     8.0
     """
-    return promoted(RecordResult, record_file.read_record(Path(path), **columns))
+    return record_file.read_record(Path(path), **columns)
 
 
-def read_curve(name_or_path: Place) -> CurveResult:
+def read_curve(name_or_path: Place) -> ThresholdCurve:
     """Return a threshold curve of the library, or read one from a CSV file.
 
     >>> tt.read_curve("curve.csv")
     <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
     """
-    return promoted(CurveResult, csv_tables.resolve_curve(str(name_or_path)))
+    return csv_tables.resolve_curve(str(name_or_path))
 
 
-def read_model(path: Place) -> ModelResult:
+def read_model(path: Place) -> PlantModel:
     """Read a model that `identify` wrote. Raises BadInput for another file.
 
     >>> tt.read_model("bench.csv")
@@ -148,7 +148,7 @@ def read_model(path: Place) -> ModelResult:
     ...
     tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; allowed: a model
     """
-    return promoted(ModelResult, model_file.read_model(Path(path)))
+    return model_file.read_model(Path(path))
 
 
 def read_controller(path: Place) -> ControllerResult:
@@ -171,12 +171,6 @@ class CurvesResult(Result):
     curves: tuple[ThresholdCurve, ...]
     figures: Path | None = None
 
-    def headline(self) -> Mapping[str, str]:
-        return {curve.name: curve.contact.said.get("site", "nobody said where") for curve in self.curves}
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"curves": [plain(curve) for curve in self.curves]}
-
     def tables(self) -> Sequence[ResultTable | str]:
         keys = tuple(parameters(Contact))
         columns = ("curve", "provenance", "band", *(key.rsplit("_", 1)[0] if "_" in key else key for key in keys))
@@ -189,9 +183,7 @@ class CurvesResult(Result):
             )
             for curve in self.curves
         )
-        table = ResultTable("", columns, rows, tuple(f"{curve.name}: {curve.source}" for curve in self.curves))
-        at_finger = any("finger" in curve.contact.site for curve in self.curves)
-        return [table, *([] if at_finger else ["none of these was felt at a fingertip: measure your own"])]
+        return [ResultTable("", columns, rows, tuple(f"{curve.name}: {curve.source}" for curve in self.curves))]
 
     def chart(self) -> Chart:
         lines = [
@@ -206,6 +198,14 @@ class CurvesResult(Result):
             for number, curve in enumerate(self.curves)
         ]
         return Chart("frequency (Hz)", "threshold (dB re 1 µm, peak)", lines, log_x=True)
+
+    def facts(self) -> Sequence[Fact]:
+        sites = {curve.name: curve.contact.said.get("site", "nobody said where") for curve in self.curves}
+        return [Fact("curves", self.curves), *(found(name, site) for name, site in sites.items())]
+
+    def next_step(self) -> str:
+        at_finger = any("finger" in curve.contact.site for curve in self.curves)
+        return "" if at_finger else "measure your own: none of these was felt at a fingertip"
 
 
 def curves(

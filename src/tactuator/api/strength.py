@@ -20,7 +20,7 @@ from tactuator.experiment.task.matching import law_table, pairs_table
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
 from tactuator.perception.contours import Contours
-from tactuator.result import Result, columns_of, finite
+from tactuator.result import Fact, Result, columns_of, found
 from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 
 
@@ -30,14 +30,31 @@ class StoreContours(Result):
 
     results: ContourResults
 
-    def headline(self) -> Mapping[str, str]:
-        figures = {"people": str(len(self.results.people)), "pairs": str(len(self.results.pairs))}
-        figures |= {person.subject: person.estimate.law for person in self.results.people}
-        figures |= {
+    def facts(self) -> Sequence[Fact]:
+        results, names = self.results, ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
+        balance = {
             f"balance_db of {each.finger}": f"{each.offset_db.value:+.1f} dB ({each.people} people)"
-            for each in self.results.balance
+            for each in results.balance
         }
-        return figures | ({"simulated": "nobody felt this"} if self.results.simulated else {})
+        pairs = [
+            {"subject": run.subject, "finger": run.finger, "frequency_hz": run.frequency_hz, **vars(equal)}
+            for run, equal in results.pairs
+        ]
+        return [
+            Fact("people", [person_document(person) for person in results.people]),
+            Fact(
+                "contours",
+                [] if results.group is None else [dict(zip(names, row, strict=True)) for row in self._rows()],
+            ),
+            Fact("pairs", pairs),
+            Fact("balance", list(results.balance)),
+            found("people", len(results.people)),
+            found("pairs", len(pairs)),
+            *(found(person.subject, person.estimate.law) for person in results.people),
+            *(found(name, words) for name, words in balance.items()),
+            Fact("simulated", results.simulated),
+            *([found("simulated", "nobody felt this")] if results.simulated else []),
+        ]
 
     def _rows(self) -> list[tuple[float, ...]]:
         group, low, high = self._contours()
@@ -69,22 +86,6 @@ class StoreContours(Result):
         ]
         axes = ("frequency (Hz)", f"as strong as {group.reference_hz:g} Hz (dB SL)")
         return Chart(*axes, curves, log_x=True, simulated=self.results.simulated)
-
-    def to_dict(self) -> dict[str, Any]:
-        group, names = self.results.group, ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
-        document = {
-            "people": [person_document(person) for person in self.results.people],
-            "contours": [] if group is None else [dict(zip(names, row, strict=True)) for row in self._rows()],
-            "pairs": [
-                {"subject": run.subject, "finger": run.finger, "frequency_hz": run.frequency_hz, **vars(equal)}
-                for run, equal in self.results.pairs
-            ],
-            "balance": list(self.results.balance),
-            "simulated": self.results.simulated,
-        }
-        answer = finite(document)
-        assert isinstance(answer, dict)
-        return answer
 
     def tables(self) -> Sequence[ResultTable | str]:
         words, lines = shipped_words("en"), list[ResultTable | str]()
@@ -146,18 +147,18 @@ class StoreJudged(Result):
     drawn: Chart | None
     simulated: bool
 
-    def headline(self) -> Mapping[str, str]:
-        figures = {"task": self.task, "runs": str(self.runs)}
-        return figures | ({"simulated": "nobody felt this"} if self.simulated else {})
+    def facts(self) -> Sequence[Fact]:
+        tables = [{"caption": each.caption, "columns": each.columns, "rows": each.rows} for each in self.results]
+        return [
+            Fact("task", self.task, "task", summary=True),
+            Fact("runs", self.runs, "runs", summary=True),
+            Fact("tables", tables),
+            Fact("simulated", self.simulated),
+            *([found("simulated", "nobody felt this")] if self.simulated else []),
+        ]
 
     def chart(self) -> Chart:
         return super().chart() if self.drawn is None else replace(self.drawn, simulated=self.simulated)
-
-    def to_dict(self) -> dict[str, Any]:
-        tables = [{"caption": each.caption, "columns": each.columns, "rows": each.rows} for each in self.results]
-        document = finite({"task": self.task, "runs": self.runs, "tables": tables, "simulated": self.simulated})
-        assert isinstance(document, dict)
-        return document
 
     def tables(self) -> Sequence[ResultTable | str]:
         notes = (NOBODY_FELT_IT,) if self.simulated else ()

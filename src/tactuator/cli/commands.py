@@ -6,6 +6,7 @@ import inspect
 import json
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version as installed_version
@@ -34,7 +35,13 @@ DOES_NOT_HOLD = 1
 """Exit status of a command whose result does not hold: a requirement is not met, a model not trusted."""
 
 ABOUT = "Design and test tactile displays that feel equally strong at every frequency."
-_JSON = Option("Print exactly one JSON object on standard output.", ("--json",))
+_ANSWERS = {
+    "as_json": Option("Print exactly one JSON object on standard output.", ("--json",)),
+    "full": Option("Print the tables, not the summary alone.", ("--full",)),
+}
+"""Options of every command that ends by itself."""
+LINES = 10
+"""A summary has no more."""
 
 
 class GroupedHelp(TyperGroup):
@@ -86,7 +93,7 @@ def build_app(runs: Container[str] = COMMANDS) -> typer.Typer:
 def command_of(function: Callable[..., Any]) -> Callable[..., None]:
     """Return the command of a function: it looks for the files that are read, calls it and prints its result.
 
-    A function that returns nothing is at work until it is interrupted, and has no `--json`.
+    A function that returns nothing is at work until it is interrupted, and has neither `--json` nor `--full`.
     """
     signature = inspect.signature(function)
     options = {name: option_in(parameter.annotation) for name, parameter in signature.parameters.items()}
@@ -94,7 +101,7 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
     ends = signature.return_annotation is not None
 
     def command(**given: Any) -> None:
-        as_json = given.pop("as_json", False)
+        as_json, full = given.pop("as_json", False), given.pop("full", False)
         for name, option in known.items():
             if option.file:
                 _look_for(name, given[name])
@@ -106,7 +113,7 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
                 result = function(**given)
             if result is None:
                 return
-            answer(result, as_json, [place for place in places if place.exists() and result.ending is None])
+            answer(result, as_json, full, [place for place in places if place.exists() and result.ending is None])
         except KeyboardInterrupt as error:
             written = [str(place) for place in places if _changed_ns(place) != before[place]]
             written += getattr(error, "__notes__", ())
@@ -120,14 +127,14 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
 
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
     if ends:
-        parameters.append(_typer_parameter(_AS_JSON, _JSON, "as_json"))
+        parameters += [_typer_parameter(_SWITCH, option, name) for name, option in _ANSWERS.items()]
     command.__name__ = function.__name__
     command.__doc__ = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
     vars(command)["__signature__"] = inspect.Signature(parameters)
     return command
 
 
-_AS_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
+_SWITCH = inspect.Parameter("switch", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
 
 
 def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) -> inspect.Parameter:
@@ -208,22 +215,43 @@ def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
             raise BadInput(f"{name} {path}: {error.strerror}", "one that can be read") from None
 
 
-def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> None:
-    """Print `result` as exactly one JSON object when `as_json`, otherwise its tables and the files that were written
-    (text as it is: "[dB SL]" is a unit, not markup).
+def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] = ()) -> None:
+    """Print `result` and the files that were written: as exactly one JSON object, as its tables, or as a summary.
 
-    In the JSON, numbers that JSON cannot say (infinite, not a number) are null; complex numbers are [re, im].
+    Text is printed as it is: "[dB SL]" is a unit, not markup. In the JSON, numbers that JSON cannot say (infinite, not
+    a number) are null; complex numbers are [re, im].
     """
     for notice in result.notices():
         sys.stderr.write(f"tactuator: {notice}\n")
     if as_json:
         sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
         return
-    console = Console(file=sys.stdout, markup=False)
-    shown = [
-        Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in result.tables()
+    console = Console(file=sys.stdout, markup=False, highlight=False)
+    places = [f"written: {path}" for path in written]
+    if not full:
+        console.print(*summary(result, places, console.width), sep="\n", soft_wrap=True)
+        return
+    parts = result.all_tables()
+    shown = [Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in parts]
+    console.print(*shown, *places, sep="\n")
+
+
+def summary(result: Result, places: Sequence[str], width: int) -> list[str]:
+    """Return at most ten lines: what was found, what to do next, and what was written."""
+    step = result.next_step()
+    last = _wrapped([*([f"next: {step}"] if step else []), *places], width)
+    lines = _wrapped([f"{words}: {text}" for words, text in result.headline().items()], width)
+    room = LINES - len(last)
+    return [*(lines if len(lines) <= room else [*lines[: room - 1], "more: --full"]), *last]
+
+
+def _wrapped(texts: Sequence[str], width: int) -> list[str]:
+    """Return texts as lines of a width, broken between words; a path is never broken."""
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
     ]
-    console.print(*shown, *(f"written: {path}" for path in written), sep="\n")
 
 
 def drawn(content: ResultTable, console: Console) -> Table:

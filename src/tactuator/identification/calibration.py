@@ -1,12 +1,17 @@
 """Sensor calibration: pairs of displacement and voltage become a gain with its confidence."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.errors import BadInput
+from tactuator.model.plausibility import pairs_doubts
+from tactuator.result import Fact, Result, data, found
+from tactuator.table import Chart, ChartLine, picked
 
 _LARGEST, _SMALLEST = 1e9, 1e-12
 """Largest number (mm, V) and smallest range: far beyond any sensor, and their squares are still numbers."""
@@ -29,9 +34,9 @@ class RefusedPair:
         return f"{self.name} ({self.displacement_mm:g} mm, {self.voltage_v:g} V) lies {self.off_line_v:+.3g} V off"
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """The line voltage = gain * displacement + offset, with 95 % half-widths.
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Result):
+    """The line voltage = gain * displacement + offset, with 95 % half-widths. It draws both.
 
     linearity_percent: largest departure of a kept pair from the line, in percent of the voltage span.
     displacement_mm, voltage_v, residual_v: the kept pairs, shape (n,).
@@ -46,6 +51,47 @@ class Calibration:
     voltage_v: NDArray[np.float64]
     residual_v: NDArray[np.float64]
     refused: tuple[RefusedPair, ...]
+
+    def notices(self) -> Sequence[str]:
+        """Return the pairs that were refused, and doubts about their units."""
+        doubts = pairs_doubts(self.displacement_mm, self.voltage_v)
+        return [*(f"refused: {pair}" for pair in self.refused), *(f"note: {doubt}" for doubt in doubts)]
+
+    def facts(self) -> Sequence[Fact]:
+        """Return gain and offset with their confidence, and the pairs that were refused."""
+        gain, gain_half = self.gain_v_per_mm, self.gain_confidence_v_per_mm
+        spans = {"displacements": (self.displacement_mm, "mm"), "voltages": (self.voltage_v, "V")}
+        return [
+            found("gain", f"{gain:.5g} ± {gain_half:.2g} V/mm"),
+            found("offset", f"{self.offset_v:.4g} ± {self.offset_confidence_v:.2g} V"),
+            found("refused", ", ".join(pair.name for pair in self.refused) or "none"),
+            Fact("sensor_gain_v_per_mm", gain),
+            Fact("sensor_gain_confidence_v_per_mm", gain_half),
+            *data(picked(self, "offset_v", "offset_confidence_v")),
+            Fact("linearity_percent", self.linearity_percent, "largest departure from the line, of span", "%", ".2f"),
+            Fact("pairs", self.displacement_mm.size, "pairs"),
+            Fact("refused", [vars(pair) for pair in self.refused]),
+            *(Fact("", f"{min(of):.4g} to {max(of):.4g}", name, unit) for name, (of, unit) in spans.items()),
+        ]
+
+    def next_step(self) -> str:
+        """Return the line for the display file."""
+        return f"sensor_gain_v_per_mm = {self.gain_v_per_mm:.5g} in the display file"
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return the pairs, and how far each lies off the line."""
+        return picked(self, "displacement_mm", "voltage_v", "residual_v")
+
+    def chart(self) -> Chart:
+        """Return the pairs and their line."""
+        x = np.concatenate([self.displacement_mm, [pair.displacement_mm for pair in self.refused]])
+        y = np.concatenate([self.voltage_v, [pair.voltage_v for pair in self.refused]])
+        ends = np.array([x.min(), x.max()])
+        words = f"({self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g}) V/mm, 95 %"
+        crossed = np.arange(x.size) >= self.displacement_mm.size
+        pairs = ChartLine("pairs (crossed: refused)" if self.refused else "pairs", x, y, "o", crossed=crossed)
+        line = ChartLine(words, ends, self.gain_v_per_mm * ends + self.offset_v)
+        return Chart("displacement (mm)", "sensor (V)", [pairs, line])
 
 
 def fit_line(

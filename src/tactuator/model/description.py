@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import field
 from typing import Annotated, Any, Literal, get_args
 
@@ -36,10 +36,11 @@ from tactuator.parameters import (
     table,
 )
 from tactuator.perception.contours import Contours
-from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve
+from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve, threshold_chart
+from tactuator.result import Fact, Result, data, found
 from tactuator.signals.decibels import from_db
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import brief, plain
+from tactuator.table import Chart, brief, plain
 
 
 def document_hash(document: dict[str, Any]) -> str:
@@ -433,8 +434,11 @@ class Channel:
 
 
 @table("[display]")
-class Display:
-    """Channels that share one rate and one computing delay. sound: their wiring to a sound card, or None."""
+class Display(Result):
+    """Channels that share one rate and one computing delay. sound: their wiring to a sound card, or None.
+
+    It draws the threshold curve of every channel.
+    """
 
     name: Annotated[str, InFile("display"), Field(description="its name in reports")]
     rate_hz: Annotated[
@@ -451,7 +455,7 @@ class Display:
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
 
-    __repr__ = brief
+    __repr__ = Result.__repr__
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -466,6 +470,24 @@ class Display:
                 raise BadInput(
                     f"{self.rate_hz:g} for a band up to {high:g} Hz", f"{4.0 * high:g} or more", key="rate_hz"
                 )
+
+    def facts(self) -> Sequence[Fact]:
+        """Return name, rate, channels and curves, and the keys of the file."""
+        curves = dict.fromkeys(channel.threshold.curve.name for channel in self.channels)
+        return [
+            found("name", self.name),
+            found("rate", self.rate_hz, "Hz"),
+            found("channels", ", ".join(channel.name for channel in self.channels)),
+            found("curve", ", ".join(curves)),
+            *data(display_document(self)),
+        ]
+
+    def chart(self) -> Chart:
+        """Return the threshold curves, each with the channels that have it."""
+        curves = {channel.threshold.curve.name: channel.threshold.curve for channel in self.channels}
+        names = {name: [c.name for c in self.channels if c.threshold.curve.name == name] for name in curves}
+        labelled = {f"{', '.join(names[name])}: {name}": curve for name, curve in curves.items()}
+        return threshold_chart(labelled, self.objectives.comfort_db_sl)
 
     def channel(self, name: str) -> Channel:
         """Return the channel of that name. Raises BadInput if there is none."""

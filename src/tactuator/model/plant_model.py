@@ -4,7 +4,7 @@ trusted by, each with its limit and what it decides.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
 from typing import Any, Literal
 
@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Flag, Number, Numbers, table
+from tactuator.result import Fact, Result, coefficients, data, fields_of, found
+from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import brief
+from tactuator.table import FREQUENCY, Chart, ChartLine, brief
 
 Decides = Literal["refuses trust", "narrows the valid range", "cannot tell"]
 
@@ -100,8 +102,10 @@ class Excess:
 
 
 @table("model", eq=False)
-class PlantModel:
-    """An identified plant. num, den: descending powers of s, den monic; delay_s: dead time.
+class PlantModel(Result):
+    """An identified plant. It draws its magnitude with its 95 % band.
+
+    num, den: descending powers of s, den monic; delay_s: dead time.
 
     covariance: of (num[0..m], den[1..n], delay_s), (m + n + 2, m + n + 2), zero for what was not estimated. band_hz:
     where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
@@ -126,12 +130,30 @@ class PlantModel:
     valid_hz: tuple[Number, Number] | None = None
     trust: tuple[QualityCheck, ...] = ()
 
-    __repr__ = brief
+    __repr__ = Result.__repr__
 
     def __post_init__(self) -> None:
         size = self.num.size + self.den.size
         if self.covariance.shape != (size, size):
             raise BadInput(f"covariance has shape {self.covariance.shape}", f"({size}, {size})")
+
+    def facts(self) -> Sequence[Fact]:
+        """Return polynomials, dead time and band, and the fields."""
+        return [
+            found("num", coefficients(self.num)),
+            found("den", coefficients(self.den)),
+            found("dead time", 1e3 * self.delay_s, "ms"),
+            found("band", f"{self.band_hz[0]:.3g} to {self.band_hz[1]:.3g} Hz"),
+            *data(fields_of(self)),
+        ]
+
+    def chart(self, *measured: ChartLine) -> Chart:
+        """Return the magnitude with its 95 % band, under what was measured."""
+        hertz = np.geomspace(*self.band_hz, 300)
+        unit = f"{self.position_unit or 'unit'}/{self.command_unit or 'unit'}"
+        level, half = db(self.response(hertz)), self.band_db(hertz)
+        drawn = ChartLine("model, with its 95 % band", hertz, level, half=half, colour=0)
+        return Chart(FREQUENCY, f"magnitude (dB re 1 {unit})", [drawn, *measured], log_x=True)
 
     @property
     def distrust(self) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ import numpy as np
 
 import tactuator as tt
 from tactuator.api.designed import ControllerResult
-from tactuator.api.identified import CalibrationResult
 from tactuator.api.parameters import paper_controller
 from tactuator.api.response import FeltLevels
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.calibration import Calibration
 from tactuator.identification.recursive import RecursiveEstimate, identify_recursively
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.controller import Controller
@@ -124,7 +124,7 @@ class PaperStudy:
     """Results of the study, step by step."""
 
     plan: Plan
-    calibration: dict[str, CalibrationResult]
+    calibration: dict[str, Calibration]
     motors: dict[str, IdentifiedMotor]
     open_loop: OpenLoopResponse
     loop: PaperLoop
@@ -247,7 +247,7 @@ _SETTLE_S, _READ_S = 3.0, 0.5
 _TRAVEL_SHARE = 0.8
 
 
-def calibrate(plan: Plan) -> dict[str, CalibrationResult]:
+def calibrate(plan: Plan) -> dict[str, Calibration]:
     """Calibrate every channel's sensor gain from steady positions over 80 % of the travel, read by gauge and by sensor.
 
     The gauge errs by GAUGE_ERROR_MM; the sensor is averaged over half a second.
@@ -269,7 +269,7 @@ def calibrate(plan: Plan) -> dict[str, CalibrationResult]:
     for share in np.linspace(-_TRAVEL_SHARE, _TRAVEL_SHARE, _POSITION_COUNT):
         trace = rig.drive(np.tile(share * reaching_v, (round((_SETTLE_S + _READ_S) * rig.rate_hz), 1)))
         sensed.append([steady(column) for column in trace.position_v.T])
-    calibrations: dict[str, CalibrationResult] = {}
+    calibrations: dict[str, Calibration] = {}
     for read, name, volts in zip(readings.values(), rig.channels, np.transpose(sensed), strict=True):
         displacement_mm = np.array(read) + GAUGE_ERROR_MM * rng.standard_normal(_POSITION_COUNT)
         calibrations[name] = tt.calibrate((displacement_mm, volts), GAUGE_ERROR_MM)

@@ -9,8 +9,11 @@ from typing import Annotated, Any
 from tactuator.api.option import Option
 from tactuator.api.parameters import Place, Seed
 from tactuator.api.progress import working
-from tactuator.result import Result, columns_of
+from tactuator.result import Fact, Result, columns_of, data, found
 from tactuator.table import ResultTable
+
+_SUMMARISED = 6
+"""Rows of the comparison that the summary has."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,18 +27,18 @@ class PaperResult(Result):
     comparison: tuple[tuple[str, str, str], ...]
     remarks: tuple[str, ...] = ()
 
-    def headline(self) -> Mapping[str, str]:
-        return {"report": str(self.folder / "report.html")} | {what: here for what, _, here in self.comparison[:4]}
+    def facts(self) -> Sequence[Fact]:
+        compared = [
+            Fact("", here, what, summary=row < _SUMMARISED) for row, (what, _, here) in enumerate(self.comparison)
+        ]
+        return [found("report", self.folder / "report.html"), *compared, *data(self.summary)]
 
     def columns(self) -> Mapping[str, Any]:
         return columns_of(("what", "paper", "here"), self.comparison)
 
-    def to_dict(self) -> dict[str, Any]:
-        return dict(self.summary)
-
     def tables(self) -> Sequence[ResultTable | str]:
         table = ResultTable("The paper, end to end", ("", "paper (2004)", "here"), self.comparison)
-        return [table, *(f"note: {remark}" for remark in self.remarks), f"report: {self.folder / 'report.html'}"]
+        return [table, *(f"note: {remark}" for remark in self.remarks)]
 
 
 def reproduce(

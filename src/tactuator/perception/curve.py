@@ -5,11 +5,11 @@ as they are felt.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib.resources import files
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,9 @@ from pydantic import Field
 from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput, within
 from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
+from tactuator.result import Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import from_db
-from tactuator.table import brief
+from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
 @table("contact")
@@ -77,7 +78,7 @@ Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulate
 
 
 @table("threshold curve", eq=False)
-class ThresholdCurve:
+class ThresholdCurve(Result):
     """Detection threshold: level of a sinusoid's peak displacement, dB re 1 um, at ascending frequencies.
 
     frequency_hz, level_db_re_1um: shape (n,), n >= 3. Between the points the level is linear in log frequency; beyond
@@ -96,12 +97,30 @@ class ThresholdCurve:
     standard_error_db: Numbers | None = None
     contact: Contact = field(default_factory=Contact)
 
-    __repr__ = brief
+    __repr__ = Result.__repr__
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "frequency_hz", "level_db_re_1um", "standard_error_db")
         with within(repr(self.name)):
             self._check()
+
+    def facts(self) -> Sequence[Fact]:
+        """Return name, provenance, band and number of points, and the fields."""
+        return [
+            found("name", self.name),
+            found("provenance", self.provenance),
+            found("band", f"{self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz"),
+            found("points", self.frequency_hz.size),
+            *data(fields_of(self)),
+        ]
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return frequency and level of the points."""
+        return {"frequency_hz": self.frequency_hz, "level_db_re_1um": self.level_db_re_1um}
+
+    def chart(self) -> Chart:
+        """Return the curve, and the levels that are comfortable above it."""
+        return threshold_chart({f"{self.name} ({self.provenance})": self}, COMFORT_DB_SL)
 
     def _check(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_re_1um
@@ -248,3 +267,19 @@ class RelativeCurve:
         """Return the level in dB SL at `frequency_hz`, of any shape."""
         asked = np.log(np.asarray(frequency_hz, dtype=np.float64))
         return np.asarray(np.interp(asked, np.log(self.frequency_hz), self.level_db_sl))
+
+
+_Z95 = 1.959964
+"""Standard deviations of a normal distribution in half of its central 95 %."""
+
+
+def threshold_chart(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) -> Chart:
+    """Return the chart of threshold curves by label, each with the level that is comfortable above it."""
+    drawn = []
+    for number, (label, curve) in enumerate(curves.items()):
+        hertz, level, error = curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db
+        half = None if error is None else _Z95 * error
+        words = f"comfort, {comfort_db_sl:g} dB above it" if number == 0 else ""
+        drawn.append(ChartLine(label, hertz, level, "o-", half, colour=number))
+        drawn.append(ChartLine(words, hertz, level + comfort_db_sl, "--", colour=number))
+    return Chart(FREQUENCY, "level (dB re 1 µm, peak)", drawn, log_x=True)

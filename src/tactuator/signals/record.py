@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.result import Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import db
 from tactuator.signals.multisine import without_periods
-from tactuator.table import brief
+from tactuator.table import Chart, ChartLine, brief
 
 Method = Literal["stepped-sine", "multisine"]
 
@@ -129,8 +131,10 @@ def minimum_phase(frequency_hz: FloatArray, magnitude: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
-    """A measured time series. command, position: (n,), finite, at rate_hz, in command_unit and position_unit.
+class Record(Result):
+    """A measured time series. It draws command and position over time.
+
+    command, position: (n,), finite, at rate_hz, in command_unit and position_unit.
     reference: what a loop around it was asked for, (n,), or None.
 
     about: what is known of its making (rig, date, channel, load, calibration). remarks: what had to be done to it
@@ -146,7 +150,7 @@ class Record:
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
-    __repr__ = brief
+    __repr__ = Result.__repr__
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
@@ -163,6 +167,33 @@ class Record:
                 raise BadInput(
                     f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}", "none"
                 )
+
+    def facts(self) -> Sequence[Fact]:
+        """Return duration, rate and greatest values, and the fields."""
+        peaks = {name: float(np.max(np.abs(getattr(self, name)))) for name in ("command", "position")}
+        units = {"command": self.command_unit, "position": self.position_unit}
+        return [
+            found("duration", self.duration_s, "s"),
+            found("rate", self.rate_hz, "Hz"),
+            *(found(name, f"up to {peak:.4g} {units[name]}".rstrip()) for name, peak in peaks.items()),
+            *data(fields_of(self)),
+        ]
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return time, command and position."""
+        time_s = np.arange(self.command.size) / self.rate_hz
+        return {"time_s": time_s, "command": self.command, "position": self.position}
+
+    def chart(self) -> Chart:
+        """Return command and position over time."""
+        time_s = self.columns()["time_s"]
+        command = ChartLine("command", time_s, self.command, right=True, colour=5)
+        position = ChartLine("position", time_s, self.position, colour=0)
+        labels = [
+            f"{name} ({unit or 'no unit'})"
+            for name, unit in (("position", self.position_unit), ("command", self.command_unit))
+        ]
+        return Chart("time (s)", labels[0], [command, position], right_label=labels[1])
 
     def part(self, piece: slice) -> Record:
         """Return the samples of a piece of the record, periods of a plan no longer known."""
