@@ -134,9 +134,7 @@ class Result:
         return import_module("tactuator.report.chart").draw(self.chart(), ax)
 
     def __repr__(self) -> str:
-        figures = ", ".join(f"{name}: {value}" for name, value in self.headline().items())
-        whole = f"<{_name(self)} {figures}>"
-        return whole if len(whole) <= _LONGEST else f"{whole[: _LONGEST - 5]} ...>"
+        return in_a_line(_name(self), self.headline())
 
     __str__ = __repr__
 
@@ -146,6 +144,12 @@ class Result:
             for name, value in self.headline().items()
         )
         return f"<table><caption>{html.escape(_name(self))}</caption>{rows}</table>"
+
+
+def in_a_line(kind: str, figures: Mapping[str, str]) -> str:
+    """Return figures by their words in a line of under 500 characters."""
+    whole = f"<{kind} {', '.join(f'{words}: {text}' for words, text in figures.items())}>"
+    return whole if len(whole) <= _LONGEST else f"{whole[: _LONGEST - 5]} ...>"
 
 
 def _name(result: Result) -> str:

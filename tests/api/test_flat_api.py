@@ -19,6 +19,7 @@ import tactuator as tt
 from tactuator.api.controller import wordlength
 from tactuator.api.start import curves
 from tactuator.cli import main
+from tactuator.cli.commands import summary
 from tactuator.errors import BadInput
 from tactuator.io.csv_tables import write_curve
 from tactuator.io.reference import open_reference
@@ -136,7 +137,8 @@ def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, objec
         assert 10 < len(repr(one)) < 500
         assert one._repr_html_().startswith("<table>")
         assert one.to_dict()
-        assert one.tables()
+        assert one.all_tables()
+        assert 0 < len(summary(one, [], 80)) <= 10
         assert one.holds in (True, False)
         json.dumps(finite(one.to_dict()), allow_nan=False)
         if type(one).columns is not Result.columns:
@@ -248,7 +250,8 @@ def test_curves__with_one_of_ones_own__stand_beside_each_other(tmp_path: Path, r
     last = run.json("curves", mine, "--figures", tmp_path / "drawn")["curves"][-1]
     assert (last["name"], last["contact"]["site"], last["contact"]["area_mm2"]) == ("mine", "index fingertip", 50.0)
     (table,) = curves([mine]).tables()  # a fingertip's is among them
-    assert curves().tables()[1] == "none of these was felt at a fingertip: measure your own"
+    assert curves().next_step() == "measure your own: none of these was felt at a fingertip"
+    assert curves([mine]).next_step() == ""
     assert table.rows[-1][:5] == ("mine", "measured", "1 to 300 Hz", "index fingertip", "50 mm²")
     assert table.rows[-1][5] == "not stated"
     assert [line.label for line in curves([mine]).chart().curves][-1] == "mine (index fingertip, measured)"

@@ -26,7 +26,7 @@ from tactuator import __version__
 from tactuator.api.option import Option
 from tactuator.api.parameters import RIG_HELP
 from tactuator.api.progress import watched, working
-from tactuator.cli.commands import Bars, answer, command_of, drawn
+from tactuator.cli.commands import Bars, answer, command_of, drawn, summary
 from tactuator.cli.main import build_app
 from tactuator.cli.table import COMMANDS as TABLE
 from tactuator.cli.table import FIRST, Command, top_commands
@@ -34,7 +34,7 @@ from tactuator.entry_points import plugins
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
 from tactuator.report.tables import with_error
-from tactuator.result import Result, finite
+from tactuator.result import Fact, Result, data, finite, found
 from tactuator.rig.open import RIGS
 from tactuator.table import ResultTable
 from tools.cli_reference import PAGE, reference, sorted_commands
@@ -120,25 +120,46 @@ class Answer(Result):
     def __init__(self, document: dict[str, object], *shown: ResultTable | str) -> None:
         self.document, self.shown = document, shown
 
-    def to_dict(self) -> dict[str, object]:
-        return self.document
+    def facts(self) -> Sequence[Fact]:
+        return data(self.document)
 
     def tables(self) -> Sequence[ResultTable | str]:
         return self.shown
 
 
+class Long(Result):
+    """A result of a display with many channels."""
+
+    def facts(self) -> Sequence[Fact]:
+        return [found(f"channel {number}", "felt within 0.31 dB of 40 dB SL " * 4) for number in range(24)]
+
+    def next_step(self) -> str:
+        return "tactuator build"
+
+
 def test_answer__as_json_or_for_a_person__one_object_or_tables(capsys):
-    answer(Answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, "no"), True)
+    found_ones = {"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}
+    answer(Answer(found_ones, "no"), True, False)
     assert capsys.readouterr() == ('{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n', "")
     table = ResultTable("", ("frequency", "level"), (("10 Hz", "50 dB SL"),), ("a note",))
-    answer(Answer({}, "level [dB SL]", table), False, ["f.csv"])
+    answer(Answer({}, "level [dB SL]", table), False, True, ["f.csv"])
     out = capsys.readouterr().out
     assert out.startswith("level [dB SL]\n")  # brackets are text
     assert "50 dB SL" in out
     assert out.endswith("a note\nwritten: f.csv\n")
+    answer(Answer({}, table), False, False, ["f.csv"])
+    assert capsys.readouterr().out == "written: f.csv\n"
     with watched(Bars()), working("counting", 3) as step:
         step(1, text="one")
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_summary__of_many_channels__has_ten_lines_no_wider_than_the_terminal(width: int) -> None:
+    lines = summary(Long(), ["written: controller.json"], width)
+    assert len(lines) == 10
+    assert max(map(len, lines)) <= width
+    assert lines[-3:] == ["more: --full", "next: tactuator build", "written: controller.json"]
 
 
 def test_plain__dataclass_and_complex__become_objects_and_pairs():

@@ -198,5 +198,5 @@ def test_identify_verb__fixed_values__are_in_answer_table_and_model(tmp_path, ca
     written = json.loads((tmp_path / "model.json").read_text())
     assert written["record"]["fixed"] == "gain=0.000352113 delay_s=0"
     assert written["valid_hz"] == pytest.approx([5.0, 500.0])
-    assert main(arguments) == 0
+    assert main([*arguments, "--full"]) == 0
     assert "fixed: gain" in capsys.readouterr().out

@@ -134,5 +134,5 @@ def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_frequency(
         (name, hz) for name in names for hz in (10.0, 100.0)
     ]
     assert all(set(row["levels"]) == set(names) for row in rows)
-    assert main([*asked, "--channel", "thumb"]) == 0
+    assert main([*asked, "--channel", "thumb", "--full"]) == 0
     assert "below -" in capsys.readouterr().out

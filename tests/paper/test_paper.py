@@ -186,7 +186,7 @@ def test_reproduce__json__is_one_object_of_a_whole_folder_and_seeds_differ_by_st
 def test_reproduce__table__says_what_became_of_the_speech_file(study, tmp_path, monkeypatch, run) -> None:
     monkeypatch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
     monkeypatch.setattr(publish, "publish", lambda study, folder: None)  # what it writes is the test above
-    assert "objective iv" in run("reproduce", "--out", tmp_path / "paper").out
+    assert "objective iv" in run("reproduce", "--out", tmp_path / "paper", "--full").out
 
 
 def test_reproduce__interrupted__leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run) -> None:

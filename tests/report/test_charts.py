@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 import tactuator as tt
-from tactuator.api.nouns import RecordResult
 from tactuator.errors import BadInput
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.report.chart import chart_figure, draw
@@ -199,7 +198,7 @@ def test_draw__legend_band_and_units__cover_nothing_and_have_an_axis_each():
     axes = draw(Chart("x", "y", [ChartLine("line", HERTZ, LEVEL, half=np.full(3, 0.5))]), Figure().add_subplot())
     edges = axes.collections[0].get_paths()[0].vertices[:, 1]
     assert (edges.min(), edges.max()) == (pytest.approx(29.0), pytest.approx(31.5))
-    record = RecordResult(10.0, np.arange(5.0), np.arange(5.0) ** 2, command_unit="V", position_unit="mm")
+    record = Record(10.0, np.arange(5.0), np.arange(5.0) ** 2, command_unit="V", position_unit="mm")
     axes = record.plot(Figure().add_subplot())
     beside = next(other for other in axes.figure.axes if other is not axes)
     assert (axes.get_ylabel(), beside.get_ylabel()) == ("position (mm)", "command (V)")

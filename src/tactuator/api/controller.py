@@ -149,11 +149,12 @@ class WordlengthResult(Result):
         return ResultTable(f"float32 at {self.rate_hz:g} Hz", ("what", "value"), tuple(rows), notes)
 
     def facts(self) -> Sequence[Fact]:
+        why = "" if self.float32.refused is None else f": {self.float32.refused}"
         return [
             Fact("rate_hz", self.rate_hz, "sampling rate", "Hz", "g", True),
             Fact("bits", self.bits),
             Fact("float32", self.float32),
-            found("float32", "safe" if self.float32.safe else "not safe"),
+            found("float32", "safe" if self.float32.safe else f"not safe{why}"),
             *([Fact("figures", self.figures)] if self.figures else []),
         ]
 

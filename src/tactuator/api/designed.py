@@ -19,7 +19,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.verdict import Finding, Outcome, Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row, printed_factors, remark_lines
-from tactuator.result import Fact, Result, data, found
+from tactuator.result import Fact, Result, data, found, in_a_line
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.monte_carlo import DrawnPlants
@@ -75,7 +75,15 @@ class ControllerResult(Result, Controller):
     def next_step(self) -> str:
         return "tactuator build" if self.holds else "--full lists every finding, with what helps"
 
+    def __repr__(self) -> str:
+        """Return rate and channels in a line; the verdict takes a while."""
+        return in_a_line("Controller", {fact.words: fact.text for fact in self._figures() if fact.words})
+
     def facts(self) -> Sequence[Fact]:
+        told = (fact for fact in verdict_facts(self.verdict) if fact.words)
+        return [*told, *self._figures(), Fact("verdict", self.verdict.document())]
+
+    def _figures(self) -> list[Fact]:
         facts = [found("rate", self.rate_hz, "Hz")]
         for channel in self.channels:
             margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
@@ -83,8 +91,7 @@ class ControllerResult(Result, Controller):
             error_db = fit.get("max_error_db", np.nan)
             facts.append(found(channel.name, f"{margin}prefilter within {error_db:.2f} dB without friction"))
             facts.append(Fact(channel.name, dict(channel.report)))
-        judged, *missed = (fact for fact in verdict_facts(self.verdict) if not fact.name)
-        return [judged, *missed, *facts, Fact("verdict", self.verdict.document())]
+        return facts
 
     def tables(self) -> Sequence[ResultTable | str]:
         columns = ("figure (worst over the loads)", *(channel.name for channel in self.channels))

@@ -199,7 +199,7 @@ class ObservedResult(Result):
         return [
             Fact("store", self.store, "store", summary=True),
             Fact("truth", truth),
-            found("simulated subjects", f"{answered} ({NOBODY_FELT_IT})"),
+            found("simulated subjects", f"{answered} (nobody felt this)"),
         ]
 
     def next_step(self) -> str:

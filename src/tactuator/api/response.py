@@ -177,8 +177,8 @@ def noise(
     The display is held at rest. A rig that is open already is used as it stands. Raises BadInput for a loop that the
     display's own models call unstable.
 
-    >>> sorted(tt.noise(rig, controller, duration_s=4.0).headline())
-    ['index', 'middle', 'thumb']
+    >>> [felt.channel for felt in tt.noise(rig, controller, duration_s=4.0).channels]
+    ['index', 'thumb', 'middle']
     """
     loop = chosen_controller(display, controller)
     require_stable(loop, load)

@@ -300,7 +300,7 @@ def play(
     Raises BadInput for a file that is no reference, or not for this display.
 
     >>> tt.play(rig, controller, "protocols/a.wav")
-    <Played length: 0.50 s, played: 0.50 s, saturated: 0.00 s>
+    <Played length: 0.50 s, played: 0.50 s, paused: 0.00 s, at a limit: 0.00 s>
     """
     source = open_reference(Path(reference))
     loaded = chosen_controller(display, controller)

@@ -135,7 +135,7 @@ def read_curve(name_or_path: Place) -> ThresholdCurve:
     """Return a threshold curve of the library, or read one from a CSV file.
 
     >>> tt.read_curve("curve.csv")
-    <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
+    <ThresholdCurve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
     """
     return csv_tables.resolve_curve(str(name_or_path))
 

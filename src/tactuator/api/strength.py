@@ -33,7 +33,8 @@ class StoreContours(Result):
     def facts(self) -> Sequence[Fact]:
         results, names = self.results, ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
         balance = {
-            f"balance_db of {each.finger}": f"{each.offset_db.value:+.1f} dB ({each.people} people)"
+            f"balance_db of {each.finger}": f"{each.offset_db.value:+.1f} dB "
+            f"({each.offset_db.low:+.1f} to {each.offset_db.high:+.1f}), {each.people} people"
             for each in results.balance
         }
         pairs = [
@@ -93,11 +94,6 @@ class StoreContours(Result):
             lines += [f"{person.subject}: {person.contours.source}", law_table(person.estimate, words)]
         if self.results.pairs:
             lines.append(pairs_table(self.results.pairs, words))
-        lines += [
-            f"balance_db of {each.finger} for the display file: {each.offset_db.value:+.1f} "
-            f"({each.offset_db.low:+.1f} to {each.offset_db.high:+.1f}), {each.people} people"
-            for each in self.results.balance
-        ]
         notes = (NOBODY_FELT_IT,) if self.results.simulated else ()
         noted = [
             replace(line, notes=(*notes, *line.notes)) if isinstance(line, ResultTable) else line for line in lines

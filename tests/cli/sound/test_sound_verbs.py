@@ -11,7 +11,6 @@ import pytest
 
 from tactuator.io.record import read_record
 from tactuator.io.text import toml_text
-from tactuator.measure import open_loop
 from tactuator.measure.broadband import Followed, Heard, Level
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.description import display_document
@@ -149,7 +148,7 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept(room, run, m
         known = (KnownChannel(*pair[:1], level, heard, pair[1], None) for pair in zip(channels, followed, strict=True))
         raise NoEqualiser("no prefilter of 16 poles", rig.display, tuple(known))
 
-    monkeypatch.setattr(open_loop, "calibrate", none)
+    monkeypatch.setattr("tactuator.api.sound.calibrate", none)
     ended, names = run(*CALIBRATE), ["display.toml", "left.record.h5", "right.record.h5"]
     assert ended.status == 2
     words = f"no prefilter of 16 poles. What was measured is kept in out ({', '.join(names)}); `tactuator design"
