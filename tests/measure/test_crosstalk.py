@@ -110,7 +110,8 @@ def test_crosstalk__noise_above_threshold__is_averaged_until_no_more_is_left_ope
 
 def test_crosstalk__what_cannot_be_measured__is_refused() -> None:
     alone = controller(display(channel(environment=QUIET)))
-    deaf = type("Deaf", (WithoutPorts,), {"without_sensor": ("thumb", "middle")})(leaking())
+    deaf = WithoutPorts(leaking())
+    deaf.without_sensor = ("thumb", "middle")
     for rig, asked, words in (
         (leaking(), {"method": "multisine"}, "--crosstalk beside --method multisine"),
         (leaking(), {"channel": ["ring"]}, "'ring' is not described"),

@@ -24,15 +24,11 @@ class ConsoleRig(Rig):
     def __init__(self, process: RigProcess) -> None:
         super().__init__(process.display)
         self._process = process
+        self.speed = 1.0 if process.status.touchable else None  # a simulated display is played in real time
         self._controller: Controller | None = None
         self._told: queue.SimpleQueue[Presented | None] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
         process.presented = self._told.put
-
-    @property
-    def speed(self) -> float | None:
-        """Return 1 for a simulated display, which is played in real time; None for one with a time of its own."""
-        return 1.0 if self.has_finger_ports else None
 
     @property
     def has_finger_ports(self) -> bool:

@@ -125,7 +125,9 @@ def measure_crosstalk(
 class _FeltRig(WrappedRig):
     """A rig in whose traces position_v is what the finger ports feel, millimetres."""
 
-    without_sensor = ()
+    def __init__(self, rig: Rig) -> None:
+        super().__init__(rig)
+        self.without_sensor = ()
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Stream blocks, with dial gauges at the finger ports."""

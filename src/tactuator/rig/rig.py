@@ -185,16 +185,23 @@ class Rig(ABC):
 
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
+
+    display: the one that the rig was made for. rate_hz: `4000.0`. channels: their names in the order of every array's
+    columns, `("index", "thumb", "middle")`. waits: whether time stands still between blocks. speed: of presentation, 1
+    being real time; None for a rig with a time of its own. without_sensor: names of the channels that have no sensor.
     reshapes, feeds_forward: whether it plays what [strength] makes of a reference, and adds what [touch] learns of a
     finger to the command; a rig that does not refuses such a controller. travel_v: what a sensor of displacement reads
     at travel_mm, infinite for another sensor, (channels,).
     """
 
     reshapes = feeds_forward = False
+    speed: float | None = None
+    without_sensor: tuple[str, ...] = ()
 
     def __init__(self, display: Display) -> None:
-        self._display = display
-        self._loaded = self._waits = False
+        self.display, self.rate_hz = display, display.rate_hz
+        self.channels = tuple(channel.name for channel in display.channels)
+        self._loaded = self.waits = False
         self._began_at: int | None = None
         self._rows_played = 0
         self._fingers: tuple[Finger, ...] = ()
@@ -203,24 +210,7 @@ class Rig(ABC):
 
     def __repr__(self) -> str:
         runs = "a controller runs" if self._loaded else "no controller yet"
-        return (
-            f"<{type(self).__name__} {self._display.name}: {', '.join(self.channels)} at {self.rate_hz:g} Hz, {runs}>"
-        )
-
-    @property
-    def display(self) -> Display:
-        """Return the display that the rig was made for."""
-        return self._display
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz: `4000.0`."""
-        return self._display.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels in the order of every array's columns: `("index", "thumb", "middle")`."""
-        return tuple(channel.name for channel in self._display.channels)
+        return f"<{type(self).__name__} {self.display.name}: {', '.join(self.channels)} at {self.rate_hz:g} Hz, {runs}>"
 
     @abstractmethod
     def load(self, controller: Controller) -> None:
@@ -281,21 +271,6 @@ class Rig(ABC):
         return self._rows_played
 
     @property
-    def waits(self) -> bool:
-        """Return True where time stands still between blocks."""
-        return self._waits
-
-    @property
-    def speed(self) -> float | None:
-        """Return the speed of presentation, 1 being real time; None for a rig with a time of its own."""
-        return None
-
-    @property
-    def without_sensor(self) -> tuple[str, ...]:
-        """Return the names of the channels that have no sensor: `("thumb",)`."""
-        return ()
-
-    @property
     def has_finger_ports(self) -> bool:
         """Return True where the display is simulated; False where a finger goes onto it by hand."""
         return bool(self._fingers)
@@ -318,7 +293,7 @@ class Rig(ABC):
 
     def require_runs(self, controller: Controller) -> None:
         """Raise BadInput for a controller that is for another display, or does what this rig leaves out."""
-        controller.require_runs(self._display)
+        controller.require_runs(self.display)
         for part in controller.channels:
             for needs, does, words, key in (
                 (part.strength, self.reshapes, "its reference is reshaped by its strength", "[strength] blended"),
@@ -353,7 +328,7 @@ class WrappedRig(Rig):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig.display)
-        self._rig = rig
+        self._rig, self.without_sensor = rig, rig.without_sensor
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, as the rig does."""
@@ -379,11 +354,6 @@ class WrappedRig(Rig):
     def began_at(self) -> int | None:
         """Return the tick that the rig itself tells."""
         return self._rig.began_at
-
-    @property
-    def without_sensor(self) -> tuple[str, ...]:
-        """Return the names of the channels that have no sensor."""
-        return self._rig.without_sensor
 
     @property
     def has_finger_ports(self) -> bool:

@@ -52,7 +52,7 @@ class ComputedRig(Rig):
     def __init__(self, display: Display, device: Device) -> None:
         super().__init__(display)
         self._device = device
-        self._ticks, self._waits = 0, True
+        self._ticks, self.waits = 0, True
         self._fingers = tuple(
             Finger(load_names(channel), partial(device.touch, index)) for index, channel in enumerate(display.channels)
         )
@@ -138,13 +138,8 @@ class PacedRig(WrappedRig):
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         super().__init__(rig)
-        self._speed = speed
+        self.speed: float = speed
         self._coming: Iterator[FloatArray] = iter(())  # what a computed stream that goes on has not played yet
-
-    @property
-    def speed(self) -> float:
-        """Return the speed of presentation: 1 is real time."""
-        return self._speed
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play, and wait until the block would be over."""
@@ -162,7 +157,7 @@ class PacedRig(WrappedRig):
             yield trace
 
     def _pieces(self, blocks: Iterable[ArrayLike]) -> Iterator[FloatArray]:
-        step = max(1, round(_PIECE_S * self._speed * self.rate_hz))
+        step = max(1, round(_PIECE_S * self.speed * self.rate_hz))
         for block in blocks:
             rows = np.asarray(block, dtype=np.float64)
             yield from (rows[start : start + step] for start in range(0, len(rows), step))
@@ -188,7 +183,7 @@ class PacedRig(WrappedRig):
         self._rig.close()
 
     def _wait(self, trace: Trace, began_s: float, count: int) -> Trace:
-        left_s = count / self.rate_hz / self._speed - (time.monotonic() - began_s)
+        left_s = count / self.rate_hz / self.speed - (time.monotonic() - began_s)
         if left_s > 0.0:
             time.sleep(left_s)
         return trace

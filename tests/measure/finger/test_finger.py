@@ -179,7 +179,7 @@ def test_settle__rig_that_does_not_tell__says_no_weights_or_no_time() -> None:
     assert (mute.weight, mute.settled_s) == (None, None)
     assert inner.rows_played == 3 * RATE_HZ
     with SimulatedRig(made.display, 3) as rig:
-        rig._waits = False  # its time goes on between blocks, and its weights are told while it plays
+        rig.waits = False  # its time goes on between blocks, and its weights are told while it plays
         rig.load(made)
         (hasty,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert hasty.settled_s is None

@@ -81,8 +81,8 @@ class BoardRig(Rig):
             raise BadInput(
                 f"the board has {status.channels} channels; the display has {len(display.channels)}", "no more"
             )
-        self._waits, self._lead_s = waits and status.allows_hold, lead_s
-        self._pause, self._sleep = sleep, _at_once if self._waits else sleep
+        self.waits, self._lead_s = waits and status.allows_hold, lead_s
+        self._pause, self._sleep = sleep, _at_once if self.waits else sleep
         self._run, self.fed_to, self._drives = status.run, 0, False
         self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
         if status.safety_crc == 0:
@@ -188,12 +188,12 @@ class BoardRig(Rig):
 
     def commission(self) -> None:
         """Write the safety table of the display, whatever table was there; the board must be in OFF."""
-        self.client.upload(SAFETY, safety_bytes(safety_table(self._display)))
+        self.client.upload(SAFETY, safety_bytes(safety_table(self.display)))
 
     def simulate(self, seed: int = 0) -> None:
         """Put the simulated display in the place of the converters (boards that have none)."""
-        self.client.upload(SIMULATED_DISPLAY, simulated_board_bytes(self._display, seed))
-        loads = [load_names(channel) for channel in self._display.channels]
+        self.client.upload(SIMULATED_DISPLAY, simulated_board_bytes(self.display, seed))
+        loads = [load_names(channel) for channel in self.display.channels]
         self._fingers = tuple(Finger(names, partial(self._touch, index, names)) for index, names in enumerate(loads))
 
     def _touch(self, channel: int, loads: tuple[str | None, ...], load: str | None) -> None:
@@ -225,7 +225,7 @@ class BoardRig(Rig):
             status = self.client.status()
             if reached(status):
                 return status
-            if not self._waits or attempt > _PROMPT_TRIES:
+            if not self.waits or attempt > _PROMPT_TRIES:
                 self._pause(0.002)
         raise BadInput("the board does not come to rest", "a board whose timer runs")
 
@@ -236,9 +236,9 @@ class BoardRig(Rig):
             return
         self._arm()
         self._drives = drives
-        self.client.start(self._run, STREAM, drives, self._waits)
+        self.client.start(self._run, STREAM, drives, self.waits)
         soft = soft_ticks(self.rate_hz)
-        if self._waits:
+        if self.waits:
             silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
             for _ in self._streaming(_WAITING_LEAD_S, felt=False).play([silence]):
                 pass
@@ -253,10 +253,10 @@ class BoardRig(Rig):
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
-        asked_s = min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s
+        asked_s = min(lead_s, _WAITING_LEAD_S) if self.waits else lead_s
         lead = min(round(asked_s * self.rate_hz), self._lead_most)
         return BoardStream(
-            self.client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, self._sleep
+            self.client, self._run, len(self.channels), lead, self._lag, self.waits, fingers, self._sleep
         )
 
     def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
@@ -287,7 +287,7 @@ class BoardRig(Rig):
             raise
 
     def _trace(self, part: TraceRows, asked: Rows, drives: bool) -> Trace:
-        converters = [channel.converter for channel in self._display.channels]
+        converters = [channel.converter for channel in self.display.channels]
         steps = np.array([converter.step_v for converter in converters])
         polarity = np.array([float(converter.polarity) for converter in converters])
         offsets = np.array([converter.offset_v for converter in converters])

@@ -98,18 +98,14 @@ class SoundRig(Rig):
         super().__init__(display)
         self._rows, self._port = rows, port
         self._card = sound_wiring(display)
+        pairs = zip(self.channels, self._card.wires, strict=True)
+        self.without_sensor = tuple(name for name, wires in pairs if not wires.input)
         self._run = CardRun(rows, max(1, round(self._card.lead_s * display.rate_hz)), sleep)
         self._loop: OpenLoop | None = None
         self._active: Iterator[Trace] = iter(())
         self._length = 0
         self.allow_gaps = False
         self.gaps = 0
-
-    @property
-    def without_sensor(self) -> tuple[str, ...]:
-        """Return the channels that have no input of the card."""
-        pairs = zip(self.channels, self._card.wires, strict=True)
-        return tuple(name for name, wires in pairs if not wires.input)
 
     @property
     def began_at(self) -> int | None:
@@ -134,12 +130,12 @@ class SoundRig(Rig):
         Raises BadInput for less than none.
         """
         self._card = replace(self._card, latency_samples=latency_samples)
-        self._display = replace(self._display, sound=self._card)
+        self.display = replace(self.display, sound=self._card)
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput for another rig's, or a loop."""
         self.require_runs(controller)
-        controller.require_limits_of(self._display)
+        controller.require_limits_of(self.display)
         self.rest()
         self._loop, self._loaded = OpenLoop(controller), True
 
@@ -226,7 +222,7 @@ class SoundRig(Rig):
         soft = max(1, round(SOFT_S * self.rate_hz))
         gain = np.minimum(1.0, np.arange(len(command_v)) / soft)
         wanted = command_v * (0.5 - 0.5 * np.cos(np.pi * gain))[:, None]
-        most = np.array([channel.converter.range_v for channel in self._display.channels])
+        most = np.array([channel.converter.range_v for channel in self.display.channels])
         cut = np.clip(wanted, -most, most)
         yield np.zeros(cut.shape), cut, np.asarray(cut != wanted)
 
