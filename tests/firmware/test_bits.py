@@ -49,7 +49,7 @@ def test_board__drawn_cases__answers_as_this_machine(board: str, cases: int, is_
         assert expected(is_adaptive).faults() == set(Fault) - {Fault.LATE}
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_board__optimised_at_link_time__answers_as_this_machine() -> None:
     """What interrupt and main loop share is read and written where it stands, although the compiler sees both."""
     board = MACHINES["mps2-an386"].board

@@ -9,7 +9,6 @@ from tactuator.rig.board.stream import TONES_MAX, BoardTone
 from tests.firmware.emulator import MACHINES, emulated_rig
 from tests.rig.every_rig import tones
 from tests.rig.guard.guarded import adaptive, designed
-from tests.strength import reshaped
 
 BOARD = "mps2-an386"
 INSTRUCTION_NS = 32
@@ -48,8 +47,3 @@ def test_step__usual_and_worst__keep_what_they_may_take(controller, usual: int, 
     taken = counted(controller())
     assert 500 < taken["usual"] <= usual
     assert max(taken.values()) <= most
-
-
-@pytest.mark.slow
-def test_step__reference_reshaped__takes_no_more() -> None:
-    assert counted(reshaped(designed()))["usual"] <= 1.02 * counted(designed())["usual"]
