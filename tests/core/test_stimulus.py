@@ -14,7 +14,7 @@ from scipy import stats
 from tactuator.runtime._core import ffi, lib
 
 RATE_HZ = 4000.0
-HOUR = 3600 * 4000
+LONG = 400 * 4000
 FIELDS = ("start", "length", "ramp", "amplitude", "cosine", "sine", "ramp_cosine", "ramp_sine")
 
 
@@ -93,30 +93,20 @@ def test_tones__together__are_the_sum_of_each_alone(tones: list[Tone]) -> None:
     assert np.array_equal(play(tones, 5200), together)
 
 
-@settings(max_examples=30, deadline=None)
-@given(st.lists(any_tone(), min_size=1, max_size=4))
-def test_stimulus__tick_by_tick_and_again__gives_the_same_bits(tones: list[Tone]) -> None:
-    reference, stimulus = play(tones, 1500), stimulus_of(tones)
-    for _ in range(2):
-        lib.tact_stimulus_rewind(stimulus)
-        ticks = np.array([lib.tact_stimulus_next(stimulus, k) for k in range(1500)], dtype=np.float32)
-        assert np.array_equal(ticks.view(np.uint32), reference.view(np.uint32))
-
-
 @pytest.mark.parametrize("hertz", [0.4, 300.0])
-def test_tone__for_an_hour__keeps_amplitude_and_frequency(hertz: float) -> None:
-    reference = play([Tone(0, HOUR, 0, 1.0, hertz)], HOUR)
+def test_tone__for_minutes__keeps_amplitude_and_frequency(hertz: float) -> None:
+    reference = play([Tone(0, LONG, 0, 1.0, hertz)], LONG)
     assert np.max(np.abs(reference)) <= 1.0 + 1e-6
     stretch = 10 * 4000  # whole periods of each
     time_s = np.arange(stretch) / RATE_HZ
     carrier = np.exp(-2j * np.pi * hertz * time_s)
     phasors = [
         2.0 * np.mean(reference[at : at + stretch] * carrier) * np.exp(-2j * np.pi * hertz * at / RATE_HZ)
-        for at in (0, HOUR // 2, HOUR - stretch)
+        for at in (0, LONG // 2, LONG - stretch)
     ]
     assert np.abs(phasors) == pytest.approx([1.0, 1.0, 1.0], rel=1e-4)
     turned = np.unwrap(np.angle(phasors)) / (2.0 * np.pi)
-    drift_hz = np.abs(np.diff(turned)) / (np.array([HOUR // 2, HOUR // 2 - stretch]) / RATE_HZ)
+    drift_hz = np.abs(np.diff(turned)) / (np.array([LONG // 2, LONG // 2 - stretch]) / RATE_HZ)
     assert np.all(drift_hz <= 1e-6 * hertz + 1e-6)
 
 
