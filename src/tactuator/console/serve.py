@@ -1,20 +1,22 @@
 """The verb `console`: the page of the chain, served to this machine."""
 
+import secrets
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
+from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import AllowedHosts, Host, Place, Seed, TlsCertificate, TlsKey
+from tactuator.console.app import ConsoleServer, build_console
+from tactuator.console.rig_process import RigProcess
+from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
-
-    from tactuator.console.rig_process import RigProcess
-    from tactuator.console.state import ConsoleState
+from tactuator.processors import begin_helper
+from tactuator.web.server import Address, run_server
 
 _TOKEN_BYTES = 16
 _NICER = 5
@@ -34,12 +36,6 @@ def console(
     """Serve a page to shape a loop, and to drive a rig. A loop is shaped by dragging it, and a rig is watched and
     driven, until interrupted; the page's address goes to standard error.
     """
-    import secrets  # which takes a fifth of a help
-
-    from tactuator.console.app import ConsoleServer, build_console
-    from tactuator.console.state import ConsoleState
-    from tactuator.web.server import Address, run_server
-
     if rig is not None and display is None:
         raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
@@ -59,10 +55,8 @@ def console(
 
 
 @contextmanager
-def _held(spec: str | None, state: "ConsoleState", seed: int) -> "Iterator[RigProcess | None]":
+def _held(spec: str | None, state: ConsoleState, seed: int) -> Iterator[RigProcess | None]:
     """Yield the rig of that name, held by a process of its own, or None for none; it is at rest in the end."""
-    from tactuator.console.rig_process import RigProcess
-    from tactuator.console.state import FILE
 
     if spec is None:
         yield None
@@ -72,12 +66,8 @@ def _held(spec: str | None, state: "ConsoleState", seed: int) -> "Iterator[RigPr
 
 
 @contextmanager
-def _figures_apart() -> "Iterator[ProcessPoolExecutor]":
+def _figures_apart() -> Iterator[ProcessPoolExecutor]:
     """Yield a process in which figures are computed, so that a drag's frames have the interpreter to themselves."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    from tactuator.processors import begin_helper
 
     apart = ProcessPoolExecutor(1, get_context("spawn"), initializer=begin_helper, initargs=(_NICER,))
     try:

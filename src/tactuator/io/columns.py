@@ -12,8 +12,9 @@ import statistics
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
+import h5py
 import numpy as np
 import scipy
 import soundfile
@@ -24,9 +25,6 @@ from tactuator.errors import BadInput
 from tactuator.io.hdf5 import opened_hdf5, require_survivable
 from tactuator.io.sound import require_whole, without_remarks
 from tactuator.io.text import check_commas, decimal_point, encoding_of
-
-if TYPE_CHECKING:
-    import h5py
 
 _PIECE_CHARACTERS, _LONGEST_LINE = 2_000_000, 1_000_000
 _MOST_REMARKS = 100_000
@@ -289,8 +287,6 @@ def _read_text(path: Path) -> Columns:
 
 
 def _read_matlab(path: Path) -> Columns:
-    import h5py
-
     if h5py.is_hdf5(path):
         return _read_hdf5(path)
     _require_room(sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
@@ -362,8 +358,6 @@ def _read_hdf5(path: Path) -> Columns:
 
 def _signals(file: h5py.File) -> dict[str, h5py.Dataset]:
     """Return the file's datasets of numbers in one column, or up to 64, by their names with points for strokes."""
-    import h5py
-
     signals: dict[str, h5py.Dataset] = {}
 
     def visit(name: str, item: Any) -> None:

@@ -18,12 +18,11 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import h5py
 
 from tactuator.errors import BadInput
-
-if TYPE_CHECKING:
-    import h5py
 
 _CPU_S, _WALL_S = 4, 9
 _MEMORY_BYTES = 640 << 20
@@ -38,8 +37,6 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     Raises BadInput, without the file's name, for one on which the library crashes or comes to no end; OSError and
     whatever else the library raises on a file that is not sound.
     """
-    import h5py
-
     state = path.stat()
     _require_survived(path, state.st_ino, state.st_size, state.st_mtime_ns)
     with h5py.File(path, "r") as file:
@@ -49,7 +46,6 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
 @lru_cache(maxsize=8)
 def _require_survived(path: Path, *state: int) -> None:
     """Try a file out, once as long as its state is the same: its kind is asked for before it is read."""
-    import h5py
 
     def look_through() -> None:
         with h5py.File(path, "r") as file:
@@ -137,8 +133,6 @@ def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
     Left to itself the library ends in a segmentation fault on a full disk, and takes a write that Ctrl-C has kept from
     being made for one that was: an end is held until the next check.
     """
-    import h5py
-
     with EndsHeld() as ends, _Disk(path, "w+") as disk:
         with h5py.File(disk, "w") as file:
             written = WrittenHdf5(file, disk, ends)

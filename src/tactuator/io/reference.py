@@ -17,8 +17,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import h5py
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
@@ -34,9 +35,6 @@ from tactuator.io.text import read_finite_json
 from tactuator.model.description import Channel
 from tactuator.parameters import Number, Positive, table
 from tactuator.table import brief, plain
-
-if TYPE_CHECKING:
-    import h5py
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
@@ -211,8 +209,6 @@ class ReferenceFile:
                 if read < self.frames:
                     raise BadInput(f"reference {self.path}: {read} of {self.frames} frames", "a whole file")
         else:
-            import h5py
-
             with h5py.File(self.path) as file:
                 for start in range(0, self.frames, block_frames):
                     yield _finite(_rows(file["reference"], start, block_frames, self.path), self.path)

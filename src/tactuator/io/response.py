@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
 
 from tactuator import __version__
@@ -15,9 +16,6 @@ from tactuator.io.atomic import atomic_path
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.signals.record import Response
-
-if TYPE_CHECKING:
-    import h5py
 
 FORMAT = "tactuator-response/1"
 MOST_POINTS = 1_000_000

@@ -8,13 +8,16 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import scipy
 
 from tactuator.errors import BadInput
-
-if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
-    from tactuator.model.description import Display
-    from tactuator.model.plant_model import PlantModel
+from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference
+from tactuator.model.description import TABLES, Display, keys_of
+from tactuator.model.plant_model import PlantModel
+from tactuator.parameters import default
+from tactuator.signals.spectra import off_mains
 
 _WIDTH = 120
 
@@ -31,7 +34,6 @@ def _commented(text: str) -> str:
     """Return the text of a display with what its keys mean, and the keys that it leaves out as comments with their
     defaults: both as the fields of the dataclasses have them.
     """
-    from tactuator.model.description import TABLES, keys_of  # noqa: PLC0415  NumPy, when it is needed
 
     def with_keys(name: str, table: str) -> str:
         lines = []
@@ -48,8 +50,6 @@ def _commented(text: str) -> str:
 
 
 def _left_out(key: str, about: Any, value: str | None = None) -> str:
-    from tactuator.parameters import default  # noqa: PLC0415  NumPy, when it is needed
-
     line = f"# {key} = {value or default(about) or '...'}"
     meaning = f"{line}  # {about.description}"
     return meaning if len(meaning) <= _WIDTH else line
@@ -62,11 +62,6 @@ def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
     The finger is index where there is one. Frequencies keep to the band and off mains; without any it is the middle.
     Raises BadInput for another kind.
     """
-    import scipy  # noqa: PLC0415  when it is needed
-
-    from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference  # noqa: PLC0415
-    from tactuator.signals.spectra import off_mains  # noqa: PLC0415
-
     channel = next((each for each in display.channels if each.finger == "index"), display.channels[0])
     low, high = channel.threshold.band_hz
 
@@ -104,8 +99,6 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     plant, what is learnt of them, friction, which the model brings, hum and noise, which nobody measured, become
     comments with what holds without them. Raises BadInput where no band is left.
     """
-    from tactuator.model.description import keys_of  # noqa: PLC0415  NumPy, when it is needed
-
     keys, (low, high) = {**keys_of("environment"), **keys_of("touch")}, _band(text, model)
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
     recorded = f"  # the record has {model.record['rate_hz']:g}" if "rate_hz" in model.record else ""

@@ -7,8 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from tactuator.api.option import Option
-from tactuator.api.parameters import Place, Seed
+from tactuator.api.parameters import Place, Seed, paper_display
 from tactuator.api.progress import working
+from tactuator.io.atomic import atomic_folder
+from tactuator.paper.plan import Plan
+from tactuator.paper.report import OWN_NAMES, publish
+from tactuator.paper.run import STEPS, run_study
+from tactuator.paper.steps import check_speech
+from tactuator.paper.summary import comparison, summary
 from tactuator.result import Fact, Result, columns_of, data, found
 from tactuator.table import ResultTable
 
@@ -57,14 +63,6 @@ def reproduce(
     ...
     tactuator.errors.BadInput: nothing.wav: no such file; allowed: a sound file
     """
-    from tactuator.api.parameters import paper_display
-    from tactuator.io.atomic import atomic_folder
-    from tactuator.paper.plan import Plan
-    from tactuator.paper.report import OWN_NAMES, publish
-    from tactuator.paper.run import STEPS, run_study
-    from tactuator.paper.steps import check_speech
-    from tactuator.paper.summary import comparison, summary
-
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
     file = check_speech(plan)
     with atomic_folder(folder, OWN_NAMES) as beside, ExitStack() as stack:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
+from tactuator.identification.by_response import ResponseFit
+from tactuator.identification.result import Identification
+from tactuator.model.controller import ChannelController
 from tactuator.model.plant_model import PlantModel
+from tactuator.model.verdict import Finding
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import ResultTable
-
-if TYPE_CHECKING:  # what the other tables do not need
-    from tactuator.identification.by_response import ResponseFit
-    from tactuator.identification.result import Identification
-    from tactuator.model.controller import ChannelController
-    from tactuator.model.verdict import Finding
 
 FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")
 _ROWS: Mapping[str, tuple[str, ...]] = {
