@@ -35,7 +35,7 @@ _NOTHING = "There is no such page here."
 def build_console(
     state: ConsoleState, token: str, apart: Executor | None = None, rig: RigProcess | None = None
 ) -> FastAPI:
-    """Return the web application of the console; whoever has the token may use it. apart: where figures are computed
+    """Return the web application of the console, for every holder of the token. apart: where figures are computed
     (None: in a thread). rig: the one whose samples the scope shows, if there is one.
     """
     pages, state.has_rig = StudyPages(), rig is not None

@@ -100,12 +100,12 @@ class ConsoleRig(Rig):
         self._process.presented = lambda piece: None
 
     def _answers(self, number: int, patience_s: float) -> Iterator[Presented]:
-        """Yield what is told of the order of that number, to its end; what is told of others came late."""
+        """Yield the pieces of the call of that number, to its end; those of others came late."""
         while True:
             try:
                 piece = self._told.get(timeout=patience_s)
             except queue.Empty:
-                raise DeviceFault(f"the rig's process has told nothing for {patience_s:g} s") from None
+                raise DeviceFault(f"no reply from the rig's process for {patience_s:g} s") from None
             if piece is None:
                 raise DeviceFault("the process that holds the rig has ended", "open the rig again")
             if piece.number == number:

@@ -33,7 +33,7 @@ _TABLES = ("display", *SHARED_TABLES, "objectives")
 def line_of(text: str, error: TactuatorError) -> int | None:
     """Return the line, counted from 1, at which a refusal of the display's reader lies, or None.
 
-    It is the one that the error is told to lie in, else that of its key in its table, else the table's own.
+    It is the line that the error names, else that of its key in its table, else the table's own.
     """
     for part in error.where:
         if part.startswith("line "):

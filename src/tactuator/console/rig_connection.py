@@ -41,7 +41,7 @@ _RECORD_COLUMNS = "time_s,reference,command_v,position_v"
 
 
 def _listen(session: RigSession) -> None:
-    """Let the pages be told what the rig's process tells; it comes on another thread."""
+    """Pass what the rig's process reports, on another thread, on to the pages."""
     loop, controls = asyncio.get_running_loop(), session.controls
 
     def on_loop(function: Any, *arguments: Any) -> None:

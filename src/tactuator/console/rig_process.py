@@ -65,7 +65,7 @@ class RigProcess:
             _, (first,) = self._pipe.recv()
             if first.mode == "gone":
                 raise BadInput(first.fault) if first.refused else DeviceFault(first.fault)
-        except BaseException as error:  # or interrupted or told to end while the rig was being opened
+        except BaseException as error:  # or interrupted or terminated while the rig was being opened
             self._end()
             if isinstance(error, EOFError | OSError):
                 raise DeviceFault(*_ENDED) from None

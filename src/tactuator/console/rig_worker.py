@@ -51,7 +51,7 @@ BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""
 _GUARD_S = 0.5
 _PATIENCE_S = 5.0
-"""Time in which the rig has to be at rest after the end of whoever orders; then the process ends without it."""
+"""Time for the rig to come to rest after the server has gone; then the process ends without it."""
 _LAST_S = 1.0
 _WHILE_LIVE = ("generate", "touch", "press")
 """Calls that are served while samples flow."""
@@ -148,7 +148,7 @@ class RigWorker:
         self._open()
 
     def rest(self, number: int | None = None) -> None:
-        """End what goes on, and bring the rig to rest; where a number is given, the end is told with it."""
+        """End what goes on, and bring the rig to rest; the end is reported with the number, if one is given."""
         self._halt.clear()
         self._rest()
         if self._rig is not None:
@@ -201,7 +201,7 @@ class RigWorker:
             self._say(wave=None)
 
     def _allow_gaps(self, allowed: bool) -> None:
-        """Let the scope go on over a sound card's gaps, which are counted and told; nothing else may."""
+        """Let the scope go on over a sound card's gaps, which are counted and reported; nothing else may."""
         if isinstance(self._opened, SoundRig):
             self._opened.allow_gaps = allowed
 
@@ -407,8 +407,8 @@ def presented(
 ) -> Iterator[Trace]:
     """Play blocks as one stream, tell each trace with the rig's own count of rows, and yield it.
 
-    The end is told in every case, with the reason where it was not the last row: that the rig was halted, or its fault,
-    which is then raised.
+    The end is reported in every case, with the reason where it was not the last row: that the rig was halted, or its
+    fault, which is then raised.
     """
 
     def say(trace: Trace | None, **end: Any) -> None:

@@ -20,7 +20,7 @@ from tactuator.web.server import Address, run_server
 
 _TOKEN_BYTES = 16
 _NICER = 5
-"""Niceness of the process that computes figures: the processor is for whoever draws."""
+"""Niceness of the process that computes figures: the processor is for the frames of a drag."""
 
 
 def console(

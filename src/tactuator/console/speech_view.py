@@ -29,7 +29,7 @@ def rendered(
     in bands, by finger and over time, the limiter's figures, and the files' key.
     """
     speech = state.uploads.path(file)
-    scan_speech(speech)  # what is no sound or no level is told before a controller is designed
+    scan_speech(speech)  # a file that is no sound is refused before a controller is designed
     check_level(level)
     controller = state.file_controller(display)
     known = coding if coding in coding_names() else "?"  # a file of the server is none of the page's

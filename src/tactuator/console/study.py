@@ -98,7 +98,7 @@ class StudyAtRig:
         self._listening: set[WebSocket] = set()
 
     async def serve(self, socket: WebSocket) -> None:
-        """Serve a page until it goes: its requests in turn, and every page is told what study is open."""
+        """Serve a page until it goes: its requests in turn, and which study is open."""
         self._listening.add(socket)
         try:
             await send(socket, {"study": self.standing()})
@@ -181,7 +181,7 @@ class StudyAtRig:
             return lab, _Running(protocol.study.name, store, command, stack.pop_all())
 
     async def end(self) -> Answer:
-        """End the study, if one is open: its pages are told, nothing plays any more, and the rig is free."""
+        """End the study, if one is open: its pages are closed, nothing plays any more, and the rig is free."""
         async with self._changing:
             running, self._running = self._running, None
             if running is not None:

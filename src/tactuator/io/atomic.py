@@ -34,7 +34,7 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
     beside = target.with_name(f".{target.stem}-{_token()}{target.suffix}")
     try:
         with _told_of_a_full_disk(path):
-            mode = 0o600 if is_store else 0o666  # subjects' answers are nobody else's, from the first byte
+            mode = 0o600 if is_store else 0o666  # subjects' answers are private from the first byte
             os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode))
             yield beside
         beside.replace(target)

@@ -74,7 +74,7 @@ def channel_environment(
         if friction.get("presliding"):
             values["presliding_v"] = float(friction["presliding"])
     if "presliding_v" in values or not ("friction" in known and values["friction_v"]):
-        known.add("presliding")  # nothing rests on it without friction; where friction is assumed, that is told
+        known.add("presliding")  # nothing rests on it without friction; where friction is assumed, that is reported
     values.setdefault("assumed", tuple(what for what in DISTURBANCES if what not in known))
     return from_table(Environment, values, where)
 

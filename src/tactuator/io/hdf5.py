@@ -56,7 +56,7 @@ def _require_survived(path: Path, *state: int) -> None:
 
 
 class _Disk(io.FileIO):
-    """A file that keeps the first failure of a write to itself: the HDF5 library does not survive being told."""
+    """A file that keeps the first failure of a write to itself: the HDF5 library does not survive an error."""
 
     failure: OSError | None = None
 
@@ -194,5 +194,5 @@ def _look(item: Any) -> None:
             look()
         except MemoryError:
             raise
-        except Exception:  # told when the file is read
+        except Exception:  # refused when the file is read
             continue

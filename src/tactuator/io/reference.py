@@ -217,7 +217,7 @@ class ReferenceFile:
 def open_reference(path: str | Path) -> ReferenceFile:
     """Look at a reference; BadInput, one line, if it is missing, not one, or does not say its scale."""
     path = Path(path)
-    require_kind(path, "reference", "sound")  # of a sound without a scale it is told what is missing
+    require_kind(path, "reference", "sound")  # the scale that a sound lacks is named below
     check_suffix(path)
     try:
         if not path.is_file():

@@ -96,7 +96,7 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     """Return the text of a display file whose plant is the model in the file `path`.
 
     The band is narrowed to the frequencies (Hz) of which the model says something. Loads, which are in the units of a
-    plant, what is learnt of them, friction, which the model brings, hum and noise, which nobody measured, become
+    plant, what is learnt of them, friction, which the model brings, hum and noise, which were not measured, become
     comments with what holds without them. Raises BadInput where no band is left.
     """
     keys, (low, high) = {**keys_of("environment"), **keys_of("touch")}, _band(text, model)

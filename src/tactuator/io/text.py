@@ -37,7 +37,7 @@ def encoding_of(head: bytes) -> str:
 
 
 def read_content(path: Path) -> bytes:
-    """Return the bytes of a file. A pipe that nobody writes to is empty: it does not wait for somebody who does.
+    """Return the bytes of a file. A pipe without a writer is empty: it is not waited for.
 
     Raises BadInput, with the reason alone, for a file that cannot be read or is larger than 12 MB.
     """
@@ -54,7 +54,7 @@ def read_content(path: Path) -> bytes:
 def _not_waiting(path: str, flags: int) -> int:
     handle = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if hasattr(os, "O_NONBLOCK"):
-        os.set_blocking(handle, True)  # what is there is read to its end, whoever writes it
+        os.set_blocking(handle, True)  # what is there is read to its end
     return handle
 
 

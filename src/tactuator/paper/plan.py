@@ -35,7 +35,7 @@ PROPORTIONAL_GAINS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Gains of the proportional controller that probes for noise, volts of command per volt of position."""
 
 Progress = Callable[[str, float], None]
-"""Told the step at hand and how much of it is done, 0 to 1."""
+"""Called with the step at hand and how much of it is done, 0 to 1."""
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ JUDGED_AT_DB_SL = 30.0
 def judge_objectives(
     plan: Plan, controller: ControllerResult, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
 ) -> Verdict:
-    """Return the verdict by what was measured; max|T|, which nobody can measure at rest, by the controller's model."""
+    """Return the verdict by what was measured; max|T|, which cannot be measured at rest, by the controller's model."""
     at_level = [point for point in responses if point.level_db_sl == JUDGED_AT_DB_SL]
     heard = noise_verdict(noise.designed.channels, plan.display)
     modelled = judge(controller, plan.display)
@@ -106,7 +106,7 @@ STEPS = (
     *("calibration", "identification", "motor response", "loop", "prefilter", "noise", "response"),
     *("default", "friction", "thresholds", "reshaped", "speech"),
 )
-"""The steps that progress is told of, in their order."""
+"""The steps, in their order."""
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ def identify_motors(plan: Plan, progress: Progress) -> dict[str, IdentifiedMotor
 @dataclass(frozen=True)
 class OpenLoopResponse:
     """The motors' own response, channel by channel: y over u at frequency_hz (n,), complex; sampled and continuous
-    models are evaluated beside it by whoever draws it."""
+    models are evaluated where it is drawn."""
 
     frequency_hz: FloatArray
     response: dict[str, ComplexArray]

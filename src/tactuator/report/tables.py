@@ -136,12 +136,12 @@ def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tu
     model = fit.model
     sure = "" if fit.between.certain else "; not certain, so the band covers the other as well"
     yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {_SAID_BY[fit.between.source]}{sure}"
-    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[fit.tests.feedback]
+    yield "feedback during the recording", {True: "yes", False: "no", None: "unknown"}[fit.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
     for name, unit in (("command", model.command_unit), ("position", model.position_unit)):
         if (half := model.record.get(f"{name}_half_span")) is not None:
-            yield f"half the span of the {name}", f"{half:.4g} {unit or '(no unit is told)'}"
+            yield f"{name} amplitude (half its span)", f"{half:.4g} {unit or '(no unit given)'}"
     yield "order of persistent excitation", str(fit.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
@@ -212,7 +212,7 @@ def printed_factors(system: ContinuousSystem) -> str:
 
 
 def _factors(roots: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> str:
-    """Return the product of the factors of these roots; pairs are told by their root above the real axis."""
+    """Return the product of the factors of these roots; a pair is given by its root above the real axis."""
     real = roots.imag == 0.0
     upper = roots[roots.imag > 0.0]
     factors = [(abs(root), np.array([1.0, -root.real])) for root in roots[real]]

@@ -71,7 +71,7 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
     client = _at(url)
     try:
         rig = BoardRig(client, display)
-        rig.off()  # whoever was here before may have left it running
+        rig.off()  # a former program may have left it running
         if client.status().allows_hold:
             rig.simulate(seed)
     except BaseException:

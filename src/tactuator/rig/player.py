@@ -62,8 +62,8 @@ def play_reference(
 
     wish is asked before every 50 ms that are fed: at "pause" the signal is ramped down over 100 ms and the display held
     until "run" ramps it up again where it was; at "stop" it is ramped down and that is the end. A board is fed ahead of
-    what it plays (STREAM_LEAD_S of rig.board.rig), and a wish comes later by that. progress and pace are told the
-    seconds gone by.
+    what it plays (STREAM_LEAD_S of rig.board.rig), and a wish comes later by that. progress and pace are called with
+    the seconds gone by.
     """
     columns = check_reference(reference, rig)
     player = _Player(rig, reference, columns)

@@ -226,7 +226,7 @@ class Rig(ABC):
         every sample, in pieces as they come.
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
-        A piece may be empty: where time goes on, one comes whenever the rig has told of its time (`rows_played`).
+        A piece may be empty: where time goes on, one comes whenever the rig has reported its time (`rows_played`).
         Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
         `rest` ends it at once. Raises as `play` does, and DeviceFault if the stream ran dry: there is no silent gap.
         """
@@ -264,7 +264,7 @@ class Rig(ABC):
 
     @property
     def rows_played(self) -> int:
-        """Return the number of rows of the stream that the rig has played, as far as it has told.
+        """Return the number of rows of the stream that the rig has played, as far as it has reported.
 
         On a board whose time goes on that is more than the rows of which the trace has been read.
         """
@@ -384,7 +384,7 @@ def require_finger_ports(rig: Rig, name: str) -> None:
 
 
 def usual_load(channels: Sequence[Channel]) -> str:
-    """Return the load that touches where nobody names one: "finger" where every channel has it, else the first load
+    """Return the default load: "finger" where every channel has it, else the first load
     that every channel has, "none" where no channel has any. Raises BadInput where the channels have none in common.
     """
     names = [[load.name for load in channel.loads] for channel in channels]

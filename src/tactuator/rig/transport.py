@@ -145,7 +145,7 @@ class SocketLink:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, content: bytes) -> None:
-        """Send all bytes; raises LinkDown if nobody takes them."""
+        """Send all bytes; raises LinkDown if the other end does not take them."""
         try:
             self._socket.sendall(content)
         except OSError as error:
@@ -172,7 +172,7 @@ class SocketLink:
 def connect(url: str) -> SocketLink:
     """Return the link to `socket://host:port`.
 
-    Raises BadInput if it is not such an address, and LinkDown if nobody listens there.
+    Raises BadInput if it is not such an address, and LinkDown if nothing listens there.
     """
     host, _, port = url.removeprefix(SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:

@@ -131,7 +131,7 @@ def _dask_client(address: str) -> Any:
     except ImportError:
         raise BadInput("dask.distributed is not installed", "pip install 'tactuator[batch]'") from None
     for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what happens is told in a line of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # a line of ours says what happened
     try:
         return distributed.Client(address, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -60,7 +60,7 @@ class SpeechFile:
 
 
 def sample_path() -> Path:
-    """Return the path of the shipped sample: two short phrases by formant synthesis, nobody's voice."""
+    """Return the path of the shipped sample: two short phrases by formant synthesis."""
     return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 

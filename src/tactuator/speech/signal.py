@@ -1,6 +1,6 @@
 """What a source asks of a display, before the display's limits; and what of a clip the display does not give.
 
-A loss is told in slices of 10 ms, over all channels, where something above threshold is asked.
+A loss is given in slices of 10 ms, over all channels, where something above threshold is asked.
 """
 
 from __future__ import annotations

@@ -42,9 +42,9 @@ REVERSAL_NOISES = 400.0
 """A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
 reversed sensor."""
 STILL_CODES, STRAY_SHARE = 6, 0.12
-"""A sensor that is stuck within three codes of noise is told once the command should have moved the motor by 12 % of
-its travel: five times what presses of a finger bring about (docs/safety.md). Within eight codes, a sound sensor stood
-still for 0.2 s under a finger that let go slowly."""
+"""A sensor that is stuck within three codes of noise is reported once the command should have moved the motor by 12 %
+of its travel: five times what presses of a finger bring about (docs/safety.md). Within eight codes, a sound sensor
+stood still for 0.2 s under a finger that let go slowly."""
 STILL_HUM_CODES = 3.0
 """Least hum, at its peak: a quieter sensor stands still by itself while the loop holds a finger, and is not judged."""
 JUMP_FORCE_V, JUMP_NOISES, JUMP_SHARE = 1.0, 12.0, 0.1

@@ -166,7 +166,7 @@ class RigFault(DeviceFault):
 
 
 class RigLocked(DeviceFault):
-    """Too many sensor or travel faults in a row: the board stays in OFF until somebody acknowledges them."""
+    """Too many sensor or travel faults in a row: the board stays in OFF until they are acknowledged."""
 
     def __init__(self, faults: int) -> None:
         super().__init__(

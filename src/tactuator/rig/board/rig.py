@@ -60,7 +60,7 @@ class BoardRig(Rig):
     client: the link, for requests of one's own; fed_to: the tick of its run to which the board has been given rows.
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
-    two, and its finger ports can be touched. On a real one, and on one that is told not to wait (`waits` False), time
+    two, and its finger ports can be touched. On a real one, and on one that is not to wait (`waits` False), time
     goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
     """
 

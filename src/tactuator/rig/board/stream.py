@@ -47,7 +47,7 @@ class BoardStream:
     `lag` behind.
 
     waits: the board's time stands still while it has no row (boards whose display is simulated); otherwise time goes
-    on, and a row that comes too late raises StreamDry. fingers are pressed and told what they feel.
+    on, and a row that comes too late raises StreamDry. fingers are pressed, and feel.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class BoardStream:
 
     @property
     def rows_played(self) -> int:
-        """Return the number of rows that the board has played, as far as it has told; where its time stands still,
+        """Return the number of rows that the board has played, as far as it has reported; where its time stands still,
         those of which the trace has been read.
         """
         reached = self._got if self._waits else min(max(self._tick, self._got), self.end)
@@ -79,7 +79,7 @@ class BoardStream:
 
     def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows | None]:
         """Yield the trace of all rows, in pieces as it comes; the next block (n, channels) is asked for when there is
-        room for it. None is yielded where the board told its tick and gave no rows.
+        room for it. None is yielded where the board reported its tick and gave no rows.
 
         first: tick of the first row, on a board that waits; on another it is `start` ticks from now. Raises RigFault
         and StreamDry.

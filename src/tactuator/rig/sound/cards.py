@@ -47,7 +47,7 @@ _T = TypeVar("_T")
 class AudioThread:
     """Calls in a thread of its own, which begins with the first one. After one that did not come back, each fails.
 
-    lost: a call did not come back, or whoever is called has gone: the program ends without ending what is called.
+    lost: a call did not come back, or its server has gone: the program ends without ending what is called.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class AudioThread:
     def answer(self, job: Callable[[], _T], what: str, undo: Callable[[_T], object] | None = None) -> _T:
         """Return what `job` returns, or raise what it raises. what: the job in words, for the error.
 
-        undo: called with the result where nobody waits for it any more. Raises DeviceFault after ANSWER_S, and where
+        undo: called with the result once it is no longer waited for. Raises DeviceFault after ANSWER_S, and where
         the library has called abort.
         """
         if self._hung:

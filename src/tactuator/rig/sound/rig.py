@@ -118,7 +118,7 @@ class SoundRig(Rig):
         return min(self._rows.played, self._length)
 
     def feed_far_ahead(self) -> None:
-        """Feed PATIENT_S ahead from now on, as measurements do for which nobody waits: computing between two blocks may
+        """Feed PATIENT_S ahead from now on, as unattended measurements do: computing between two blocks may
         then take as long. Nothing is changed where the rings are shorter.
         """
         wanted = round(PATIENT_S * self.rate_hz)
@@ -166,7 +166,7 @@ class SoundRig(Rig):
         return trace
 
     def repeated(self, ask: Callable[[], Answer]) -> Answer:
-        """Return what `ask` gives, a run for which nobody waits. After a gap it is asked again, fed twice as far ahead
+        """Return what `ask` gives, an unattended run. After a gap it is asked again, fed twice as far ahead
         each time, TRIES in all; then SoundGap is raised.
         """
         lead = self._run.lead

@@ -27,7 +27,7 @@ STARTING_S, STEADY = 5.0, 5
 
 
 class SoundGap(TimingMissed):
-    """A run on a sound card had a gap: rows came too late, were lost, or the card told of one."""
+    """A run on a sound card had a gap: rows came too late, were lost, or the card reported one."""
 
 
 class CardGone(DeviceFault):
@@ -98,11 +98,11 @@ class CardRows:
 
     @property
     def gaps(self) -> int:
-        """Return the number of gaps in this run of which the card told."""
+        """Return the number of gaps that the card reported in this run."""
         return int(self._rows.gaps)
 
     def check(self, allow_gaps: bool = False) -> None:
-        """Raise SoundGap where rows were late or lost, or, unless that is allowed, the card told of gaps."""
+        """Raise SoundGap where rows were late or lost, or, unless that is allowed, the card reported gaps."""
         for at, words in (
             (self._rows.dry_at, "the program was too slow to feed the sound card"),
             (self._rows.lost_at, "the program was too slow to read the sound card"),
@@ -265,7 +265,7 @@ def _end(stream: Any) -> None:
 def refusal(error: Exception, card: Card, rate_hz: float) -> BadInput | DeviceFault:
     """Return what PortAudio's error says of the card: a rate that it has not, or that it cannot be opened."""
     words = str(error.args[0]) if error.args else str(error)
-    words = words.removeprefix("Error opening _StreamBase: ")  # a class that nobody outside knows
+    words = words.removeprefix("Error opening _StreamBase: ")  # a private class
     if "sample rate" in words.lower():
         return BadInput(f"sound card {card.full_name!r} does not run at {rate_hz:g} Hz", f"{card.rate_hz:g} Hz")
     return DeviceFault(f"sound card {card.full_name!r} cannot be opened ({words})", "one that nobody else holds")
