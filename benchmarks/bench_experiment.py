@@ -22,7 +22,7 @@ from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Psychometric, Weibull

@@ -10,7 +10,7 @@ from sqlalchemy import select
 
 from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol
 from tactuator.experiment.protocol.recognition import block_trials
-from tactuator.experiment.simulated import sitting
+from tactuator.experiment.simulated import subjects
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.reference import open_reference
@@ -61,7 +61,7 @@ def test_observe__interrupted__says_where_the_trials_until_then_are(desk, run, m
 
     (desk / "protocol.toml").write_text(SHORT)
     monkeypatch.setattr(
-        "tactuator.api.experiment.run_study", lambda *given, of=sitting.run_study: of(*given[:-1], stop)
+        "tactuator.api.experiment.run_study", lambda *given, of=subjects.run_study: of(*given[:-1], stop)
     )
     ended = run("experiment", "observe", "protocol.toml", *STORE)
     assert (ended.status, ended.err) == (130, "tactuator: interrupted; written: lab.db\n")

@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export import cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.studies import Correction
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs

@@ -277,7 +277,7 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
             now = until(socket, "stage")
         session = lab.opened(1)
     assert (now["stage"], now["introduction"]) == ("trial", "")
-    assert (session.held, session.upcoming.position) == (None, 1)
+    assert (session.failed_practice, session.upcoming.position) == (None, 1)
 
 
 class Running(ObedientClock):

@@ -1,1 +1,1 @@
-"""Equally strong, on a person whose law nobody who designs has seen."""
+"""Equally strong, on a person whose function nobody who designs has seen."""

@@ -1,11 +1,11 @@
-"""The whole loop closed: a person with a law of its own matches tones, contours are made, a display follows them.
+"""The whole loop closed: a person with a function of its own matches tones, contours are made, a display follows them.
 
 The person (person.py) sits at the display, finger on, and answers the program's own session: the task `matching` with
 the keys it has by default, from the protocol's text to the store. It judges the displacement at the finger port by a
-law that the design never sees; all it hands over are noisy answers. `experiment contours` makes the contours of the
-store, and `design` the display. Tones of equal reference, 20, 30 and 40 dB SL, are then as strong as the display's own
-tone of 100 Hz within 1.5 dB, for that person, free and under the designed finger, at frequencies that no match was put
-at. Seen to fail with --equal-sl: without contours the same person is up to 8 dB off.
+function that the design never sees; all it hands over are noisy answers. `experiment contours` makes the contours of
+the store, and `design` the display. Tones of equal reference, 20, 30 and 40 dB SL, are then as strong as the display's
+own tone of 100 Hz within 1.5 dB, for that person, free and under the designed finger, at frequencies that no match was
+put at. Seen to fail with --equal-sl: without contours the same person is up to 8 dB off.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def contours_of(
     results = contour_results(folder / "lab.db")
     found = results.people[0].estimate
     order = f"order bias {found.order_db.value:.2f} dB (put in: {person.order_db:g})"
-    print(f"{sitter.answers} answers; law: {found.law}; {order}")
+    print(f"{sitter.answers} answers; function: {found.intensity_function}; {order}")
     write_contours(folder / "contours.csv", results.people[0].contours)
     return read_contours(folder / "contours.csv")
 
@@ -141,13 +141,13 @@ def strengths(
 
 
 def told(contours: Contours, person: Person, tones_hz: tuple[float, ...]) -> None:
-    """Print how far the contours are off the person's law."""
+    """Print how far the contours are off the person's function."""
     for level in LEVELS_DB_SL:
         at_db = [person.threshold_db(hertz) + float(contours.level_db_sl_at(level, hertz)) for hertz in tones_hz]
         off = [person.strength(hertz, at) - level for hertz, at in zip(tones_hz, at_db, strict=True)]
         rms, most = float(np.sqrt(np.mean(np.square(off)))), int(np.argmax(np.abs(off)))
         worst = f"{off[most]:+.2f} at {tones_hz[most]:g} Hz"
-        print(f"the contour of {level:g} dB SL is off the person's law by {rms:.2f} dB rms, {worst}", flush=True)
+        print(f"the contour of {level:g} dB SL is off the person's function by {rms:.2f} dB rms, {worst}", flush=True)
 
 
 def main() -> int:

@@ -1,7 +1,8 @@
-"""A person with Griffin's law: at high magnitudes what is equally strong has equal velocity, at threshold all is equal.
+"""A person with Griffin's function: at high magnitudes what is equally strong has equal velocity, at threshold all is
+equal.
 
-The law is written from its words, from velocity and the person's own threshold; it knows nothing of contours, nor of
-how a display is made to follow them. From equal sensation level it lies 8.0 dB off at 30 Hz and 5.0 dB at 250 Hz.
+The function is written from its words, from velocity and the person's own threshold; it knows nothing of contours, nor
+of how a display is made to follow them. From equal sensation level it lies 8.0 dB off at 30 Hz and 5.0 dB at 250 Hz.
 """
 
 from __future__ import annotations

@@ -28,17 +28,17 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export import export as exported
 from tactuator.experiment.procedure.procedure import GROUP, Playable
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import read_protocol
-from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
+from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
-from tactuator.experiment.session.studies import Books, Correction, add_visit, books_of, fresh_token
+from tactuator.experiment.session.studies import Correction, StudyRecords, add_visit, fresh_token, study_records
 from tactuator.experiment.session.studies import correct as correct_subject
 from tactuator.experiment.session.studies import enrol as enrol_subject
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.words import shipped_words
@@ -90,13 +90,13 @@ def enrol(
     """Add a subject, or a further visit of one. The links of all visits are shown."""
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
         raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
-    with _opened_books(store, study, operator) as (connection, books):
+    with _opened_study(store, study, operator) as (connection, opened):
         if visit:
-            add_visit(connection, books, code)
+            add_visit(connection, opened, code)
         else:
-            enrol_subject(connection, books, _part(code, group, participant_id, skin_temperature_c, fact or []))
-        rows = [row for row in records.sessions(connection, books.study) if row.subject_code == code]
-    return EnrolledResult(books.protocol.study.name, code, {row.visit: f"/s/{row.link_token}" for row in rows})
+            enrol_subject(connection, opened, _part(code, group, participant_id, skin_temperature_c, fact or []))
+        rows = [row for row in records.sessions(connection, opened.id) if row.subject_code == code]
+    return EnrolledResult(opened.protocol.study.name, code, {row.visit: f"/s/{row.link_token}" for row in rows})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,15 +139,15 @@ def correct(
     facts = dict(_pairs("--fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
-    with _opened_books(store, study, operator) as (connection, books):
-        changes = correct_subject(connection, books, code, correction, reason)
-    return CorrectedResult(books.protocol.study.name, code, tuple(map(asdict, changes)))
+    with _opened_study(store, study, operator) as (connection, opened):
+        changes = correct_subject(connection, opened, code, correction, reason)
+    return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)))
 
 
 @contextmanager
-def _opened_books(store: Place, study: str | None, operator: str | None) -> Iterator[tuple[Connection, Books]]:
+def _opened_study(store: Place, study: str | None, operator: str | None) -> Iterator[tuple[Connection, StudyRecords]]:
     with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
-        yield connection, books_of(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
+        yield connection, study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
 
 
 def _part(
@@ -227,10 +227,14 @@ def observe(
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Run simulated subjects through a detection study. They feel what the loop of the simulated display makes of
-    it. With --lsl they wait for a recorder.
+    """Run simulated subjects through a study of detection or of strength. They feel what the loop of the simulated
+    display makes of it. With --lsl they wait for a recorder.
     """
-    study, text = read_protocol(Path(protocol), Protocol)
+    study, text = read_protocol(Path(protocol), StudyProtocol)
+    if not isinstance(study, Protocol | JudgingProtocol):
+        raise BadInput(
+            f"protocol {protocol} is of recognition", "one of detection or of a task; see `experiment recognise`"
+        )
     codes, seen = [subject.code for subject in study.subject], set[int]()
     files, lapses = _pairs("--truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
@@ -249,7 +253,9 @@ def observe(
 
             finger = None if touching == "none" else touching
             run_study(database, study, text, place, observers, SystemClock(), finger, show)
-    hertz = np.array(study.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
+    hertz = np.array(
+        (isinstance(study, Protocol) and study.conditions.frequencies_hz) or np.geomspace(*place.band_hz, 12).round(3)
+    )
     each = [(codes[at], observers[at].curve.level_db_re_1um_at(hertz)) for at in sorted(seen)]
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
     return ObservedResult(store, tuple(rows))

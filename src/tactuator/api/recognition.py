@@ -23,8 +23,8 @@ from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
 from tactuator.experiment.session.task import NextTrial, SessionTask, SystemClock
-from tactuator.experiment.simulated.sitting import ErringRespondent
-from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.simulated.subjects import ErringRespondent
+from tactuator.experiment.store.records import Visit
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import shipped_words
@@ -71,8 +71,8 @@ def recognise(
         task = task_of(study_protocol, folder, place)
         with opened_store(store) as database:
             study = open_study(database, task, text, SystemClock(), fresh_token, beside=folder)
-            sitting = Sitting("person" if scripted is None else "script")
-            session = open_session(study, code, sitting=sitting)
+            visit = Visit("person" if scripted is None else "script")
+            session = open_session(study, code, visit=visit)
             with working(code, sum(run.trials or 0 for run in session.runs)) as step:
                 trials = run_session(session, scripted or _terminal(task), lambda session: step(session.trials))
             simulated = scripted is not None or place.simulated

@@ -16,7 +16,7 @@ from tactuator.experiment.result.strength_results import ContourResults, contour
 from tactuator.experiment.store.records import study_names
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs, stored_tasks
-from tactuator.experiment.task.matching import law_table, pairs_table
+from tactuator.experiment.task.matching import evidence_table, pairs_table
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
 from tactuator.perception.contours import Contours
@@ -51,7 +51,7 @@ class StoreContours(Result):
             Fact("balance", list(results.balance)),
             found("people", len(results.people)),
             found("pairs", len(pairs)),
-            *(found(person.subject, person.estimate.law) for person in results.people),
+            *(found(person.subject, person.estimate.intensity_function) for person in results.people),
             *(found(name, words) for name, words in balance.items()),
             Fact("simulated", results.simulated),
             *([found("simulated", "nobody felt this")] if results.simulated else []),
@@ -91,7 +91,7 @@ class StoreContours(Result):
     def tables(self) -> Sequence[ResultTable | str]:
         words, lines = shipped_words("en"), list[ResultTable | str]()
         for person in self.results.people:
-            lines += [f"{person.subject}: {person.contours.source}", law_table(person.estimate, words)]
+            lines += [f"{person.subject}: {person.contours.source}", evidence_table(person.estimate, words)]
         if self.results.pairs:
             lines.append(pairs_table(self.results.pairs, words))
         notes = (NOBODY_FELT_IT,) if self.results.simulated else ()
@@ -111,7 +111,8 @@ def contours(
     out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
     figures: Figures = None,
 ) -> StoreContours:
-    """Estimate equal-strength contours from matches. They come with the law of strength, biases and JND of everybody.
+    """Estimate equal-strength contours from matches. They come with the intensity function, biases and JND of
+    everybody.
 
     With the threshold curve of the person who matched, they go with a display that is designed for that curve. Raises
     BadInput where there are no finished matching runs, or no such subject.

@@ -184,7 +184,7 @@ class Presenter:
 
     def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:
         """Yield the stretch in pieces, cut at every onset and end, where a rig whose time waits then stands exactly."""
-        # a bare simulation runs ahead of any watch: nobody is there to see a lamp late
+        # a bare simulation runs ahead of any watch: nobody is there to see a late visual cue
         piece_s = _UNWATCHED_PIECE_S if isinstance(self.rig, SimulatedRig) else _PIECE_S
         step = max(1, round(piece_s * self.rig.rate_hz))
         places = sorted({*range(0, len(stretch), step), *cuts, len(stretch)})

@@ -223,8 +223,8 @@ class IntervalRecord:
 
     commanded_db_sl: None where nothing was played, or no one level. measured_db_sl: at the sensor, at the stimulus's
     frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own clock, from the trial's first
-    sample. lamp_late_s: how far the rig was past the onset when the lamp was lit. The times are None in stores that
-    were made before they were recorded.
+    sample. lamp_late_s: how far the rig was past the onset when the visual cue was shown. The times are None in stores
+    that were made before they were recorded.
     """
 
     stimulus: str

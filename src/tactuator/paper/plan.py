@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.experiment.simulated.sitting import Observer
+from tactuator.experiment.simulated.subjects import Observer
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull

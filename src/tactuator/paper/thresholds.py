@@ -22,7 +22,7 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.store_results import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
 from tactuator.experiment.session.task import Apparatus, SystemClock
-from tactuator.experiment.simulated.sitting import Observer, run_study
+from tactuator.experiment.simulated.subjects import Observer, run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.model.controller import Controller

@@ -143,7 +143,7 @@ class Lab:
             return self._sessions[row.id]
 
     def _resumed(self, row: Found) -> Session:
-        return self.study.session(row, records.Sitting("person", self.shown))
+        return self.study.session(row, records.Visit("person", self.shown))
 
     async def catch_up(self, row: Found) -> None:
         """Resume the session anew where another station has gone on with it in the store that they share."""
@@ -207,11 +207,11 @@ class Lab:
 
     def hold(self, session: Session) -> None:
         """Hold a session that waits for the operator; where there is none, it begins again by itself."""
-        held = session.held
-        if held is None:
+        failed = session.failed_practice
+        if failed is None:
             return
         row = next(row for row in self._rows if row.id == session.id)
-        self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=held.title)
+        self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=failed.title)
         if self.auto_start:
             session.release()
         elif self.active == row.id:

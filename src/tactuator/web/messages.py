@@ -54,7 +54,7 @@ class Withdraw(_Message):
 
 
 class AnswerMessage(_Message):
-    """Answer to trial `number` of run `run`; times by the page's own clock, lit_ms of each interval's lamp."""
+    """Answer to trial `number` of run `run`; times by the page's own clock, lit_ms of each interval's visual cue."""
 
     type: Literal["answer"]
     run: Count

@@ -10,7 +10,7 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate_kind
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.perception.curve import curve
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus

@@ -24,7 +24,7 @@ from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold
 from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.records import Visit
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.words import Words, difference, read_words, shipped_languages, shipped_words
 from tactuator.io.csv_tables import read_contours, write_contours
@@ -141,7 +141,7 @@ def observed(path, text: str) -> None:
         task = task_of(protocol, path.parent, apparatus())
         study = open_study(store, task, text, SystemClock(), lambda code, visit: f"{code}-{visit}")
         for number, subject in enumerate(protocol.subject):
-            session = open_session(study, subject.code, Sitting("simulated"))
+            session = open_session(study, subject.code, Visit("simulated"))
             run_session(session, Noisy(number))
 
 
@@ -163,7 +163,7 @@ def test_contour_results__two_people__give_contours_that_a_file_gives_back(tmp_p
     assert {again.provenance, results.people[0].contours.provenance} == {"simulated"}
     assert again.contact.said == {}
     assert np.sqrt(np.mean((again.db_sl - again.level_db_sl[:, None]) ** 2)) < 4.0
-    assert all("equal-velocity" in person.estimate.laws for person in results.people)  # the curve is known
+    assert all("equal-velocity" in person.estimate.evidence for person in results.people)  # the curve is known
     mine = contour_results(tmp_path / "lab.db", curve=MINE)
     assert mine.people[0].contours.source.endswith("dB SL of mine")
     # a person who is 6 dB less sensitive at 100 Hz, and below 6 dB more: what is as strong as 30 dB SL has moved so

@@ -25,7 +25,7 @@ from tactuator.experiment.result.store_results import (
 )
 from tactuator.experiment.result.thresholds import DOUBTFUL, played_at, thresholds
 from tactuator.experiment.session.task import SystemClock
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.words import shipped_words

@@ -1,17 +1,22 @@
 """Judging at the simulated display: levels and times as played, stopped sessions, a task of another package."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export import exported
-from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
+from tactuator.experiment.protocol.file import JudgingProtocol, StudyProtocol, parse_protocol
 from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs
+from tactuator.experiment.task.magnitude_estimation import magnitudes
 from tactuator.experiment.task.task import GROUP
+from tactuator.perception.curve import curve
 from tests.experiment.session.apparatuses import apparatus
 
 HEAD = """
@@ -119,6 +124,18 @@ def test_session__stopped_in_the_middle__goes_on_with_the_same_trials(opened, ta
     tables = study.task.results(store, open_session(study, "S1").id) if task != MATCHING else ()
     assert (task == MATCHING) is not bool(tables)
     assert all("simulated: nobody felt this" in table.notes for table in tables)
+
+
+def test_observed__by_people_whose_strength_is_a_power_function__gives_its_exponent(tmp_path) -> None:
+    text = HEAD + ESTIMATION.replace("repeats = 1", "repeats = 6").replace("[40, 250]", "[60]")
+    people = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
+    with closing(Store(tmp_path / "lab.db")) as store:
+        run_study(store, parse_protocol(text, JudgingProtocol), text, apparatus(), people, SystemClock(), "finger")
+        (found,) = magnitudes(answered_runs(store, "magnitude-estimation"))
+        assert found.exponent.value == pytest.approx(0.6, abs=0.1)
+        text = HEAD.replace("judged", "order") + ORDER
+        with pytest.raises(BadInput, match="strength is not what it asks for"):
+            run_study(store, parse_protocol(text, JudgingProtocol), text, apparatus(), people, SystemClock())
 
 
 SOURCE = '''

@@ -11,7 +11,7 @@ from tactuator.experiment.export import export
 from tactuator.experiment.protocol.recognition import plan_trials
 from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.session.respondent import Respondent
-from tactuator.experiment.simulated.sitting import ErringRespondent
+from tactuator.experiment.simulated.subjects import ErringRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.rig.rig import require_finger_ports
 from tactuator.rig.simulated import SimulatedRig

@@ -17,7 +17,7 @@ from tactuator.experiment.procedure.up_down import Imece2004, UpDown
 from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.simulated.planning import PlannedStudy
 from tactuator.experiment.simulated.quality import Setting, simulate, simulated, with_loud_trials
-from tactuator.experiment.simulated.sitting import Observer
+from tactuator.experiment.simulated.subjects import Observer
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 

@@ -1,4 +1,4 @@
-"""Tasks as state machines; and what matches tell, against people whose law is written here."""
+"""Tasks as state machines; and what matches tell, against people whose function is written here."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,7 +9,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.task.estimate import CANNOT_TELL, estimate
-from tactuator.experiment.task.laws import FREE, LAWS
+from tactuator.experiment.task.intensity import FREE, FUNCTIONS
 from tactuator.experiment.task.magnitude_estimation import MagnitudeEstimation, magnitudes
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Matches, fit, most_telling
 from tactuator.experiment.task.matching import Matching
@@ -211,14 +211,14 @@ def test_estimate__biases_and_law_put_in__are_found_with_interval_and_evidence()
     with pytest.raises(BadInput, match="19 matches; allowed: 20 or more"):
         estimate(matched(shifted(0.0, 0.0), 19, 1), SETTING)
     equal = estimate(matched(shifted(0.0, 0.0), 500, 7), SETTING)
-    assert equal.law in ("sensation-level", CANNOT_TELL)
-    assert equal.laws["sensation-level"] > 0.8
-    assert estimate(matched(shifted(4.0, 0.0), 500, 7), SETTING).law in ("free", CANNOT_TELL)
+    assert equal.intensity_function in ("sensation-level", CANNOT_TELL)
+    assert equal.evidence["sensation-level"] > 0.8
+    assert estimate(matched(shifted(4.0, 0.0), 500, 7), SETTING).intensity_function in ("free", CANNOT_TELL)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_fit__gradient_of_every_law__is_that_of_differences(law) -> None:
-    found = fit(law, SETTING, matched(shifted(2.0, 0.0), 60, 4), steps=3)
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.name)
+def test_fit__gradient_of_every_law__is_that_of_differences(function) -> None:
+    found = fit(function, SETTING, matched(shifted(2.0, 0.0), 60, 4), steps=3)
     surface = found.surface(np.array([15.0, 60.0, 250.0]), np.array([15.0, 30.0, 45.0]))
     gradient, here = surface.gradient(found.place), surface.at(found.place)
     for index, step in enumerate(1e-4 * np.eye(found.place.size)):
@@ -243,12 +243,12 @@ def test_estimate__tones_of_equal_velocity__named_where_the_curve_is_known() -> 
 
     matches = matched(level, 200, 11)
     result = estimate(matches, KNOWN)
-    assert result.law == "equal-velocity"
+    assert result.intensity_function == "equal-velocity"
     hertz = np.array([15.0, 30.0, 60.0, 250.0])
     mean, _ = result.levels(hertz, np.full(4, 30.0))
     assert mean - 30.0 == pytest.approx(distance_db(hertz, 30.0), abs=1.2)
-    assert "equal-velocity" not in estimate(matches, SETTING).laws
-    assert estimate(matched(shifted(0.0, 0.0), 200, 11), KNOWN).law in ("sensation-level", CANNOT_TELL)
+    assert "equal-velocity" not in estimate(matches, SETTING).evidence
+    assert estimate(matched(shifted(0.0, 0.0), 200, 11), KNOWN).intensity_function in ("sensation-level", CANNOT_TELL)
 
 
 def test_estimate__velocity_that_takes_over__lies_in_the_band_where_it_does() -> None:
@@ -261,7 +261,7 @@ def test_estimate__velocity_that_takes_over__lies_in_the_band_where_it_does() ->
     hertz, off = np.geomspace(15.0, 80.0, 12), []
     for seed in (12, 13):
         result = estimate(matched(level, 400, seed), KNOWN)
-        assert result.law == "equal-velocity"
+        assert result.intensity_function == "equal-velocity"
         mean, sd = result.levels(hertz, np.full(12, 18.0))
         off.append((mean - level(hertz, 18.0)) / sd)
     assert np.mean(np.abs(off) <= 1.96) >= 0.9

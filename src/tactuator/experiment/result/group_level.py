@@ -25,13 +25,11 @@ _STEP = 1e-3
 @dataclass(frozen=True)
 class GroupLevel:
     """Mean level of a group, dB. bound: ">=" or "<=" where so many are censored that the mean is known from one side
-    alone. spread_db: standard deviation between people as measured, NaN of one person or of a bound. people, censored:
-    their numbers, the censored among them.
+    alone. people, censored: their numbers, the censored among them.
     """
 
     level_db: float
     standard_error_db: float
-    spread_db: float
     bound: str
     people: int
     censored: int
@@ -49,17 +47,17 @@ def group_level(level_db: FloatArray, sd_db: FloatArray, bound: Sequence[str]) -
     known = float(np.sqrt(np.sum(sd_db**2)) / people)
     if censored and people - censored < 2:
         beyond = ">=" if np.any(side > 0.0) else "<="
-        return GroupLevel(float(level_db.mean()), known, float("nan"), beyond, people, censored)
+        return GroupLevel(float(level_db.mean()), known, beyond, people, censored)
     if censored:
-        mean, spread, error = _censored_normal(level_db, side)
+        mean, error = _censored_normal(level_db, side)
     else:
-        mean, spread = float(level_db.mean()), float(np.std(level_db, ddof=1)) if people > 1 else float("nan")
-        error = spread / np.sqrt(people)
-    return GroupLevel(mean, float(np.fmax(known, error)), spread, "", people, censored)
+        spread = float(np.std(level_db, ddof=1)) if people > 1 else float("nan")
+        mean, error = float(level_db.mean()), spread / np.sqrt(people)
+    return GroupLevel(mean, float(np.fmax(known, error)), "", people, censored)
 
 
-def _censored_normal(level_db: FloatArray, side: FloatArray) -> tuple[float, float, float]:
-    """Return mean, spread, and the standard error of the mean by the observed information."""
+def _censored_normal(level_db: FloatArray, side: FloatArray) -> tuple[float, float]:
+    """Return the mean and its standard error by the observed information."""
     measured = side == 0.0
 
     def cost(at: FloatArray) -> float:
@@ -81,4 +79,4 @@ def _censored_normal(level_db: FloatArray, side: FloatArray) -> tuple[float, flo
     ]
     scale = _STEP * np.array([np.exp(best[1]), 1.0])
     variance = np.linalg.inv(np.array(bend) / np.outer(scale, scale))[0, 0]
-    return float(best[0]), float(np.exp(best[1])), float(np.sqrt(max(variance, 0.0)))
+    return float(best[0]), float(np.sqrt(max(variance, 0.0)))

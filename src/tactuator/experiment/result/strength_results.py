@@ -134,7 +134,9 @@ def _person(
     levels = levels[levels > 0.0]
     curves = result.contours(grid, levels)
     measured = sum(all(tone and tone.measured_db_sl is not None for tone in trial.tones) for trial in trials)
-    source = f"{len(trials)} matches, {measured} of them by the levels at the sensor; law: {result.law}"
+    source = (
+        f"{len(trials)} matches, {measured} of them by the levels at the sensor; function: {result.intensity_function}"
+    )
     source += "" if curve is None else f"; dB SL of {curve.name}"
     return PersonContours(
         subject, result, Contours(subject, grid, levels, *curves, keys.frequency_hz, provenance, source, contact)
@@ -212,8 +214,8 @@ def person_document(person: PersonContours) -> dict[str, Any]:
     return {
         "subject": person.subject,
         "matches": result.matches,
-        "law": result.law,
-        "laws": result.laws,
+        "intensity_function": result.intensity_function,
+        "evidence": result.evidence,
         "order_db": vars(result.order_db),
         "standard_db": vars(result.standard_db),
         "jnd_db": vars(result.jnd_db),

@@ -1,1 +1,1 @@
-"""A sitting of a subject: tasks, trials in order, the apparatus and the clock."""
+"""A visit of a subject: tasks, trials in order, the apparatus and the clock."""

@@ -113,9 +113,9 @@ class Session:
     """One visit of a subject.
 
     row: the session's in the store. subject: who it is, as events have it. version: of the protocol that the task is
-    of. sitting: who answers. pending: the trial that was played and waits for its answer, or None. held: the run that
-    waits until the experimenter says how it goes on, or None. ended: how the session ended before its time (declined,
-    withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
+    of. visit: who answers. pending: the trial that was played and waits for its answer, or None. failed_practice: the
+    run that waits until the experimenter says how it goes on, or None. ended: how the session ended before its time
+    (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
     """
 
     def __init__(
@@ -125,15 +125,15 @@ class Session:
         task: SessionTask,
         version: int,
         clock: Clock,
-        sitting: records.Sitting | None = None,
+        visit: records.Visit | None = None,
     ) -> None:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
-        self.sitting = sitting or records.Sitting()
+        self.visit = visit or records.Visit()
         self._who = (int(row.subject_number), int(row.visit))
         self.subject = f"subject {row.subject_code}"
         self.runs = task.runs(*self._who)
         self.pending: tuple[NextTrial, PlayedTrial] | None = None
-        self.held: PlannedRun | None = None
+        self.failed_practice: PlannedRun | None = None
         self._pace = Pace()
         self.ended: str | None = None
         self._rested_since_s = 0.0
@@ -209,7 +209,7 @@ class Session:
     @property
     def break_left_s(self) -> float:
         """Return how long the subject has to rest still; 0 where no break is due, or nobody there needs it."""
-        if self.stage != "break" or self.sitting.respondent != "person":
+        if self.stage != "break" or self.visit.respondent != "person":
             return 0.0
         return max(0.0, self.task.rules.break_s - (self.clock.monotonic_s() - self._rested_since_s))
 
@@ -295,7 +295,7 @@ class Session:
                 detail = f"run {replaced.row} lay longer than {limit:g} s"
                 records.note(connection, self.id, "restart", detail, now, records.PROGRAM)
             apparatus = self.task.apparatus.record(planned.finger)
-            row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
+            row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.visit, self.version, now)
             records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._new_running(row, planned, attempt)
@@ -394,7 +394,7 @@ class Session:
             now = self.clock.utc()
             records.end_run(connection, running.row, state, now)
             if state == "restarted":
-                self.held = running.planned
+                self.failed_practice = running.planned
                 detail = f"run {running.row}: {running.state.trials} trials"
                 records.note(connection, self.id, "practice-not-passed", detail, now, records.PROGRAM)
 
@@ -455,8 +455,8 @@ class Session:
         self._since_break = 0
 
     def release(self) -> None:
-        """Let a session go on that was held."""
-        self.held = None
+        """Begin practice again that was not passed."""
+        self.failed_practice = None
 
     def introduce(self) -> None:
         """Remember that the subject has read what the next run is."""
@@ -464,7 +464,7 @@ class Session:
 
     def stop_run(self) -> None:
         """Stop the run in progress, or practice that was not passed; its trials stay, marked."""
-        planned = self.held if self._running is None else self._running.planned
+        planned = self.failed_practice if self._running is None else self._running.planned
         if planned is None:
             raise BadInput("no run goes on", "stopping one that does")
         with self.store.begin() as connection:
@@ -472,7 +472,7 @@ class Session:
             row = next(run.id for run in runs if run.position == planned.position)
             records.end_run(connection, row, "stopped", self.clock.utc())
         if self._running is None:
-            self._states[planned.position], self.held = "stopped", None
+            self._states[planned.position], self.failed_practice = "stopped", None
         else:
             self._leave_run("stopped")
 

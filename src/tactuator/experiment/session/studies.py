@@ -24,7 +24,7 @@ from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
 from tactuator.experiment.session.tone_task import DetectionTask, JudgingTask
 from tactuator.experiment.store import records
-from tactuator.experiment.store.records import Change, Found, Sitting, Tokens, note, stamp
+from tactuator.experiment.store.records import Change, Found, Tokens, Visit, note, stamp
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.words import read_words, shipped_words
 
@@ -37,18 +37,18 @@ def fresh_token(code: str, visit: int) -> str:
 
 
 @dataclass(frozen=True)
-class Books:
+class StudyRecords:
     """Row, newest protocol, tokens of links, time, and who enrols: all that enrolment in a study needs."""
 
-    study: int
+    id: int
     protocol: StudyProtocol
     tokens: Tokens
     now: datetime
     who: str
 
 
-def books_of(connection: Connection, name: str | None, tokens: Tokens, now: datetime, who: str) -> Books:
-    """Return the books of the store's study of that name; without a name, of its only one.
+def study_records(connection: Connection, name: str | None, tokens: Tokens, now: datetime, who: str) -> StudyRecords:
+    """Return the records of the store's study of that name; without a name, of its only one.
 
     Raises BadInput where there is none, or several and no name.
     """
@@ -59,22 +59,22 @@ def books_of(connection: Connection, name: str | None, tokens: Tokens, now: date
     if study is None:
         raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")
     newest = records.versions(connection, study)[-1]
-    return Books(study, parse_protocol(newest.toml, StudyProtocol), tokens, now, who)
+    return StudyRecords(study, parse_protocol(newest.toml, StudyProtocol), tokens, now, who)
 
 
-def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
+def enrol(connection: Connection, study: StudyRecords, part: SubjectPart) -> None:
     """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
-    known = records.subjects(connection, books.study)
+    known = records.subjects(connection, study.id)
     if any(part.code == subject.code for subject in known):
         raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
     _refuse_taken(known, part.participant_id)
-    facts = books.protocol.facts(part.demographics)
-    row = records.add_subject(connection, books.study, part, facts, books.now)
-    if books.who != records.PROGRAM:  # the protocol names the others
-        note(connection, None, "enrolled", "", books.now, books.who, subject=row.id)
-    for visit in range(1, books.protocol.study.visits + 1):
-        token = books.tokens(part.code, visit)
-        records.add_session(connection, books.protocol, row, token, books.now, part.skin_temperature_c)
+    facts = study.protocol.facts(part.demographics)
+    row = records.add_subject(connection, study.id, part, facts, study.now)
+    if study.who != records.PROGRAM:  # the protocol names the others
+        note(connection, None, "enrolled", "", study.now, study.who, subject=row.id)
+    for visit in range(1, study.protocol.study.visits + 1):
+        token = study.tokens(part.code, visit)
+        records.add_session(connection, study.protocol, row, token, study.now, part.skin_temperature_c)
 
 
 def _refuse_taken(others: Sequence[Found], outside: str | None) -> None:
@@ -82,15 +82,15 @@ def _refuse_taken(others: Sequence[Found], outside: str | None) -> None:
         raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
 
 
-def add_visit(connection: Connection, books: Books, subject: str) -> None:
+def add_visit(connection: Connection, study: StudyRecords, subject: str) -> None:
     """Add a further visit of the subject of that code. Raises BadInput where there is none."""
-    rows = [row for row in records.sessions(connection, books.study) if row.subject_code == subject]
+    rows = [row for row in records.sessions(connection, study.id) if row.subject_code == subject]
     if not rows:
         raise BadInput(f"subject {subject!r} is not in the study", "one that is enrolled")
-    who = next(person for person in records.subjects(connection, books.study) if person.code == subject)
-    token = books.tokens(subject, rows[-1].visit + 1)
-    records.add_session(connection, books.protocol, who, token, books.now)
-    note(connection, None, "visit", f"visit {rows[-1].visit + 1}", books.now, books.who, subject=who.id)
+    who = next(person for person in records.subjects(connection, study.id) if person.code == subject)
+    token = study.tokens(subject, rows[-1].visit + 1)
+    records.add_session(connection, study.protocol, who, token, study.now)
+    note(connection, None, "visit", f"visit {rows[-1].visit + 1}", study.now, study.who, subject=who.id)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,9 @@ class Correction:
     preload_n: float | None = None
 
 
-def correct(connection: Connection, books: Books, code: str, correction: Correction, reason: str) -> list[Change]:
+def correct(
+    connection: Connection, study: StudyRecords, code: str, correction: Correction, reason: str
+) -> list[Change]:
     """Write correct data of the subject of that code and return the changes, each now an event with the reason.
 
     Raises BadInput for a subject or visit that is not there, values that are not allowed, no reason, or where nothing
@@ -117,10 +119,10 @@ def correct(connection: Connection, books: Books, code: str, correction: Correct
     """
     if not reason.strip():
         raise BadInput("no reason", "one in words, which is kept with the correction")
-    rows = [row for row in records.sessions(connection, books.study) if row.subject_code == code]
+    rows = [row for row in records.sessions(connection, study.id) if row.subject_code == code]
     if not rows:
         raise BadInput(f"subject {code!r} is not in the study", "one that is enrolled")
-    changes = _of_subject(connection, books, rows[0], correction)
+    changes = _of_subject(connection, study, rows[0], correction)
     day = {"skin_temperature_c": correction.skin_temperature_c, "preload_n": correction.preload_n}
     asked = {name: value for name, value in day.items() if value is not None}
     if asked or correction.visit is not None:
@@ -129,7 +131,7 @@ def correct(connection: Connection, books: Books, code: str, correction: Correct
         raise BadInput(f"nothing of subject {code!r} differs from what is there", "another value")
     for session, change in changes:
         about: dict[str, Any] = {"subject": rows[0].subject_id, "change": change}
-        note(connection, session, "correction", reason.strip(), books.now, books.who, **about)
+        note(connection, session, "correction", reason.strip(), study.now, study.who, **about)
     return [change for _, change in changes]
 
 
@@ -145,10 +147,10 @@ def change_day(
 
 
 def _of_subject(
-    connection: Connection, books: Books, row: Found, correction: Correction
+    connection: Connection, study: StudyRecords, row: Found, correction: Correction
 ) -> list[tuple[int | None, Change]]:
     group, outside = correction.group, correction.participant_id
-    others = [subject for subject in records.subjects(connection, books.study) if subject.id != row.subject_id]
+    others = [subject for subject in records.subjects(connection, study.id) if subject.id != row.subject_id]
     _refuse_taken(others, outside)
     changes = []
     if group is not None and group != row.subject_group:
@@ -157,9 +159,9 @@ def _of_subject(
     if outside is not None and outside != row.participant_id:
         changes.append(Change("outside_id", row.participant_id, outside))
         records.change_subject(connection, row.subject_id, participant_id=outside)
-    stands = records.facts(connection, books.study).get(row.subject_id, {})
+    stands = records.facts(connection, study.id).get(row.subject_id, {})
     for name, text in correction.facts.items():
-        value, unit = books.protocol.fact(name, text)
+        value, unit = study.protocol.fact(name, text)
         if value != stands.get(name):
             changes.append(Change(name, stands.get(name), value))
             records.set_fact(connection, row.subject_id, name, value, unit)
@@ -216,13 +218,13 @@ class Study:
         with self.store.read() as connection:
             return records.sessions(connection, self.id)
 
-    def session(self, row: Found, sitting: Sitting | None = None) -> Session:
+    def session(self, row: Found, visit: Visit | None = None) -> Session:
         """Return the session of that row, resumed in the version of the protocol that it began with.
 
         Raises BadInput where that version cannot be played here.
         """
         version = row.protocol_version_id or self.version
-        return Session(self.store, row, self._task(version), version, self.clock, sitting)
+        return Session(self.store, row, self._task(version), version, self.clock, visit)
 
     def _task(self, version: int) -> SessionTask:
         if version == self.version:
@@ -237,16 +239,16 @@ class Study:
     def enrol(self, part: SubjectPart, who: str = records.PROGRAM) -> None:
         """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
         with self.store.begin() as connection:
-            enrol(connection, self.books(who), part)
+            enrol(connection, self.enrolment(who), part)
 
     def add_visit(self, subject: str, who: str = records.PROGRAM) -> None:
         """Add a further visit of the subject of that code. Raises BadInput where there is none."""
         with self.store.begin() as connection:
-            add_visit(connection, self.books(who), subject)
+            add_visit(connection, self.enrolment(who), subject)
 
-    def books(self, who: str) -> Books:
+    def enrolment(self, who: str) -> StudyRecords:
         """Return what enrolment needs; who: who enrols."""
-        return Books(self.id, self.task.protocol, self.tokens, self.clock.utc(), who)
+        return StudyRecords(self.id, self.task.protocol, self.tokens, self.clock.utc(), who)
 
     def set_day(
         self,
@@ -265,7 +267,7 @@ class Study:
     def correct(self, subject: str, correction: Correction, reason: str, who: str = records.PROGRAM) -> None:
         """Correct data of the subject of that code; an event keeps the former. Raises BadInput."""
         with self.store.begin() as connection:
-            correct(connection, self.books(who), subject, correction, reason)
+            correct(connection, self.enrolment(who), subject, correction, reason)
 
     def facts(self) -> dict[int, dict[str, str]]:
         """Return the demographic items of subjects by their row and the item's name."""
@@ -315,7 +317,7 @@ def open_study(
         known = {subject.code for subject in records.subjects(connection, study)}
         for part in task.protocol.subject:
             if part.code not in known:
-                enrol(connection, opened.books(records.PROGRAM), part)
+                enrol(connection, opened.enrolment(records.PROGRAM), part)
     return opened
 
 
@@ -348,7 +350,7 @@ def _version(
     return study, records.add_version(connection, study, text, amend, now)
 
 
-def open_session(study: Study, subject: str, sitting: Sitting | None = None) -> Session:
+def open_session(study: Study, subject: str, visit: Visit | None = None) -> Session:
     """Return the session of the subject of that code: of the first visit that is not over, else of the last.
 
     Raises BadInput where the study has none.
@@ -357,5 +359,5 @@ def open_session(study: Study, subject: str, sitting: Sitting | None = None) -> 
     if not rows:
         codes = ", ".join(dict.fromkeys(row.subject_code for row in study.sessions()))
         raise BadInput(f"subject {subject!r} is not in the study", f"{codes or 'one that is enrolled'}")
-    opened = [study.session(row, sitting) for row in rows]
+    opened = [study.session(row, visit) for row in rows]
     return next((session for session in opened if session.stage not in ("done", "ended")), opened[-1])

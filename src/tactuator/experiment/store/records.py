@@ -191,8 +191,8 @@ def set_fact(connection: Connection, subject: int, name: str, value: str | None,
 
 
 @dataclass(frozen=True)
-class Sitting:
-    """The respondent of a sitting and what of the stimuli they can see or hear, as stored with every run.
+class Visit:
+    """The respondent of a visit, and what of the stimuli they can see or hear, as stored with every run.
 
     respondent: person, simulated or script. shown: empty, or "seen" or "seen and heard" in a demonstration.
     """
@@ -217,7 +217,7 @@ def begin_run(
     planned: PlannedRun,
     attempt: int,
     apparatus: Mapping[str, Any],
-    sitting: Sitting,
+    visit: Visit,
     version: int,
     now: datetime,
 ) -> int:
@@ -238,7 +238,7 @@ def begin_run(
         "started_utc": stamp(now),
         "protocol_version_id": version,
         **apparatus,
-        **vars(sitting),
+        **vars(visit),
     }
     return int(_add(connection, schema.run, row).id)
 
@@ -329,7 +329,8 @@ class Answer:
     """A response as it arrived.
 
     client_shown_ms, client_pressed_ms: by the client's own clock. client_lit_ms: when the client lit each interval's
-    lamp, by the same clock. received_s: by the server's monotonic clock, where it was read as the response arrived.
+    visual cue, by the same clock. received_s: by the server's monotonic clock, where it was read as the response
+    arrived.
     """
 
     response: str

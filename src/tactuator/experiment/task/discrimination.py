@@ -111,6 +111,12 @@ class Discrimination(Task):
         procedure = self.rule(level).begin(self.guess, place.playable)
         return DiscriminationRun(seed, self, finger, hertz, level, place, procedure)
 
+    def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
+        """Return the interval that feels strongest; BadInput where another difference is asked for."""
+        if self.of != "amplitude":
+            return super().response_to(trial, felt_db_sl)
+        return trial.responses[int(np.argmax(felt_db_sl))]
+
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return the just-noticeable differences."""
         heads = (

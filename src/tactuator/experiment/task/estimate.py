@@ -1,8 +1,9 @@
-"""Contours, biases and JND of a person from matches, over all laws by their evidence, and the law that they speak for.
+"""Contours, biases and JND of a person from matches, over all functions by their evidence, and the function that they
+speak for.
 
-The noise of a comparison is held at each of several values in turn, and every law is fitted with each: result together
-with a contour of many degrees of freedom it comes out too small, and the biases and the band with it. What is told is
-over all of these fits, each with its share of the evidence.
+The noise of a comparison is held at each of several values in turn, and every function is fitted with each: result
+together with a contour of many degrees of freedom it comes out too small, and the biases and the band with it. What is
+told is over all of these fits, each with its share of the evidence.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.task.laws import LAWS, POINT, Law, equal_velocity
+from tactuator.experiment.task.intensity import FUNCTIONS, POINT, IntensityFunction, equal_velocity
 from tactuator.experiment.task.matches import NOISE, ORDER, STANDARD, ContourSetting, Fit, Matches, fit
 
 SURE = 0.98
-"""Share of the evidence from which a law is named."""
+"""Share of the evidence from which a function is named."""
 CANNOT_TELL = "cannot tell"
 _NOISES_DB = (0.8, 1.2, 1.6, 2.0, 2.5, 3.1, 3.9, 5.0, 6.5, 8.5)
 _NORMAL_95 = 1.959964
@@ -45,7 +46,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class StrengthEstimate:
-    """What matches tell. fits: every law with every noise. shares: of the evidence, (fits,)."""
+    """What matches tell. fits: every function with every noise. shares: of the evidence, (fits,)."""
 
     setting: ContourSetting
     matches: int
@@ -53,18 +54,18 @@ class StrengthEstimate:
     shares: FloatArray
 
     @cached_property
-    def laws(self) -> dict[str, float]:
-        """Return the share of the evidence that each law has."""
+    def evidence(self) -> dict[str, float]:
+        """Return the share of the evidence that each function has."""
         shares: dict[str, float] = {}
         for each, share in zip(self.fits, self.shares, strict=True):
-            shares[each.law.name] = shares.get(each.law.name, 0.0) + float(share)
+            shares[each.function.name] = shares.get(each.function.name, 0.0) + float(share)
         return shares
 
     @property
-    def law(self) -> str:
-        """Return the law that the matches speak for, or CANNOT_TELL where none has a share of SURE."""
-        name = max(self.laws, key=lambda name: self.laws[name])
-        return name if self.laws[name] >= SURE else CANNOT_TELL
+    def intensity_function(self) -> str:
+        """Return the function that the matches speak for, or CANNOT_TELL where none has a share of SURE."""
+        name = max(self.evidence, key=lambda name: self.evidence[name])
+        return name if self.evidence[name] >= SURE else CANNOT_TELL
 
     @property
     def order_db(self) -> Measured:
@@ -112,18 +113,22 @@ class StrengthEstimate:
         return Measured(mean, mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd)
 
 
-def estimate(matches: Matches, setting: ContourSetting, laws: Sequence[Law] | None = None) -> StrengthEstimate:
-    """Return what matches tell under the laws, by default all. Raises BadInput for fewer than 20 matches."""
+def estimate(
+    matches: Matches, setting: ContourSetting, functions: Sequence[IntensityFunction] | None = None
+) -> StrengthEstimate:
+    """Return what matches tell under the functions, by default all. Raises BadInput for fewer than 20 matches."""
     count = matches.frequency_hz.size
-    if laws is None:
-        laws = LAWS if setting.curve is None else (*LAWS, equal_velocity(setting.curve, setting.reference_hz))
+    if functions is None:
+        functions = (
+            FUNCTIONS if setting.curve is None else (*FUNCTIONS, equal_velocity(setting.curve, setting.reference_hz))
+        )
     if count < _LEAST_MATCHES:
         raise BadInput(f"{count} matches", f"{_LEAST_MATCHES} or more")
     fits = list[Fit]()
-    for law in laws:
+    for function in functions:
         place = None
         for noise_db in _NOISES_DB:
-            fits.append(fit(law, setting, matches, noise_db, place))
+            fits.append(fit(function, setting, matches, noise_db, place))
             place = fits[-1].place
     evidence = np.array([each.log_evidence for each in fits])
     share = np.exp(evidence - evidence.max())

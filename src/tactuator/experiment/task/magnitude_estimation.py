@@ -28,6 +28,8 @@ from tactuator.perception.curve import Level
 from tactuator.table import Chart, ChartLine, ResultTable
 
 _ROLE = "tone"
+_EXPONENT = 0.6
+"""Exponent of amplitude of simulated people, as Stevens (1968) found it at 250 Hz."""
 
 
 @table("[task]")
@@ -62,6 +64,10 @@ class MagnitudeEstimation(Task):
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
         """Return a fresh run."""
         return EstimationRun(seed, self)
+
+    def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
+        """Return the number that a power function gives."""
+        return f"{10.0 ** (_EXPONENT * felt_db_sl[0] / 20.0):.3g}"
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return geometric means and exponents."""

@@ -1,4 +1,5 @@
-"""What matches tell of equal strength under a law: Laplace's approximation of contour, biases, JND, and its evidence.
+"""What matches tell of equal strength under a function: Laplace's approximation of contour, biases, JND, and its
+evidence.
 
 In a match the comparison at frequency f has L_c dB SL, the reference L_r. With h(f, L_r) the level that is as strong,
 the comparison is called stronger with probability e / 2 + (1 - e) Phi((L_c - h + o b + r s) / sigma): b is how much
@@ -18,14 +19,14 @@ import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.task.laws import Law, features
+from tactuator.experiment.task.intensity import IntensityFunction, features
 from tactuator.perception.curve import ThresholdCurve
 
 NUISANCE_MEAN = (0.0, 0.0, float(np.log(2.5)), float(np.log(0.02 / 0.98)))
 NUISANCE_SD = (2.0, 2.0, 0.5, 0.7)
 """Prior of order bias (dB), standard bias (dB), log of sigma (dB) and log odds of a lapse."""
 ORDER, STANDARD, NOISE, LAPSE = range(-len(NUISANCE_MEAN), 0)
-"""Their places behind all that is a law's."""
+"""Their places behind all that is a function's."""
 _KNOWN = 1e-3
 _STEPS_MAX, _CLOSE, _ROUNDING = 60, 1e-4, 1e-9
 _LONGEST_STEP, _SHORTEST_SHARE = 3.0, 1e-3
@@ -73,61 +74,65 @@ class ContourSetting:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A law at places: over, log10 of frequency re the reference; level, of the reference; (n,) each. wave: features of
-    its deviation there, (n, features).
+    """A function at places: over, log10 of frequency re the reference; level, of the reference; (n,) each. wave:
+    features of its deviation there, (n, features).
     """
 
-    law: Law
+    function: IntensityFunction
     over: FloatArray
     level: FloatArray
     wave: FloatArray
 
     @classmethod
-    def of(cls, law: Law, setting: ContourSetting, frequency_hz: FloatArray, level_db_sl: FloatArray) -> Surface:
+    def of(
+        cls, function: IntensityFunction, setting: ContourSetting, frequency_hz: FloatArray, level_db_sl: FloatArray
+    ) -> Surface:
         """Return the surface at frequencies and levels of the reference, (n,) each."""
-        wave = features(law, setting.reference_hz, setting.band_hz).at(frequency_hz, level_db_sl)
-        return cls(law, np.log10(frequency_hz / setting.reference_hz), level_db_sl, wave)
+        wave = features(function, setting.reference_hz, setting.band_hz).at(frequency_hz, level_db_sl)
+        return cls(function, np.log10(frequency_hz / setting.reference_hz), level_db_sl, wave)
 
     def at(self, place: FloatArray) -> FloatArray:
-        """Return the levels that are as strong under the law with parameters in that place, (n,)."""
-        count = len(self.law.mean)
-        return np.asarray(self.law.level(place[:count], self.over, self.level) + self.wave @ place[count:ORDER])
+        """Return the levels that are as strong under the function with parameters in that place, (n,)."""
+        count = len(self.function.mean)
+        return np.asarray(self.function.level(place[:count], self.over, self.level) + self.wave @ place[count:ORDER])
 
     def gradient(self, place: FloatArray) -> FloatArray:
         """Return the gradient of the levels by all parameters, (n, parameters)."""
-        count = len(self.law.mean)
+        count = len(self.function.mean)
         gradient = np.zeros((self.over.size, place.size))
-        level = self.law.level(place[:count], self.over, self.level)
+        level = self.function.level(place[:count], self.over, self.level)
         for index, step in enumerate(_STEP_DIFFERENCE * np.eye(count)):
-            gradient[:, index] = (self.law.level(place[:count] + step, self.over, self.level) - level) / step[index]
+            gradient[:, index] = (self.function.level(place[:count] + step, self.over, self.level) - level) / step[
+                index
+            ]
         gradient[:, count:ORDER] = self.wave
         return gradient
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A law as matches have it.
+    """A function as matches have it.
 
-    place: law's parameters, weights of its deviation, order bias, standard bias, log sigma, log odds of lapses.
-    covariance: theirs. log_evidence: of the matches under the law, and of the noise that is held.
+    place: function's parameters, weights of its deviation, order bias, standard bias, log sigma, log odds of lapses.
+    covariance: theirs. log_evidence: of the matches under the function, and of the noise that is held.
     """
 
-    law: Law
+    function: IntensityFunction
     setting: ContourSetting
     place: FloatArray
     covariance: FloatArray
     log_evidence: float
 
     def surface(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> Surface:
-        """Return the law's surface at frequencies and levels of the reference, (n,) each."""
-        return Surface.of(self.law, self.setting, frequency_hz, level_db_sl)
+        """Return the function's surface at frequencies and levels of the reference, (n,) each."""
+        return Surface.of(self.function, self.setting, frequency_hz, level_db_sl)
 
     def moments(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance of the levels, (n,) each: of a law with parameters over draws of them, since a step
-        of a contour moves along the frequency, which no gradient at one place tells.
+        """Return mean and variance of the levels, (n,) each: of a function with parameters over draws of them, since a
+        step of a contour moves along the frequency, which no gradient at one place tells.
         """
         surface = self.surface(frequency_hz, level_db_sl)
-        if not self.law.mean:
+        if not self.function.mean:
             gradient = surface.gradient(self.place)
             return surface.at(self.place), np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
         draws = np.random.default_rng(_DRAWS_SEED).standard_normal((_DRAWS // 2, self.place.size))
@@ -144,14 +149,14 @@ class _Prior:
     sd: FloatArray
 
     @classmethod
-    def of(cls, law: Law, setting: ContourSetting, noise_db: float | None) -> _Prior:
-        """Return the prior under a law; noise_db: the noise of a comparison, None where it is to be found."""
-        count = features(law, setting.reference_hz, setting.band_hz).count
+    def of(cls, function: IntensityFunction, setting: ContourSetting, noise_db: float | None) -> _Prior:
+        """Return the prior under a function; noise_db: the noise of a comparison, None where it is to be found."""
+        count = features(function, setting.reference_hz, setting.band_hz).count
         nuisance, spread = np.array(NUISANCE_MEAN), np.array(NUISANCE_SD)
         if noise_db is not None:
             nuisance[NOISE], spread[NOISE] = np.log(noise_db), _KNOWN
-        mean = np.concatenate([law.mean, np.zeros(count), nuisance])
-        return cls(mean, np.concatenate([law.sd, np.ones(count), spread]))
+        mean = np.concatenate([function.mean, np.zeros(count), nuisance])
+        return cls(mean, np.concatenate([function.sd, np.ones(count), spread]))
 
 
 @dataclass(frozen=True)
@@ -186,22 +191,22 @@ def _local(surface: Surface, prior: _Prior, place: FloatArray, matches: Matches)
 
 
 def fit(
-    law: Law,
+    function: IntensityFunction,
     setting: ContourSetting,
     matches: Matches,
     noise_db: float | None = None,
     start: FloatArray | None = None,
     steps: int = _STEPS_MAX,
 ) -> Fit:
-    """Return the law fitted to matches.
+    """Return the function fitted to matches.
 
     noise_db: the noise of a comparison where it is held. start: a place to begin from. steps: the most that are taken.
     """
-    prior = _Prior.of(law, setting, noise_db)
+    prior = _Prior.of(function, setting, noise_db)
     place = prior.mean.copy() if start is None else start.copy()
     if noise_db is not None:
         place[NOISE] = np.log(noise_db)
-    surface = Surface.of(law, setting, matches.frequency_hz, matches.reference_db_sl)
+    surface = Surface.of(function, setting, matches.frequency_hz, matches.reference_db_sl)
     here = _local(surface, prior, place, matches)
     for _ in range(steps):
         step = np.linalg.solve(here.curvature, here.gradient)
@@ -218,7 +223,7 @@ def fit(
     away = 0.0 if noise_db is None else (np.log(noise_db) - NUISANCE_MEAN[NOISE]) / NUISANCE_SD[NOISE]
     half_log_volume = 0.5 * float(np.linalg.slogdet(here.curvature)[1]) + float(np.sum(np.log(prior.sd)))
     evidence = here.value - half_log_volume - 0.5 * float(away) ** 2
-    return Fit(law, setting, place, np.asarray(np.linalg.inv(here.curvature), dtype=np.float64), evidence)
+    return Fit(function, setting, place, np.asarray(np.linalg.inv(here.curvature), dtype=np.float64), evidence)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.procedure.up_down import Tracks, UpDown
 from tactuator.experiment.task.estimate import Equality, StrengthEstimate, equality, estimate
-from tactuator.experiment.task.laws import FREE
+from tactuator.experiment.task.intensity import FREE
 from tactuator.experiment.task.matches import Candidates, ContourSetting, Fit, Matches, Placed, fit, most_telling
 from tactuator.experiment.task.task import Answered, AnsweredRun, Place, Planned, Task, TaskPrompt, TaskState
 from tactuator.experiment.trial import Tone, Trial, trial_rng
@@ -184,14 +184,18 @@ class Matching(Task):
         curve = ThresholdCurve("display's", hertz, level, "measured", "as matches were played")
         return replace(self.setting, curve=curve)
 
+    def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
+        """Return the interval that feels strongest."""
+        return trial.responses[int(np.argmax(felt_db_sl))]
+
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
-        """Return the points of subjective equality of pairs, and of contours the law with biases and JND."""
+        """Return the points of subjective equality of pairs, and of contours the function with biases and JND."""
         mine = [run for run in runs if run.finger == self.finger]
         trials = [trial for run in mine for trial in run.trials]
         contours = self.method == "contour" and mine
         result = [estimate(self.matches(trials), self.setting_of(trials))] if contours else []
         pairs = [] if self.method == "contour" else [(run, self.equality(run)) for run in runs]
-        return tuple([law_table(each, words) for each in result] + ([pairs_table(pairs, words)] if pairs else []))
+        return tuple([evidence_table(each, words) for each in result] + ([pairs_table(pairs, words)] if pairs else []))
 
     def equality(self, run: AnsweredRun) -> Equality:
         """Return the point of subjective equality of a run of one pair, over its levels."""
@@ -201,15 +205,15 @@ class Matching(Task):
 Row = tuple[float, float, float, bool, bool, bool]
 
 
-def law_table(result: StrengthEstimate, words: Words) -> ResultTable:
-    """Return what the matches of contours tell: law, biases and JND."""
-    rows = [(name, f"{100.0 * share:.0f} %") for name, share in result.laws.items()]
+def evidence_table(result: StrengthEstimate, words: Words) -> ResultTable:
+    """Return what the matches of contours tell: function, biases and JND."""
+    rows = [(name, f"{100.0 * share:.0f} %") for name, share in result.evidence.items()]
     rows.append((words("results.jnd"), f"{result.jnd_db:.1f} dB"))
     rows.append((words("results.order_bias"), f"{result.order_db:+.1f} dB"))
     rows.append((words("results.standard_bias"), f"{result.standard_db:+.1f} dB"))
-    note = words("results.law", law=result.law)
+    note = words("results.intensity_function", name=result.intensity_function)
     return ResultTable(
-        words("results.strength"), (words("results.law_name"), words("results.share")), tuple(rows), (note,)
+        words("results.strength"), (words("results.intensity_functions"), words("results.share")), tuple(rows), (note,)
     )
 
 

@@ -180,6 +180,13 @@ class Task:
         """Return a fresh run of the plan of that index. seed: of all that is drawn."""
         raise NotImplementedError
 
+    def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
+        """Return what a simulated person answers to whom the tones of the intervals feel that strong.
+
+        Raises BadInput where strength is not what the task asks for.
+        """
+        raise BadInput(f"task {self.kind}: strength is not what it asks for", "a task of strength")
+
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
         """Return what the answers come to."""
         raise NotImplementedError

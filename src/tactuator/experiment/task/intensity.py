@@ -1,12 +1,13 @@
-"""Laws of felt strength: each says which level at any frequency is as strong as a level at the reference frequency.
+"""Intensity functions: each says which level at any frequency is as strong as a level at the reference frequency.
 
-All levels are sensation levels (dB SL) of the person's own threshold curve. A law is a shape with few parameters, and a
-smooth deviation from it, a Gaussian process over log frequency and level: small where the law claims to be right, wide
-where nothing is claimed (`free`). The evidence of a person's matches then says which law they speak for.
+All levels are sensation levels (dB SL) of the person's own threshold curve. A function is a shape with few parameters,
+and a smooth deviation from it, a Gaussian process over log frequency and level: small where the function claims to be
+right, wide where nothing is claimed (`free`). The evidence of a person's matches then says which function they speak
+for.
 
-The laws: equal sensation level (Verrillo 1970, one exponent up to 350 Hz); an exponent for each channel (Stevens 1968:
-near 30 Hz about twice that near 250 Hz); the sum of channels, the stronger and half the weaker (Hollins & Roy 1996);
-equal velocity from some level on (Griffin 2012), which needs the threshold curve; and none of them.
+The functions: equal sensation level (Verrillo 1970, one exponent up to 350 Hz); an exponent for each channel (Stevens
+1968: near 30 Hz about twice that near 250 Hz); the sum of channels, the stronger and half the weaker (Hollins & Roy
+1996); equal velocity from some level on (Griffin 2012), which needs the threshold curve; and none of them.
 """
 
 from __future__ import annotations
@@ -89,8 +90,8 @@ that is as strong, (n,)."""
 
 
 @dataclass(frozen=True)
-class Law:
-    """A law of strength; mean, sd: normal prior of its parameters, (k,). level: its shape. deviation: from it."""
+class IntensityFunction:
+    """An intensity function; mean, sd: normal prior of its parameters, (k,). level: its shape. deviation: from it."""
 
     name: str
     mean: tuple[float, ...]
@@ -136,15 +137,19 @@ def _sum(parameters: FloatArray, over: FloatArray, level: FloatArray) -> FloatAr
 
 
 _SMALL = Deviation(tilt_db=0.7, wave_db=0.8, wave_decades=0.28, growth=0.7, bend=0.3)
-LAWS: tuple[Law, ...] = (
-    Law("sensation-level", (), (), _same, _SMALL),
-    Law("exponents", (0.6, -0.2, np.log(0.09)), (0.35, 0.2, 0.8), _exponents, replace(_SMALL, wave_db=1.1)),
-    Law("sum-of-channels", (np.log(0.7), -0.3, 35.0), (0.35, 0.2, 10.0), _sum, _SMALL),
-    Law("free", (), (), _same, Deviation(tilt_db=8.0, wave_db=4.5, wave_decades=0.28, growth=0.6, bend=0.25)),
+FUNCTIONS: tuple[IntensityFunction, ...] = (
+    IntensityFunction("sensation-level", (), (), _same, _SMALL),
+    IntensityFunction(
+        "exponents", (0.6, -0.2, np.log(0.09)), (0.35, 0.2, 0.8), _exponents, replace(_SMALL, wave_db=1.1)
+    ),
+    IntensityFunction("sum-of-channels", (np.log(0.7), -0.3, 35.0), (0.35, 0.2, 10.0), _sum, _SMALL),
+    IntensityFunction(
+        "free", (), (), _same, Deviation(tilt_db=8.0, wave_db=4.5, wave_decades=0.28, growth=0.6, bend=0.25)
+    ),
 )
-"""The laws that matches are held against, with `equal_velocity` where the threshold curve is known; `free` is none of
-the others, and the one that trials are placed by."""
-FREE = LAWS[-1]
+"""The functions that matches are held against, with `equal_velocity` where the threshold curve is known; `free` is none
+of the others, and the one that trials are placed by."""
+FREE = FUNCTIONS[-1]
 
 
 _AT_THRESHOLD_DB = 0.01
@@ -155,8 +160,8 @@ def _above(parameters: FloatArray, over: FloatArray, level: FloatArray) -> Float
 
 
 @lru_cache(maxsize=32)
-def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> Law:
-    """Return the law by which tones of equal velocity are equally strong, the more so the further above threshold.
+def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> IntensityFunction:
+    """Return the function by which tones of equal velocity are equally strong, the more so the further above threshold.
 
     Nobody knows how velocity takes over. Its parameters: the share of the way there that is ever gone, the log of the
     level (dB SL) where most of it is, the log of how abruptly, whose level decides: 0 the reference's, 1 the tone's.
@@ -173,14 +178,14 @@ def equal_velocity(curve: ThresholdCurve, reference_hz: float) -> Law:
 
         return np.asarray(level - gone(level - whose * gone(level)))
 
-    return Law("equal-velocity", (1.0, np.log(5.0), 0.4, 0.5), (0.25, 1.0, 0.5, 0.35), level_of, _SMALL)
+    return IntensityFunction("equal-velocity", (1.0, np.log(5.0), 0.4, 0.5), (0.25, 1.0, 0.5, 0.35), level_of, _SMALL)
 
 
-POINT = Law("point", (0.0,), (15.0,), _above, Deviation(0.0, 1e-6, 1.0, 0.0, 0.0))
+POINT = IntensityFunction("point", (0.0,), (15.0,), _above, Deviation(0.0, 1e-6, 1.0, 0.0, 0.0))
 """One pair of tones: the comparison lies anywhere above the standard."""
 
 
 @lru_cache(maxsize=32)
-def features(law: Law, reference_hz: float, band_hz: tuple[float, float]) -> Features:
-    """Return the features of a law's deviation over a band, computed once."""
-    return Features(law.deviation, reference_hz, band_hz)
+def features(function: IntensityFunction, reference_hz: float, band_hz: tuple[float, float]) -> Features:
+    """Return the features of a function's deviation over a band, computed once."""
+    return Features(function.deviation, reference_hz, band_hz)

@@ -13,12 +13,13 @@ from tactuator.errors import BadInput
 from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import protocol_hash
+from tactuator.experiment.protocol.file import JudgingProtocol, protocol_hash
+from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus, Clock, NextTrial
-from tactuator.experiment.session.tone_task import DetectionTask
-from tactuator.experiment.store.records import PlayedTrial, Sitting
+from tactuator.experiment.session.tone_task import DetectionTask, JudgingTask, ToneTask
+from tactuator.experiment.store.records import PlayedTrial, Visit
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import IntervalRecord, Tone, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
@@ -116,7 +117,7 @@ def with_truths(
 
 def run_study(
     store: Store,
-    protocol: Protocol,
+    protocol: Protocol | JudgingProtocol,
     text: str,
     apparatus: Apparatus,
     people: Sequence[Observer],
@@ -132,43 +133,51 @@ def run_study(
     require_finger_ports(apparatus.rig, apparatus.name)
     if len(people) != len(protocol.subject):
         raise BadInput(f"{len(people)} people for {len(protocol.subject)} subjects", "as many")
-    if protocol.paradigm.yes_no:
-        raise BadInput("1: simulated observers tell intervals apart", "two intervals or more", key="paradigm.intervals")
-    task = DetectionTask(protocol, apparatus)
+    if isinstance(protocol, Protocol):
+        if protocol.paradigm.yes_no:
+            got = "1: simulated observers tell intervals apart"
+            raise BadInput(got, "two intervals or more", key="paradigm.intervals")
+        task: ToneTask = DetectionTask(protocol, apparatus)
+        kind: type[AtRig] = AtRig
+    else:
+        task, kind = JudgingTask(protocol, apparatus), Judge
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for place, (subject, who) in enumerate(zip(protocol.subject, people, strict=True)):
-        session, sitting = open_session(study, subject.code, Sitting("simulated")), AtRig(who, task, load)
+        session, observer = open_session(study, subject.code, Visit("simulated")), kind(who, task, load)
         try:
-            run_session(session, sitting, lambda now: show(place, now.progress))  # noqa: B023
+            run_session(session, observer, lambda now: show(place, now.progress))  # noqa: B023
         finally:
-            sitting.leave()
+            observer.leave()
     return study.id
 
 
 class AtRig(Respondent):
-    """An observer whose finger is on the channel of each run, with that load.
+    """An observer whose fingers are on the channels of each run, with that load.
 
-    Of an interval the peak displacement at the tone's frequency is felt, hum, noise and friction included: a matched
-    filter takes it from the stretch that the interval's record names.
+    Of a tone the peak displacement at its frequency is felt, hum, noise and friction included: a matched filter takes
+    it from the stretch that the interval's record names.
     """
 
-    def __init__(self, who: Observer, task: DetectionTask, load: str | None) -> None:
-        self._who, self._task, self._load = who, task, load
-        self._felt_mm: list[FloatArray] = []
-        self._port: Finger | None = None
+    def __init__(self, who: Observer, task: ToneTask, load: str | None) -> None:
+        self.who, self.task, self._load = who, task, load
+        self._felt_mm: dict[str, list[FloatArray]] = {}
+        self._ports: list[tuple[Finger, Callable[[FloatArray], None]]] = []
+
+    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
+        """Return the fingers that a run stimulates."""
+        return (planned.finger,)
 
     def begin(self, following: NextTrial) -> None:
-        """Put the finger on the display."""
+        """Put the fingers on the display."""
         self.leave()
-        self._seed, self._planned = following.seed, following.planned
-        apparatus = self._task.apparatus
-        self._port = apparatus.rig.finger(apparatus.channel(self._planned.finger).name)
-        self._port.touch(self._load)
-        self._port.attach(self._feel)
-
-    def _feel(self, block_mm: FloatArray) -> None:
-        self._felt_mm.append(block_mm)
+        self._seed, apparatus = following.seed, self.task.apparatus
+        for finger in self.fingers(following.planned):
+            feel = self._felt_mm.setdefault(finger, []).append
+            port = apparatus.rig.finger(apparatus.channel(finger).name)
+            port.touch(self._load)
+            port.attach(feel)
+            self._ports.append((port, feel))
 
     def presented(self, played: PlayedTrial) -> None:
         """Keep the trial's intervals as they were played."""
@@ -176,31 +185,56 @@ class AtRig(Respondent):
 
     def respond(self, trial: Trial) -> str:
         """Return the answer to what was felt, and forget that."""
-        rng = trial_rng((*self._seed, 1), trial.number)
-        felt = np.concatenate(self._felt_mm)
-        self._felt_mm.clear()
+        felt = {finger: np.concatenate(parts) for finger, parts in self._felt_mm.items()}
+        for parts in self._felt_mm.values():
+            parts.clear()
         levels = [
-            self._level_db_re_1um(tone, at, felt)
-            for (tone,), at in zip(trial.tones, self._played.intervals, strict=True)
+            max(self._level_db_re_1um(tone, at, felt[tone.finger]) for tone in tones)
+            for tones, at in zip(trial.tones, self._played.intervals, strict=True)
         ]
-        return trial.responses[self._who.respond(levels, trial.tones[0][0].frequency_hz, rng)]
+        return self.answer(trial, np.array(levels), trial_rng((*self._seed, 1), trial.number))
+
+    def answer(self, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
+        """Return the answer to a trial whose intervals were felt at these levels, (m,)."""
+        return trial.responses[self.who.respond(felt_db_re_1um, trial.tones[0][0].frequency_hz, rng)]
 
     def _level_db_re_1um(self, tone: Tone, record: IntervalRecord, felt: FloatArray) -> float:
         assert record.onset_s is not None
-        assert record.duration_s is not None
-        rate_hz = self._task.apparatus.rig.rate_hz
-        onset = felt.size - round(self._played.lasted_s * rate_hz) + round(record.onset_s * rate_hz)
-        stretch = felt[onset : onset + round(record.duration_s * rate_hz)]
-        ramp_s = tone.ramp_s(self._task.protocol.timing)
-        return float(db(max(amplitude(stretch, tone.frequency_hz, rate_hz, ramp_s), _LEAST_MM) * _UM_PER_MM))
+        timing, rate_hz = self.task.protocol.timing, self.task.apparatus.rig.rate_hz
+        began = felt.size - round(self._played.lasted_s * rate_hz) + round(record.onset_s * rate_hz)
+        onset = began + round(tone.onset_s * rate_hz)
+        stretch = felt[onset : onset + round(tone.lasts_s(timing) * rate_hz)]
+        peak_mm = amplitude(stretch, tone.frequency_hz, rate_hz, tone.ramp_s(timing))
+        return float(db(max(peak_mm, _LEAST_MM) * _UM_PER_MM))
 
     def leave(self) -> None:
-        """Take the finger off the display."""
-        if self._port is not None:
-            self._port.detach(self._feel)
-            self._port.touch(None)
-        self._port = None
+        """Take the fingers off the display."""
+        for port, feel in self._ports:
+            port.detach(feel)
+            port.touch(None)
+        self._ports.clear()
         self._felt_mm.clear()
+
+
+_JUDGED_SD_DB = 2.0
+"""Noise of a felt strength, dB: one in four comparisons of tones 1.9 dB apart is wrong."""
+
+
+class Judge(AtRig):
+    """An observer who judges strength: each interval feels as strong as it lies above the own threshold, with noise."""
+
+    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
+        """Return the fingers of the task."""
+        assert isinstance(self.task, JudgingTask)
+        return self.task.protocol.task.fingers_used()
+
+    def answer(self, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
+        """Return the task's response to these strengths."""
+        assert isinstance(self.task, JudgingTask)
+        hertz = [tones[0].frequency_hz for tones in trial.tones]
+        felt_db_sl = felt_db_re_1um - self.who.curve.level_db_re_1um_at(hertz)
+        noise_db = rng.normal(0.0, _JUDGED_SD_DB, felt_db_sl.size)
+        return self.task.protocol.task.response_to(trial, (felt_db_sl + noise_db).tolist())
 
 
 @dataclass
