@@ -19,7 +19,7 @@ from tools.pages.run import make_folder, run_page
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
          *sorted((ROOT / "docs/tutorials").glob("*.md"))]  # fmt: skip
-LANGUAGES = {"sh", "python", "toml", "json", "csv", "text", "diff"}
+LANGUAGES = {"sh", "console", "python", "toml", "json", "csv", "text", "diff"}
 
 
 TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
@@ -51,7 +51,7 @@ def test_page__typed_in_order__does_what_it_says(page, examples, tmp_path):
 def test_pages__every_block__says_its_language_and_runs_or_is_read():
     blocks = [(page.stem, block) for page in PAGES for block in read_page(TEXTS[page])[0]]
     assert [(page, block.line) for page, block in blocks if block.language not in LANGUAGES] == []
-    plain = [block for page, block in blocks if page != "cli" and block.language not in ("sh", "python")]
+    plain = [block for page, block in blocks if page != "cli" and block.language not in ("sh", "console", "python")]
     lines = [line for block in plain for line in commands(block.text)]
     assert [line for line in lines if re.match(r"(\$ )?(tactuator|make) [a-z]", line)] == []
     reasons = [block.marks["not run"] for _, block in blocks if "not run" in block.marks]

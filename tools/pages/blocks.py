@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from markdown_it import MarkdownIt
 
-RUN = ("sh", "python")
+RUN = ("sh", "console", "python")
 _MARK = re.compile(r"<!--\s*(not run|exit|serves|file|figure|slow page)\b:?\s*(.*?)\s*-->", re.DOTALL)
 
 
@@ -63,6 +63,17 @@ def read_page(text):
         elif token.type == "inline":
             marks = {}
     return blocks, figures, slow
+
+
+def session(text):
+    """Return the commands of a console block, each with the lines that the page shows of its output."""
+    found = []
+    for line in filter(str.strip, text.splitlines()):
+        if line.startswith("$ "):
+            found.append((line.removeprefix("$ "), []))
+        else:
+            found[-1][1].append(line.strip())
+    return found
 
 
 def commands(text):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.cli.main import main
-from tools.pages.blocks import commands, read_page
+from tools.pages.blocks import commands, read_page, session
 
 #: What only a shell understands; a command without it is run in this process, which saves its imports.
 SHELL = re.compile(r"[|<>&;$*`]")
@@ -86,15 +86,15 @@ def _python(block, place, names):
 
 def _shell(block, place):
     """Run the commands of a block, and yield each with what it printed."""
-    lines = commands(block.text)
-    for number, line in enumerate(lines):
+    lines = session(block.text) if block.language == "console" else [(line, []) for line in commands(block.text)]
+    for number, (line, shown) in enumerate(lines):
         last = number == len(lines) - 1
         asked = int(block.marks["exit"]) if "exit" in block.marks and last else 0
         words = shlex.split(line, comments=True)
         if words[0] == "cd":
             os.chdir(words[1])
             status, output = 0, ""
-        elif "serves" in block.marks:
+        elif "serves" in block.marks and last:
             status, output = _served(line)
         elif words[0] == "tactuator" and not SHELL.search(line.partition(" #")[0]):
             status, output = _in_process(words[1:])
@@ -102,6 +102,9 @@ def _shell(block, place):
             status, output = _by_bash(line)
         if status != asked:
             raise PageFault(f"{place}: {line}\nended with status {status}, not {asked}:\n{output[-2000:]}")
+        printed = [" ".join(text.split()) for text in output.splitlines()]
+        if missing := [text for text in shown if " ".join(text.split()) not in printed]:
+            raise PageFault(f"{place}: {line}\ndid not print {missing[0]!r}:\n{output[-2000:]}")
         yield line, output
 
 
