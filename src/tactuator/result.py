@@ -7,13 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from tactuator.errors import BadInput
 from tactuator.table import Chart, ResultTable, plain
 
 _LONGEST = 499
-_Promoted = TypeVar("_Promoted", bound="Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +163,6 @@ def finite(value: object) -> Any:
     if isinstance(value, list):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:
-    """Return `value`, an instance of the dataclass that `form` extends, as an instance of `form` with `more` fields."""
-    if isinstance(value, form) and not more:
-        return value
-    fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.init}
-    return form(**(fields | more))
 
 
 def coefficients(values: Iterable[float]) -> str:

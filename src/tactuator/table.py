@@ -1,5 +1,6 @@
 """What results are told as: a line that says what they are, tables of text, charts for whoever draws them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from operator import attrgetter
@@ -67,6 +68,18 @@ def _value(value: Any) -> str:
     if is_dataclass(value):
         return str(getattr(value, "name", type(value).__name__))
     return str(value)
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """Return a value to the last digit that its error leaves, and the error to two digits."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return f"{value:.6g}", f"{error:.2g}"
+    decimals = 1 - math.floor(math.log10(error))
+    if not -2 <= decimals <= 6:  # very large and very small numbers keep an exponent
+        digits = max(1, math.floor(math.log10(abs(value) or error)) + decimals + 1)
+        return f"{value:.{digits}g}", f"{error:.2g}"
+    decimals = max(decimals, 0)
+    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,9 @@ from tactuator.cli.table import FIRST, Command, top_commands
 from tactuator.entry_points import plugins
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
-from tactuator.report.tables import with_error
 from tactuator.result import Fact, Result, data, finite, found
 from tactuator.rig.open import RIGS
-from tactuator.table import ResultTable
+from tactuator.table import ResultTable, with_error
 from tools.cli_reference import PAGE, reference, sorted_commands
 
 HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi")

@@ -21,7 +21,8 @@ from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
 from tactuator.io.shipped import EXAMPLES
-from tactuator.report.tables import design_rows, finding_row
+from tactuator.model.verdict import finding_row
+from tactuator.report.tables import design_rows
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.verdict import whole_verdict
@@ -205,7 +206,7 @@ def test_response__dropped__gives_the_model_that_the_command_writes(tmp_path, mo
     )
     monkeypatch.chdir(tmp_path)
     assert found["command"] == "tactuator identify response.csv --order 2 --zeros 0 --out model.json"
-    printed = run(*shlex.split(found["command"])[1:]).out
+    printed = run(*shlex.split(found["command"])[1:], "--full").out
     assert (tmp_path / "model.json").read_text() == found["text"]
     assert all(value in printed for _, value, _ in found["rows"])
     with pytest.raises(BadInput, match="one response by itself"):

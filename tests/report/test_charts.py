@@ -15,19 +15,12 @@ from scipy import signal
 
 import tactuator as tt
 from tactuator.errors import BadInput
-from tactuator.model.verdict import Finding, Outcome
+from tactuator.model.verdict import Finding, Outcome, finding_row, load_words, remark_lines
 from tactuator.report.chart import chart_figure, draw
 from tactuator.report.controller import design_figures, resolution_figure, save_design_figures
 from tactuator.report.figure import ReportFigure
 from tactuator.report.nichols import hull, nichols_figure
-from tactuator.report.tables import (
-    design_rows,
-    finding_row,
-    load_words,
-    printed_factors,
-    printed_polynomial,
-    remark_lines,
-)
+from tactuator.report.tables import design_rows, printed_factors, printed_polynomial
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.record import Record

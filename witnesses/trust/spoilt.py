@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 
 import tactuator as tt
-from tactuator.api.identified import IdentificationResult
 from tactuator.errors import BadInput
+from tactuator.identification.result import Identification
 
 Array = NDArray[np.float64]
 RATE_HZ = 4000.0
@@ -335,7 +335,7 @@ def judge(record: Spoilt, seed: int, folder: Path) -> Judged:
         found = tt.identify(path)
     except BadInput as error:  # a refusal is an answer too
         return Judged(2, np.nan, np.nan, np.nan, str(error))
-    assert isinstance(found, IdentificationResult)
+    assert isinstance(found, Identification)
     low, high = found.model.valid_hz or found.model.band_hz
     inside = np.geomspace(low, high, 300)
 

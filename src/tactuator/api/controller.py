@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from tactuator import report
-from tactuator.api.designed import ControllerResult, VerdictResult
+from tactuator.api.designed import ControllerResult
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import CONTROLLER_HELP, Curve, Figures, Place, Seed, chosen_display, read
 from tactuator.api.progress import say, working
@@ -20,10 +20,12 @@ from tactuator.io.text import read_content
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.plant import HIGHEST_RATE_HZ
-from tactuator.result import Fact, Result, found, promoted
+from tactuator.model.verdict import Verdict
+from tactuator.result import Fact, Result, found
 from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
+from tactuator.synthesis.monte_carlo import plants_table
 from tactuator.synthesis.verdict import whole_verdict
 from tactuator.table import ResultTable
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits
@@ -57,7 +59,7 @@ def design(
     if poles is not None:
         replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
     with working("designing"):
-        controller = promoted(ControllerResult, design_controller(described, poles, error_db))
+        controller = ControllerResult.of(design_controller(described, poles, error_db))
     if figures is not None:
         report.controller.save_design_figures(controller, Path(figures))
     if out is not None:
@@ -85,7 +87,7 @@ def check(
         float | None, Option("Relative standard deviation of the frequency of a mode; else as the model says, or 0.02.")
     ] = None,
     seed: Seed = 0,
-) -> VerdictResult:
+) -> Verdict:
     """Judge a controller by the paper's four objectives. What a board takes is judged, too; exit status 1 if one fails.
 
     display: in place of the controller's own. Raises BadInput for one that the controller cannot run.
@@ -100,7 +102,11 @@ def check(
         on.require_runs(on.display)
         with working("drawing plants"):
             drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift)
-    return promoted(VerdictResult, whole_verdict(judged, shown, drawn), drawn=tuple(drawn))
+    verdict = whole_verdict(judged, shown, drawn)
+    if not drawn:
+        return verdict
+    plants = Fact("monte_carlo", [each.document() for each in drawn])
+    return replace(verdict, beside=(plants, plants_table(drawn)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,7 +1,7 @@
 """The verbs from records to models: calibrate, record, identify."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator import report
-from tactuator.api.identified import IdentificationResult, ResponseModelResult
 from tactuator.api.option import Argument, Option, option_of
 from tactuator.api.parameters import (
     Figures,
@@ -27,16 +26,17 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import working
 from tactuator.errors import BadInput
-from tactuator.identification.by_response import identify_response
+from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.calibration import Calibration, fit_line
 from tactuator.identification.identify import identify as identified
 from tactuator.identification.options import Fixed, IdentifyOptions
+from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
 from tactuator.io.csv_tables import read_pairs
 from tactuator.io.record import read_measured, read_record, write_record
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.result import Fact, Result, promoted
+from tactuator.result import Fact, Result
 from tactuator.rig.rig import require_sensors
 from tactuator.signals import excitation as signals
 from tactuator.signals.excitation import sample_count
@@ -274,7 +274,7 @@ def identify(
     ] = None,
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
     figures: Figures = None,
-) -> IdentificationResult | ResponseModelResult:
+) -> Identification | ResponseFit:
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
@@ -310,7 +310,7 @@ def identify(
         fit = identified(parts, note=note, warn=doubts.append, **vars(asked))
         note("validating")
         fit = validated(fit, checks)
-    model = promoted(IdentificationResult, fit, about=parts[0].about, out=None if out is None else Path(out))
+    model = replace(fit, about=parts[0].about, out=None if out is None else Path(out))
     if out is not None:
         model.write(out)
     if figures is not None:
@@ -318,10 +318,10 @@ def identify(
     return model
 
 
-def _response_model(response: FrequencyResponse, asked: Any, out: Place | None) -> ResponseModelResult:
+def _response_model(response: FrequencyResponse, asked: Any, out: Place | None) -> ResponseFit:
     with working("identifying") as step:
         fit = identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))
-    model = promoted(ResponseModelResult, fit, out=None if out is None else Path(out))
+    model = replace(fit, out=None if out is None else Path(out))
     if out is not None:
         model.write(out)
     return model

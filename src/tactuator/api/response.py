@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tactuator import report
 from tactuator.api.crosstalk import CrosstalkResult
-from tactuator.api.designed import verdict_facts, verdict_tables
 from tactuator.api.option import Option
 from tactuator.api.parameters import (
     Channels,
@@ -97,7 +96,7 @@ class FeltLevels(Result):
             {"under": name, "channels": [_felt_document(felt) for felt in channels]} for name, channels in self.runs
         ]
         return [
-            *(fact for fact in verdict_facts(self.verdict) if not fact.name),
+            *self.verdict.told(),
             *(found(felt.channel, _felt_words(felt)) for felt in self.channels),
             *data({"runs": runs, "not_played": self.not_played}),
             Fact("written", self.written, "written", summary=True),
@@ -133,7 +132,7 @@ class FeltLevels(Result):
             ResultTable("", columns, rows, ("levels as a finger feels them",)),
             *(f"not played: {name}: {why}" for name, why in self.not_played.items()),
             *(f"measured, {felt.channel}: {felt.sensor.environment()}" for felt in measured if felt.sensor),
-            *verdict_tables(self.verdict),
+            *self.verdict.tables(),
         ]
 
 
@@ -248,7 +247,7 @@ class MeasuredResponses(Result):
             for response, levels in self._levels()
         ]
         return [
-            *(fact for fact in verdict_facts(self.verdict) if not fact.name),
+            *self.verdict.told(),
             *(found(response.channel, _felt_within(response, levels)) for response, levels in self._levels()),
             *data({"responses": responses, "learnt": [vars(learnt) for learnt in self.learnt]}),
             *data(self.verdict.document()),
@@ -296,7 +295,7 @@ class MeasuredResponses(Result):
             f"the phase; dist.: distortion against the fundamental, dB{'; cut: a limit was reached' * ('cut' in heads)}"
         )
         table = ResultTable("", heads, tuple(tuple(row[name] for name in heads) for row in cells), (note,))
-        return [table, *map(_learnt_line, self.learnt), *verdict_tables(self.verdict)]
+        return [table, *map(_learnt_line, self.learnt), *self.verdict.tables()]
 
 
 _OF_RESPONSE = (

@@ -34,7 +34,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.parameters import parameters
 from tactuator.perception import curve as library
 from tactuator.perception.curve import Contact, ThresholdCurve
-from tactuator.result import Fact, Result, found, promoted
+from tactuator.result import Fact, Result, found
 from tactuator.signals.record import Record
 from tactuator.table import Chart, ChartLine, ResultTable
 
@@ -158,7 +158,7 @@ def read_controller(path: Place) -> ControllerResult:
     >>> tt.read_controller("controller.json").content_hash == controller.content_hash
     True
     """
-    return promoted(ControllerResult, controller_file.read_controller(Path(path)))
+    return ControllerResult.of(controller_file.read_controller(Path(path)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

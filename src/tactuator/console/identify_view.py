@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tactuator.api.identified import IdentificationResult, ResponseModelResult
 from tactuator.api.model import identify
 from tactuator.arrays import FloatArray
 from tactuator.console.fields import Finite, Name
 from tactuator.console.requests import Answer, Functions, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
+from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.options import IdentifyOptions
+from tactuator.identification.result import Identification
 from tactuator.io.model import identified_text
 from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
@@ -108,15 +109,15 @@ def model(
 REQUESTS: Functions = {"identify.look": look, "identify.model": model}
 
 
-def _told(fit: IdentificationResult | ResponseModelResult, measured: Record | FrequencyResponse) -> Answer:
+def _told(fit: Identification | ResponseFit, measured: Record | FrequencyResponse) -> Answer:
     if isinstance(measured, FrequencyResponse):
-        assert isinstance(fit, ResponseModelResult)
+        assert isinstance(fit, ResponseFit)
         return _of_response(fit, measured)
-    assert isinstance(fit, IdentificationResult)
+    assert isinstance(fit, Identification)
     return _of_record(fit, measured)
 
 
-def _of_response(fit: ResponseModelResult, response: FrequencyResponse) -> Answer:
+def _of_response(fit: ResponseFit, response: FrequencyResponse) -> Answer:
     points = _points(fit, response.frequency_hz, response.value())
     if response.phase_rad is None:
         points["phase_deg"] = []
@@ -129,7 +130,7 @@ def _of_response(fit: ResponseModelResult, response: FrequencyResponse) -> Answe
     }
 
 
-def _of_record(fit: IdentificationResult, record: Record) -> Answer:
+def _of_record(fit: Identification, record: Record) -> Answer:
     """Return the curves of a model of a record, what it leaves of the position, and what else was tried."""
     measured, (low, high) = fit.distortion or fit.empirical.trusted(), fit.model.band_hz
     inside = (measured.frequency_hz >= low) & (measured.frequency_hz <= high)
@@ -153,13 +154,11 @@ def _of_record(fit: IdentificationResult, record: Record) -> Answer:
     }
 
 
-def _curves(fit: IdentificationResult | ResponseModelResult) -> Answer:
+def _curves(fit: Identification | ResponseFit) -> Answer:
     return {name: digits(values) for name, values in fit.columns().items()} | {"valid_hz": fit.model.valid_hz}
 
 
-def _points(
-    fit: IdentificationResult | ResponseModelResult, at_hz: FloatArray, value: NDArray[np.complex128]
-) -> dict[str, Any]:
+def _points(fit: Identification | ResponseFit, at_hz: FloatArray, value: NDArray[np.complex128]) -> dict[str, Any]:
     """Return measured points, their phase by the turn that lies nearest to the model's curve."""
     model: PlantModel = fit.model
     curve_hz = fit.frequency_hz()
@@ -171,7 +170,7 @@ def _points(
     }
 
 
-def _candidate(fit: IdentificationResult, candidate: Any) -> Answer:
+def _candidate(fit: Identification, candidate: Any) -> Answer:
     taken = (fit.order, fit.model.num.size - 1, fit.between.hold, fit.model.delay_s > 0.0)
     form, number = picked(candidate, "poles", "zeros", "hold", "dead_time"), picked(candidate, "cost", "behind")
     shown = {name: f"{value:.3g}" if np.isfinite(value) else "—" for name, value in number.items()}

@@ -12,10 +12,10 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Verdict, verdict_of
+from tactuator.model.verdict import FELT_MINUS_ASKED, FINDING_COLUMNS, Finding, Verdict, finding_row, verdict_of
 from tactuator.processors import single_threaded
 from tactuator.report.nichols import hull
-from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
+from tactuator.report.tables import design_rows
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble

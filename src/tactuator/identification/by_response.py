@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.identification import trust
 from tactuator.identification.check import valid_range
 from tactuator.identification.fit import CERTAIN
+from tactuator.identification.fitted import Fitted, trust_table
 from tactuator.identification.fixed_values import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.form import (
     Form,
@@ -34,13 +36,15 @@ from tactuator.identification.uncertainty import left_over, log_slopes, other_fo
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.processors import single_threaded
+from tactuator.result import Fact
 from tactuator.signals.record import FrequencyResponse
+from tactuator.table import ResultTable
 
 _STEPS, _FEW_STEPS = 40, 10
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class ResponseFit(Fitted):
     """A model of a response with its standing. order: poles; departure: mean squared departure in standard errors (1:
     as the confidence would have it); largest_db: at any point; remarks: what was done to the response; fixed: values
     that were fixed, beside the response's own.
@@ -52,11 +56,35 @@ class ResponseFit:
     largest_db: float
     remarks: tuple[str, ...]
     fixed: tuple[FixedAgainstOwn, ...] = ()
+    out: Path | None = None
 
     @property
     def distrust(self) -> tuple[str, ...]:
         """Return why the model is not to be trusted, empty if it is."""
         return self.model.distrust
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the model with its confidence, and what it is trusted by."""
+        title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
+        return [ResultTable(title, ("what", "value"), tuple(_rows(self))), trust_table(self.model)]
+
+    def facts(self) -> Sequence[Fact]:
+        """Return the fit, the model and what it rests on."""
+        largest = Fact("largest_db", self.largest_db, "departure", "dB", ".3g", True)
+        return [*self.fitted(largest), Fact("departure", self.departure), Fact("out", self.out)]
+
+
+def _rows(fit: ResponseFit) -> list[tuple[str, str]]:
+    """Return what `identify` prints of a model of a frequency response: name and value."""
+    rows = []
+    for name, values in (("numerator", fit.model.num), ("denominator", fit.model.den)):
+        top = values.size - 1
+        rows += [(f"{name}, s^{top - k}", f"{value:.5g}") for k, value in enumerate(values)]
+    rows += [
+        (f"fixed: {known.fixed.name}", f"{str(known.fixed).partition('=')[2]} {known.beside}") for known in fit.fixed
+    ]
+    rows.append(("dead time (ms)", f"{1e3 * fit.model.delay_s:.3g}"))
+    return [*rows, ("largest departure from the response (dB)", f"{fit.largest_db:.2f}")]
 
 
 @np.errstate(all="ignore")

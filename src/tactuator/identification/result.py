@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.check import EmpiricalResponse, ExcitationReport
 from tactuator.identification.distortion import Distortion
+from tactuator.identification.fitted import POLYNOMIALS, Fitted, Resonance, resonances, trust_table
 from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.residual_tests import ResidualTests
+from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel, QualityCheck, reasons
+from tactuator.result import Fact, data
+from tactuator.signals.decibels import db
+from tactuator.table import Chart, ChartLine, ResultTable, picked, with_error
 
 
 @dataclass(frozen=True)
@@ -66,26 +74,6 @@ class BetweenSamples:
 
 
 @dataclass(frozen=True)
-class Resonance:
-    """A pair of complex poles: |pole| / 2 pi, damping ratio, Q = 1 / (2 damping ratio)."""
-
-    frequency_hz: float
-    damping_ratio: float
-    q: float
-
-
-def resonances(den: FloatArray) -> tuple[Resonance, ...]:
-    """Return the complex pairs among the roots of `den` (descending powers of s), by frequency."""
-    poles = np.roots(den)
-    upper = poles[poles.imag > 1e-9 * np.abs(poles)]
-    pairs = []
-    for pole in sorted(upper, key=abs):
-        ratio = float(-pole.real / abs(pole))
-        pairs.append(Resonance(float(abs(pole) / (2.0 * np.pi)), ratio, 0.5 / ratio if ratio else float("inf")))
-    return tuple(pairs)
-
-
-@dataclass(frozen=True)
 class Validation:
     """A model's standing on one record that its fit never saw.
 
@@ -109,8 +97,8 @@ class Validation:
         return reasons(self.checks)
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Fitted):
     """A model and how it was found. model: with covariance. order: poles. tried: structures in the order of trial.
     friction: None if none is certain.
 
@@ -138,6 +126,8 @@ class Identification:
     distortion: Distortion | None = None
     fixed: tuple[FixedAgainstOwn, ...] = ()
     path: FloatArray | None = None
+    about: Mapping[str, str] | None = None
+    out: Path | None = None
 
     def shown(self) -> tuple[FloatArray, ComplexArray, FloatArray]:
         """Return what the record shows of the plant: frequencies, response, its relative standard error; all (m,).
@@ -187,6 +177,125 @@ class Identification:
         """Return the model's resonances, by frequency."""
         return resonances(self.model.den)
 
-    def frequency_hz(self, count: int = 500) -> FloatArray:
-        """Return the frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
-        return np.geomspace(*self.model.band_hz, count)
+    def notices(self) -> Sequence[str]:
+        """Return doubts about the model, and what may help."""
+        unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name) for row in self.model.trust)
+        return [*super().notices(), *([_HELPS] if unlikely or (self.tests.feedback and not self.holds) else [])]
+
+    def chart(self) -> Chart:
+        """Return the magnitude with its 95 % band."""
+        hertz, value, error = self.shown()
+        half = 20.0 / np.log(10.0) * 1.959964 * error
+        return self.model.chart(ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the model with its confidence, and what it is trusted by."""
+        title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
+        rows = tuple(_rows(self, self.about or {}))
+        return [ResultTable(title, ("what", "value", "±95 %"), rows), trust_table(self.model)]
+
+    def facts(self) -> Sequence[Fact]:
+        """Return the fit, the model and what it rests on."""
+        about, excitation = self.about or {}, self.excitation
+        other = None if self.other is None else picked(self.other, *POLYNOMIALS)
+        band_hz = [excitation.low_hz, excitation.high_hz]
+        documents = {
+            "hold": picked(self.between, "source", "certain", "advantage", taken="hold") | {"other": other},
+            "excitation": picked(excitation, "order", "needed", "sufficient") | {"band_hz": band_hz},
+            "residuals": picked(self.tests, *_TESTS, "white", "uncorrelated_with_input", closed_loop="feedback"),
+            "validation": [_validation_document(validation) for validation in self.validations],
+            "friction": self._friction_document(),
+            "mechanism": self._mechanism_document(),
+            "distortion": None if self.distortion is None else _distortion_document(self.distortion),
+            "tried": [vars(candidate) for candidate in self.tried],
+            "columns": {name: about.get(name) for name in ("input", "output")},
+        }
+        fit = Fact("fit_percent", self.fit_percent, "fit", "%", ".5g", True)
+        return [*self.fitted(fit), *data(documents), Fact("out", self.out)]
+
+    def _mechanism_document(self) -> dict[str, float] | None:
+        if self.mass_and_viscous is None:
+            return None
+        names = ("mass", "mass_confidence", "viscous", "viscous_confidence")
+        return dict(zip(names, np.ravel(self.mass_and_viscous).tolist(), strict=True))
+
+    def _friction_document(self) -> dict[str, Any]:
+        if self.friction is None:
+            return {"coulomb": 0.0, "confidence": None, "presliding": None, "command_for_1_db": None}
+        return picked(self.friction, "coulomb", "confidence", "presliding", command_for_1_db="small_command")
+
+
+_HELPS = (
+    "what may help: --order with the number of poles that you expect (2 for a motor on a spring), a longer record, or "
+    "one without a loop around the plant"
+)
+_TESTS = ("white_p", "uncorrelated_p", "unexplained")
+
+
+@np.errstate(divide="ignore")
+def _distortion_document(seen: Distortion) -> dict[str, Any]:
+    levels = {
+        f"{name}_db": 20.0 * np.log10(getattr(seen, name)) for name in ("noise", "total", "distortion", "even", "odd")
+    }
+    response = {"frequency_hz": seen.frequency_hz, "response_db": 20.0 * np.log10(np.abs(seen.value))}
+    return response | levels | {"realisations": seen.realisations}
+
+
+def _validation_document(validation: Validation) -> dict[str, Any]:
+    document = picked(validation, "failures", "fit_percent", "points", record="name", inside_band="inside")
+    return document | {"holds": not validation.failures, "residuals": picked(validation.tests, *_TESTS)}
+
+
+_BETWEEN = {
+    "zero-order": "held constant (zero-order hold)",
+    "first-order": "joined by straight lines (first-order hold)",
+    "band-limited": "smooth, through a filter (band-limited)",
+}
+_SAID_BY = {"data": "as the data show", "file": "as the record's file says", "asked": "as you said"}
+
+
+def _rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of the table: what it is, its value, its 95 % interval (or nothing)."""
+    model, confidence = fit.model, fit.model.confidence()
+    for name, values, first in (("numerator", model.num, 0), ("denominator", model.den, 1)):
+        top = values.size - 1
+        for k in range(first, values.size):
+            error = confidence[f"{name[:3]}_s{top - k}"]
+            yield f"{name}, s^{top - k}", *with_error(float(values[k]), error)
+    for known in fit.fixed:
+        yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
+    yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
+    yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in fit.poles_hz), ""
+    for mode in fit.resonances:
+        name = f"resonance at {mode.frequency_hz:.4g} Hz"
+        yield name, f"damping ratio {mode.damping_ratio:.3g}, Q {mode.q:.3g}", ""
+    for words, value in _circumstances(fit, about):
+        yield words, value, ""
+    command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
+    for name, known_as in zip(("mass", "viscous damping"), fit.mass_and_viscous or (), strict=False):
+        yield f"{name} ({command}, {position}, s)", *with_error(*known_as)
+    if fit.friction is not None:
+        level = with_error(fit.friction.coulomb, fit.friction.confidence)
+        yield f"Coulomb friction ({command})", *level
+        distance = fit.friction.presliding
+        yield f"presliding distance ({position})", "cannot tell" if distance is None else f"{distance:.3g}", ""
+
+
+def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    model = fit.model
+    sure = "" if fit.between.certain else "; not certain, so the band covers the other as well"
+    yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {_SAID_BY[fit.between.source]}{sure}"
+    yield "feedback during the recording", {True: "yes", False: "no", None: "unknown"}[fit.tests.feedback]
+    if {"input", "output"} <= set(about):
+        yield "columns", f"{about['input']} -> {about['output']}"
+    for name, unit in (("command", model.command_unit), ("position", model.position_unit)):
+        if (half := model.record.get(f"{name}_half_span")) is not None:
+            yield f"{name} amplitude (half its span)", f"{half:.4g} {unit or '(no unit given)'}"
+    yield "order of persistent excitation", str(fit.excitation.order)
+    if model.valid_hz is not None:
+        yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
+    yield "fit of the simulated position (%)", f"{fit.fit_percent:.2f}"
+    for unseen in fit.validations:
+        verdict = "fails" if unseen.failures else "holds"
+        inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
+        yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"

@@ -6,13 +6,15 @@ An objective is met only if something was judged and nothing that counts stayed 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.table import brief
+from tactuator.result import Fact, Result, data, found
+from tactuator.signals.decibels import db
+from tactuator.table import Chart, ChartLine, ResultTable, brief
 
 OBJECTIVES = {
     "i": "what is felt is what was asked: |H| follows the threshold curve over the band, without load",
@@ -154,14 +156,72 @@ def _rank(finding: Finding) -> tuple[int, float]:
     return gravity, finding.excess
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Objectives, and what was assumed on the way, in sentences."""
+@dataclass(frozen=True, repr=False)
+class Verdict(Result):
+    """Objectives, and what was assumed on the way, in sentences. It draws how far each finding lies below what is
+    allowed.
+
+    beside: facts and tables of what the verdict rests on as well (drawn plants).
+    """
 
     objectives: tuple[Objective, ...]
     assumptions: tuple[str, ...] = ()
+    beside: tuple[Fact | ResultTable, ...] = ()
 
-    __repr__ = brief
+    @property
+    def holds(self) -> bool:
+        """Return False where a requirement is not met."""
+        return self.outcome is not Outcome.NOT_MET
+
+    def told(self) -> list[Fact]:
+        """Return the verdict in words, and the worst finding of each objective that is not met."""
+        worst = [finding for objective in self.objectives for finding in objective.worst()]
+        missed = sorted((each for each in worst if each.outcome is Outcome.NOT_MET), key=lambda each: each.excess)
+        by_number = {finding.objective: finding for finding in missed}
+        return [
+            found("verdict", self.sentence),
+            *(found(f"not met, {number}", _in_words(finding)) for number, finding in sorted(by_number.items())),
+        ]
+
+    def facts(self) -> Sequence[Fact]:
+        """Return the verdict in words and as a document."""
+        beside = [each for each in self.beside if isinstance(each, Fact)]
+        return [*self.told(), *data(self.document()), *beside]
+
+    def next_step(self) -> str:
+        """Return where to read on, unless all is met."""
+        return "" if self.outcome is Outcome.MET else "--full lists every finding, with what helps"
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each objective, channel and quantity, the worst of its loads, models and lines.
+
+        Remarks, which may be long, are listed below it.
+        """
+        worst = [finding for objective in self.objectives for finding in objective.worst()]
+        assumed = dict.fromkeys(f"assumed: {sentence}" for sentence in self.assumptions)
+        whole = ("objective", "outcome", "allowed", "frequency")
+        table = ResultTable("", FINDING_COLUMNS, tuple(map(finding_row, worst)), whole=whole)
+        beside = [each for each in self.beside if isinstance(each, ResultTable)]
+        return [table, *remark_lines(worst), *assumed, *beside]
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return a row for each finding."""
+        names = ("objective", "channel", "load", "quantity", "value", "allowed", "unit")
+        findings = [finding for objective in self.objectives for finding in objective.findings]
+        columns = {name: [getattr(finding, name) for finding in findings] for name in names}
+        return columns | {"outcome": [str(finding.outcome) for finding in findings]}
+
+    def chart(self) -> Chart:
+        """Return how far each finding lies below what is allowed."""
+        findings = [f for objective in self.objectives for f in objective.worst() if f.allowed is not None]
+        names = list(dict.fromkeys(finding.channel for finding in findings))
+        curves = []
+        for name in names:
+            of = [finding for finding in reversed(findings) if finding.channel == name and finding.value is not None]
+            rows = [f"{finding.objective}: {finding.quantity}" for finding in of]
+            missed = [finding.outcome is Outcome.NOT_MET for finding in of]
+            curves.append(ChartLine(name, [_excess_db(finding) for finding in of], rows, "o", crossed=missed))
+        return Chart("value less what is allowed (dB)", "objective: quantity", curves, upright={"allowed": 0.0})
 
     @property
     def outcome(self) -> Outcome:
@@ -201,3 +261,47 @@ def verdict_of(findings: Sequence[Finding], assumptions: Sequence[str] = ()) -> 
     sorted_out = {number: tuple(each for each in findings if each.objective == number) for number in OBJECTIVES}
     objectives = (Objective(number, OBJECTIVES[number], of) for number, of in sorted_out.items() if of)
     return Verdict(tuple(objectives), tuple(dict.fromkeys(assumptions)))
+
+
+FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")
+
+
+def finding_row(finding: Finding) -> tuple[str, ...]:
+    """Return a finding as the cells of `FINDING_COLUMNS`."""
+    unit = f" {finding.unit}" if finding.unit else ""
+    value = finding.quantity if finding.value is None else f"{finding.quantity} {finding.figure}"
+    allowed = "" if finding.allowed is None else f"{'±' if finding.side else ''}{finding.allowed:g}{unit}"
+    at = "" if finding.frequency_hz is None else f"{finding.frequency_hz:.4g} Hz"
+    return finding.objective, finding.channel, finding.outcome.value, value, allowed, at, load_words(finding.load)
+
+
+def load_words(name: str) -> str:
+    """Return a load, or a plant of the family under it (`finger, model 2`), as a person reads it."""
+    load, _, model = name.partition(", model ")
+    words = "free" if load == "none" else load
+    return f"{words}, plant {model} of the family" if model else words
+
+
+def remark_lines(findings: Iterable[Finding]) -> list[str]:
+    """Return the findings' remarks, one line each; channels, and objectives, of which the same is said share a line."""
+    channels: dict[tuple[str, str], dict[str, None]] = {}
+    for finding in findings:
+        if finding.remark:
+            channels.setdefault((finding.objective, finding.remark), {})[finding.channel] = None
+    objectives: dict[tuple[str, str], list[str]] = {}
+    for (objective, remark), names in channels.items():
+        objectives.setdefault((", ".join(names), remark), []).append(objective)
+    return [f"{', '.join(finding)}, {names}: {remark}" for (names, remark), finding in objectives.items()]
+
+
+def _in_words(finding: Finding) -> str:
+    _, channel, _, value, allowed, at, load = finding_row(finding)
+    words = f"{channel}, {load}: {value}{f' at {at}' if at else ''}{f' (allowed {allowed})' if allowed else ''}"
+    return words if finding.value is not None else f"{words}: {finding.remark}"
+
+
+def _excess_db(finding: Finding) -> float:
+    """Return by how many decibels a finding passes what is allowed; a ratio is taken as one of amplitudes."""
+    if finding.unit.startswith("dB") or not finding.value or not finding.allowed:
+        return finding.excess
+    return float(db(finding.value / finding.allowed))

@@ -36,7 +36,6 @@ from tactuator.paper.steps import (
 )
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.result import promoted
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in
@@ -144,7 +143,7 @@ class PaperStudy:
 
 def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     """Run the whole study; file: the plan's speech as `check_speech` found it: a bad one is refused first."""
-    controller = promoted(ControllerResult, paper_controller(plan.display))
+    controller = ControllerResult.of(paper_controller(plan.display))
     with observers_at_work(plan, controller) as detected_by:  # they take longer than all the rest together
         calibration = calibrate(plan)
         progress("calibration", 1.0)

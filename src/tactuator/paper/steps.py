@@ -20,7 +20,6 @@ from tactuator.measure.felt import FeltReport
 from tactuator.model.description import Channel, Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.result import promoted
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins
@@ -39,7 +38,7 @@ def reshaped_controller(display: Display, curve: ThresholdCurve) -> ControllerRe
         low, high = channel.threshold.band_hz
         band = (max(low, float(curve.frequency_hz[0])), min(high, float(curve.frequency_hz[-1])))
         channels.append(replace(channel, threshold=replace(channel.threshold, curve=curve, band_hz=band)))
-    return promoted(ControllerResult, paper_controller(replace(display, channels=tuple(channels))))
+    return ControllerResult.of(paper_controller(replace(display, channels=tuple(channels))))
 
 
 @dataclass(frozen=True)

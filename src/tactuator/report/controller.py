@@ -15,6 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.measure.adaptive import LANDS_S, LIFTED_S, Landing, landing
 from tactuator.model.controller import Controller
 from tactuator.model.requirements import FeedbackRequirements
+from tactuator.model.verdict import load_words
 from tactuator.report.chart import panels
 from tactuator.report.felt import equality_figure
 from tactuator.report.figure import (
@@ -32,7 +33,6 @@ from tactuator.report.figure import (
     table_of,
 )
 from tactuator.report.nichols import nichols_figure
-from tactuator.report.tables import load_words
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
