@@ -23,8 +23,8 @@ from tools import wheel as maker
 ROOT = Path(__file__).resolve().parents[2]
 CHAIN = (
     "init --examples .",
-    "identify sheet.csv --out model.json",
-    "design displays/tactuator.toml --out controller.json",
+    "identify bench.csv --input drive --output encoder --time t --out model.json",
+    "design bench.toml --out controller.json",
     "render speech.wav --controller controller.json --out r.wav --felt felt.h5 --figures felt-figures",
     "check controller.json --json",
 )

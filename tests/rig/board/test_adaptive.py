@@ -19,24 +19,12 @@ from tactuator.rig.transport import InProcess
 from tactuator.signals.decibels import db
 from tests.firmware.emulator import emulated_rig, rig_of
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display
-from tests.runtime.test_touch import SECOND, adaptive, tones
+from tests.runtime.test_touch import adaptive
 from tests.strength import core, reshaped
 
 
 def adaptive_display() -> Display:
     return replace(display(channel()), touch=Touch(adaptive=True))
-
-
-def played(is_adaptive: bool = True) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    own = adaptive() if is_adaptive else replace(adaptive(), feed_forward=None)
-    rig = in_process_rig(adaptive_display(), 5)
-    try:
-        rig.load(Controller(adaptive_display(), (own,)))
-        rig.finger("index").touch("finger")
-        trace = rig.play(tones(2 * SECOND)[:, None])
-    finally:
-        rig.close()
-    return np.hstack([trace.command_v, trace.position_v])
 
 
 def test_board__asked_for_its_weights__tells_what_it_has_learnt() -> None:
@@ -53,12 +41,6 @@ def test_board__asked_for_its_weights__tells_what_it_has_learnt() -> None:
     rig.load(Controller(adaptive_display(), (replace(adaptive(), feed_forward=None),)))
     assert np.array_equal(rig.weights(), np.zeros((1, 2)))
     rig.close()
-
-
-def test_board__adaptive__commands_otherwise_than_a_fixed_one() -> None:
-    learnt, fixed = played(), played(is_adaptive=False)
-    last = slice(-SECOND, None)
-    assert np.std(learnt[last, 0] - fixed[last, 0]) > 0.05
 
 
 def test_safety_table__adaptive_display__limits_the_reference_further() -> None:

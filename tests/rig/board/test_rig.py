@@ -118,14 +118,6 @@ def test_play_tones__a_trial__moves_as_the_same_tones_streamed(toned):
     assert np.max(np.abs(made.position_v[:, 0])) > 10.0 * noise
 
 
-def test_play_tones__then_others_then_again__each_run_is_whole(toned):
-    first = toned.play_tones(TRIAL, 0.3)
-    assert not toned.play_tones({}, 0.05).reference.any()
-    again = toned.play_tones(TRIAL, 0.3)
-    assert np.array_equal(first.reference, again.reference)
-    assert np.max(np.abs(first.position_v - again.position_v)) < 6e-3
-
-
 def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(toned):
     toned.break_sensor("thumb", "open")
     with pytest.raises(RigFault, match=r"sensor open|travel"):

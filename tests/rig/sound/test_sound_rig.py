@@ -141,18 +141,6 @@ def test_output__after_the_reference__rings_out_and_is_at_rest():
     assert np.max(np.abs(np.diff(out))) < 1.1 * np.max(np.abs(np.diff(signal.sosfilt(sos, np.full(800, 2.5)))))
 
 
-def test_rows__not_read_in_time__are_told():
-    rows = CardRows(2, 2, 256, RATE_HZ)
-    card = turned_rig(sound_display())[1]
-    card.rows = rows
-    rows.feed(np.zeros((256, 2), dtype=np.float32))
-    rows.begin()
-    rows.end()
-    card.sleep(1000 / RATE_HZ)
-    with pytest.raises(SoundGap, match="too slow to read"):
-        rows.check()
-
-
 @pytest.mark.parametrize("times", [1, TRIES - 1])
 def test_drive__gaps_told_by_the_card__is_repeated_and_every_gap_counted(times: int):
     told = []
