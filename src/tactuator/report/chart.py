@@ -49,8 +49,7 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
 
 def chart_figure(chart: Chart, name: str, caption: str = "") -> ReportFigure:
     """Return the chart as a figure of its own, with the numbers of every curve."""
-    drawing = Figure(figsize=(6.6, 3.6), layout="constrained")
-    draw(replace(chart, simulated=False), drawing.add_subplot())  # the figure says it above
+    drawing = panels([[replace(chart, simulated=False)]], 3.6)  # the figure says it above
     rows = (row for curve in chart.curves for row in labelled((curve.label,), np.asarray(curve.x), np.asarray(curve.y)))
     heads = ("curve", chart.x_label, chart.y_label)
     return ReportFigure(name, name, caption, drawing, table_of(heads, rows), chart.simulated)
