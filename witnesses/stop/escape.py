@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -80,15 +81,34 @@ _KEY_TIMES = """addEventListener("keydown", (event) => {
 
 
 class Felt:
-    """Every stretch of displacement of a finger, with the wall clock's time of its first sample."""
+    """Every stretch of displacement of a finger, with the wall clock's time of its first sample.
+
+    runs: while it is cleared, the rig's time stands still.
+    """
 
     def __init__(self, rate_hz: float, silent_mm: float) -> None:
         self.rate_hz, self.silent_mm = rate_hz, silent_mm
         self.stretches: list[tuple[float, NDArray[np.float64]]] = []
+        self.runs = threading.Event()
+        self.runs.set()
 
     def __call__(self, displacement_mm: NDArray[np.float64]) -> None:
         """Keep a stretch."""
         self.stretches.append((time.time(), displacement_mm))
+        self.runs.wait()
+
+    def _amplitude_mm(self, displacement_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the tone's amplitude in the period that begins at each sample, (n - period + 1,)."""
+        period = round(self.rate_hz / FREQUENCY_HZ)
+        at_s = np.arange(period) / self.rate_hz
+        turns = 2.0 * np.pi * FREQUENCY_HZ * at_s
+        fit = np.linalg.pinv(np.column_stack([np.cos(turns), np.sin(turns), np.ones(period), at_s]))[:2]
+        return np.hypot(*(fit @ np.lib.stride_tricks.sliding_window_view(displacement_mm, period).T))
+
+    def tone_ms(self, first: int) -> float:
+        """Return how long the tone is felt from that stretch on, by the rig's own time."""
+        later = np.concatenate([np.zeros(round(self.rate_hz)), *(mm for _, mm in self.stretches[first:])])
+        return 1e3 * float(np.sum(self._amplitude_mm(later) > self.silent_mm)) / self.rate_hz
 
     def lasts_ms(self, key_ms: float) -> float:
         """Return how long after the key the tone is felt, ms; 0 where it is not.
@@ -97,9 +117,6 @@ class Felt:
         computed at once.
         """
         period, last = round(self.rate_hz / FREQUENCY_HZ), 0.0
-        at_s = np.arange(period) / self.rate_hz
-        turns = 2.0 * np.pi * FREQUENCY_HZ * at_s
-        fit = np.linalg.pinv(np.column_stack([np.cos(turns), np.sin(turns), np.ones(period), at_s]))[:2]
         stretches = list(self.stretches)  # the rig may go on
         ends_s = [began_s for began_s, _ in stretches[1:]] + [np.inf]
         before = np.zeros(0)
@@ -107,7 +124,7 @@ class Felt:
             joined = np.concatenate([before, mm])
             after_ms = 1e3 * (began_s + (np.arange(joined.size) - before.size) / self.rate_hz) - key_ms
             if joined.size >= period:
-                amplitude_mm = np.hypot(*(fit @ np.lib.stride_tricks.sliding_window_view(joined, period).T))
+                amplitude_mm = self._amplitude_mm(joined)
                 at_ms = after_ms[: amplitude_mm.size]
                 felt = (amplitude_mm > self.silent_mm) & (at_ms > 0.0) & (at_ms < 1e3 * end_s - key_ms)
                 last = max(last, float(at_ms[felt].max(initial=0.0)))
@@ -215,8 +232,8 @@ STATES: dict[str, Callable[[Any], None]] = {
 
 
 @contextmanager
-def subject_page(browser: Any, folder: Path) -> Iterator[tuple[Any, Felt]]:
-    """Yield the page of a subject whose study has just been opened, and what the finger feels."""
+def subject_page(browser: Any, folder: Path) -> Iterator[tuple[Any, Felt, Lab]]:
+    """Yield the page of a subject whose study has just been opened, what the finger feels, and the lab."""
     controller = paper_controller(paper_display())
     rig = SimulatedRig(controller.display, 1)
     rig.load(controller)
@@ -233,9 +250,10 @@ def subject_page(browser: Any, folder: Path) -> Iterator[tuple[Any, Felt]]:
             page.add_init_script(_KEY_TIMES)
             page.goto(f"http://127.0.0.1:{client.port}/s/token-S1")
             page.locator("#go").wait_for()
-            yield page, felt
+            yield page, felt, lab
             page.close()
     finally:
+        felt.runs.set()
         lab.close()
         store.close()
 
@@ -269,7 +287,7 @@ def main() -> int:
         for state in STATES:
             lasts, stage = [], ""
             for _ in range(chosen.times):
-                with tempfile.TemporaryDirectory() as folder, subject_page(browser, Path(folder)) as (page, felt):
+                with tempfile.TemporaryDirectory() as folder, subject_page(browser, Path(folder)) as (page, felt, _):
                     lasts_ms, stage, _ = escaped(page, felt, state)
                     lasts.append(lasts_ms)
             longest = max(longest, *lasts)
