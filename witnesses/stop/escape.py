@@ -103,7 +103,7 @@ class Felt:
         at_s = np.arange(period) / self.rate_hz
         turns = 2.0 * np.pi * FREQUENCY_HZ * at_s
         fit = np.linalg.pinv(np.column_stack([np.cos(turns), np.sin(turns), np.ones(period), at_s]))[:2]
-        return np.hypot(*(fit @ np.lib.stride_tricks.sliding_window_view(displacement_mm, period).T))
+        return np.asarray(np.hypot(*(fit @ np.lib.stride_tricks.sliding_window_view(displacement_mm, period).T)))
 
     def tone_ms(self, first: int) -> float:
         """Return how long the tone is felt from that stretch on, by the rig's own time."""
