@@ -8,8 +8,9 @@ import pytest
 from scipy import optimize, signal
 
 from tactuator.identification.by_response import identify_response
-from tactuator.identification.check import ExcitationReport, prepared, valid_range
-from tactuator.identification.identify import identify, judged
+from tactuator.identification.check import ExcitationReport, check, valid_range
+from tactuator.identification.identify import identify
+from tactuator.identification.judge import judge
 from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.result import Identification
 from tactuator.identification.trust import VALID
@@ -163,8 +164,8 @@ def test_identify__record_s_own_response__is_in_the_model_s_units(found_by: Iden
 def test_judged__band_wide_everywhere__is_a_reason(record: Record) -> None:
     found_by = identify(record, method="rls", order=2)
     wide = replace(found_by.model, valid_hz=(1.0, 1.05))
-    common = replace(prepared([record], IdentifyOptions()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
-    reasons = judged(replace(found_by, model=wide), common).distrust
+    common = replace(check([record], IdentifyOptions()), excitation=ExcitationReport(9, 3, 1.0, 50.0))
+    reasons = judge(replace(found_by, model=wide), common).distrust
     assert any(VALID.name in one for one in reasons)
 
 

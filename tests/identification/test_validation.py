@@ -59,7 +59,7 @@ def test_validate__another_mechanism__fails_with_the_reason(found: Identificatio
 
 def test_identify__several_long_records__are_cut_together(monkeypatch: pytest.MonkeyPatch) -> None:
     count = made(1).command.size
-    monkeypatch.setattr("tactuator.identification.check.LONGEST", count)
+    monkeypatch.setattr("tactuator.identification.alignment.LONGEST", count)
     found = identify([made(1), made(5)], order=2, zeros=0, hold="band-limited")
     used = [one for one in found.remarks if one.endswith("are used")]
     assert [one.partition(":")[0] for one in used] == ["record 1", "record 2"]

@@ -8,13 +8,14 @@ shows it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.signals.record import Record
 
 _PIECES, _LONGEST, _SHORTEST = 12, 10_000, 200
@@ -190,6 +191,37 @@ def _impulse(command: FloatArray, position: FloatArray, late: int, begin: int, e
 
 _BESIDE, _LEAST_PART = 0.003, 0.1
 """Shares of a record: what is left out before a loss, and what has to lie before it to be of use."""
+
+
+LONGEST = 1_000_000
+"""Samples identified at once, of all records together (0.8 GB); of longer ones the part with most command power."""
+
+
+def align(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
+    """Return the part of each record that is used, and what is to be reported of them. Raises BadInput for a record
+    whose columns do not run together.
+    """
+    parts, remarks = list[Record](), list[str]()
+    for k, record in enumerate(records):
+        where = () if len(records) == 1 else (f"record {k + 1}",)
+        part, shortened = _liveliest(record, LONGEST // len(records))
+        with within(*where):
+            require_aligned(part)
+        parts.append(part)
+        remarks += [": ".join([*where, remark]) for remark in [*record.remarks, *shortened]]
+    return parts, remarks
+
+
+def _liveliest(record: Record, most: int) -> tuple[Record, tuple[str, ...]]:
+    """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
+    count, rate_hz = record.command.size, record.rate_hz
+    if count <= most:
+        return record, ()
+    power = np.cumsum((record.command - record.command.mean()) ** 2)
+    starts = np.arange(0, count - most + 1, most // 4)
+    best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
+    said = f"of {record.duration_s:.4g} s the {most / rate_hz:.4g} s from {best / rate_hz:.4g} s are used"
+    return record.between(best / rate_hz, (best + most) / rate_hz), (said,)
 
 
 def require_aligned(record: Record) -> None:

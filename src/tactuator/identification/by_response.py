@@ -14,7 +14,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
 from tactuator.identification.check import valid_range
-from tactuator.identification.fit import CERTAIN
+from tactuator.identification.fit import Data, fit, no_form, propose_starts
 from tactuator.identification.fitted import Fitted, trust_table
 from tactuator.identification.fixed_values import FixedAgainstOwn, beside_free, exact
 from tactuator.identification.form import (
@@ -30,7 +30,7 @@ from tactuator.identification.form import (
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem, information
 from tactuator.identification.lines import LocalResponse
 from tactuator.identification.options import Fixed, IdentifyOptions, solvable
-from tactuator.identification.search import Choice, best_few, choose, propose, pruned
+from tactuator.identification.search import Choice, best_few, propose, pruned
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
 from tactuator.model.plant_model import Excess, PlantModel
@@ -262,40 +262,48 @@ def _free(given: FrequencyResponse, options: IdentifyOptions) -> Known:
 
 
 def _identify_response(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> ResponseFit:
+    if given.phase_rad is None:
+        return _of_magnitudes(given, options, note)
+    local, rate_hz, _ = _prepared(given)
+    data, known = Data(local, rate_hz, weight=_problem(given).weight), options.known(1.0)
+    estimate = fit(data, propose_starts(data, ("band-limited",), known.without_values, note), known, note)
+    found = _described(given, estimate.chosen, local, options)
+    if estimate.free is None:
+        return found
+    free = estimate.free.chosen
+    alone = _described(given, free, local, options).model
+    beside: ResponseFit = beside_free(found, alone, options.gain_and_poles, estimate.chosen, [free])
+    return beside
+
+
+def _of_magnitudes(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> ResponseFit:
+    """Return the model of magnitudes without phase: what they show by themselves, in the form asked for if they can."""
     local, rate_hz, scale = _prepared(given)
-    known, alone, problem = options.known(1.0), _free(given, options), _problem(given)
+    known, problem = options.known(1.0), _problem(given)
+    assert isinstance(problem, _Magnitudes)
 
-    def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
-        fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note, near={"band-limited": near})
-        if not fits["band-limited"]:
-            raise BadInput("no model of the form asked for fits the response", "another order, or more zeros")
-        if isinstance(problem, _Magnitudes):
-            begun = {fit.form: problem.sized(fit) for fit in best_few(fits["band-limited"])}
-            return Choice("band-limited", pruned(problem, begun, wanted), begun, problem)
-        # forms beside the best one are tried from it: a pole and a zero that all but cancel go together
-        best = choose(problem.given, fits["band-limited"], "band-limited", wanted, weight=problem.weight)
-        if is_stable(best.fit.theta, best.fit.form):
-            return best
-        mirrored = [replace(fit, theta=np.abs(fit.theta)) for fit in (best.fit, *fits["band-limited"])]
-        stable = choose(problem.given, mirrored, "band-limited", wanted, weight=problem.weight, stable=True)
-        return stable if stable.criterion(stable.fit) < best.criterion(best.fit) + CERTAIN else best
+    def best_of(wanted: Known) -> Choice:
+        fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note)["band-limited"]
+        if not fits:
+            raise no_form()
+        begun = {fit.form: problem.sized(fit) for fit in best_few(fits)}
+        return Choice("band-limited", pruned(problem, begun, wanted), begun, problem)
 
-    free = best_of(alone)
-    free_fit = _judged(given, free, local, options)
-    if not options.gain_and_poles and known.allows(free.fit.form):
+    free = best_of(_free(given, options))
+    free_fit = _described(given, free, local, options)
+    if known.allows(free.fit.form):
         return free_fit
-    bound = best_of(known, tuple(free.fits.values()) if options.gain_and_poles else ())
+    bound = best_of(known)
     form, better = free.fit.form, free.criterion(free.fit) < bound.criterion(bound.fit)
     zeros = form.zeros if known.zeros is None else known.zeros
     poles = known.poles or max(form.poles, zeros)
-    if isinstance(problem, _Magnitudes) and better and poles >= form.poles and zeros >= form.zeros:
+    if better and poles >= form.poles and zeros >= form.zeros:
         more = problem.sized(problem.shown(free.fit, replace(form, poles=poles, zeros=zeros))[0], 0)
-        padded = _judged(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, options)
-        said = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
-        return replace(padded, remarks=(*padded.remarks, said))
-    bound_fit = _judged(given, bound, local, options)
-    both: ResponseFit = beside_free(bound_fit, free_fit.model, options.gain_and_poles, bound, [free])
-    return both
+        padded = _described(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, options)
+        remark = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
+        return replace(padded, remarks=(*padded.remarks, remark))
+    beside: ResponseFit = beside_free(_described(given, bound, local, options), free_fit.model, (), bound, [free])
+    return beside
 
 
 def _problem(given: FrequencyResponse) -> SpectralProblem:
@@ -379,7 +387,7 @@ class _Magnitudes(SpectralProblem):
         return np.asarray(np.where(roots.imag == 0.0, -size, -decay + 1j * turn))
 
 
-def _judged(given: FrequencyResponse, choice: Choice, local: LocalResponse, options: IdentifyOptions) -> ResponseFit:
+def _described(given: FrequencyResponse, choice: Choice, local: LocalResponse, options: IdentifyOptions) -> ResponseFit:
     fit, covariance = choice.fit, information(choice.problem, choice.fit)
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)

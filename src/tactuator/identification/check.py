@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, within
-from tactuator.identification.alignment import require_aligned
+from tactuator.identification.fit import Signals
 from tactuator.identification.lines import Spectrum
 from tactuator.identification.options import IdentifyOptions
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
@@ -295,14 +295,6 @@ def _windowed(taken: Spectrum, frequency_hz: FloatArray) -> FloatArray:
     return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
-LONGEST = 1_000_000
-"""Samples identified at once, of all records together; of longer ones the parts with most command power are taken."""
-
-
-Signals = Sequence[tuple[FloatArray, FloatArray]]
-"""Command and position, (n,) each, of every record."""
-
-
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """Records of one mechanism, the liveliest first, and their signals in one unit size (scale: of command and
@@ -374,19 +366,13 @@ class Prepared:
         )
 
 
-def prepared(records: Sequence[Record], options: IdentifyOptions) -> Prepared:
-    """Return the records made ready. Raises BadInput for records that cannot be used, or not together."""
-    remarks: list[str] = []
-    parts: list[Record] = []
+def check(parts: Sequence[Record], options: IdentifyOptions, remarks: Sequence[str] = ()) -> Prepared:
+    """Return the aligned records made ready. Raises BadInput for those that cannot be used, or not together."""
     checks = list[QualityCheck]()
-    for k, record in enumerate(records):
-        where = () if len(records) == 1 else (f"record {k + 1}",)
-        part, shortened = _liveliest(record, LONGEST // len(records))
+    for k, part in enumerate(parts):
+        where = () if len(parts) == 1 else (f"record {k + 1}",)
         with within(*where):
-            checks += check_record(record, *where)
-            require_aligned(part)
-        parts.append(part)
-        remarks += [": ".join([*where, doubt]) for doubt in [*record.remarks, *shortened]]
+            checks += check_record(part, *where)
     _require_alike(parts)
     command_unit, position_unit = (
         float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")
@@ -425,15 +411,3 @@ def _require_alike(records: Sequence[Record]) -> None:
         holds = [record.about.get("hold") for record in (first, other)]
         if holds[0] != holds[1]:
             raise BadInput(f"record {k} says hold {holds[1]}, the first {holds[0]}", "the same")
-
-
-def _liveliest(record: Record, most: int) -> tuple[Record, tuple[str, ...]]:
-    """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
-    count, rate_hz = record.command.size, record.rate_hz
-    if count <= most:
-        return record, ()
-    power = np.cumsum((record.command - record.command.mean()) ** 2)
-    starts = np.arange(0, count - most + 1, most // 4)
-    best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
-    said = f"of {record.duration_s:.4g} s the {most / rate_hz:.4g} s from {best / rate_hz:.4g} s are used"
-    return record.between(best / rate_hz, (best + most) / rate_hz), (said,)

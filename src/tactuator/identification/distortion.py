@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.signals.multisine import Bins, Periods
+from tactuator.identification.lines import LocalResponse
+from tactuator.signals.multisine import Bins, Periods, periods_of
+from tactuator.signals.record import Record
 
 _POOLED = 0.15
 _FEWEST = 8
@@ -51,6 +53,14 @@ class Distortion:
             return np.nan_to_num(self.odd)
         return np.sqrt(np.maximum(self.total**2 - self.noise**2, 0.0))
 
+    @property
+    def local(self) -> LocalResponse:
+        """Return the best linear approximation with its total variance, to fit to."""
+        ones = np.ones(self.frequency_hz.size)
+        return LocalResponse(
+            self.frequency_hz, self.value, self.variance, self.total**2 / self.realisations, ones, ones
+        )
+
     def scaled(self, gain: float) -> Distortion:
         """Return the same in other units of the response."""
         levels = {name: gain * getattr(self, name) for name in ("value", "noise", "total", "even", "odd")}
@@ -61,6 +71,21 @@ class Distortion:
         """Return true where the distortion stands out of the noise by more than chance over a tenth of the lines."""
         loudest = np.fmax(np.fmax(self.even, self.odd), self.distortion)
         return bool(np.mean(loudest > self.noise) > 0.1)
+
+
+def distortion_of_periods(
+    records: Sequence[Record], signals: Sequence[tuple[FloatArray, FloatArray]], references: Sequence[FloatArray] | None
+) -> Distortion | None:
+    """Return what periodic records show, line by line; None where one has no plan, too few lines, or another plan."""
+    plans = [plan for record in records if (plan := periods_of(record.about, record.command.size)) is not None]
+    if len(plans) < len(records) or plans[0].lines.size < _FEWEST:
+        return None
+    first = plans[0]
+    alike = all(
+        (plan.period, plan.repeats) == (first.period, first.repeats) and np.array_equal(plan.lines, first.lines)
+        for plan in plans
+    )
+    return distortion_of(signals, references, plans, records[0].rate_hz) if alike else None
 
 
 def distortion_of(

@@ -35,6 +35,11 @@ from tactuator.identification.residual import Residual, joint_misfit, record_res
 from tactuator.identification.search import COMPARED, Choice, choose, propose, simplest
 from tactuator.identification.uncertainty import indistinct
 
+Starts = dict[Hold, list[SpectralFit]]
+"""Fits to the response, best first, of each hold in the order in which one is taken if the data cannot tell."""
+Signals = Sequence[tuple[FloatArray, FloatArray]]
+"""Command and position, (n,) each, of every record."""
+
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
 _CERTAIN_IN_LOOP = 36.0
@@ -57,7 +62,6 @@ _NOTHING = 1e-10
 _BLIND = 1e6
 """How much less sure a response may be than its command's power allows, over the surest: between sines, where the
 command's lines are as smooth as a transient, it is 1e10 and more, at the slow end of a chirp 4e4, in noise 4."""
-_NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +71,8 @@ class SpectralEstimate:
     other, or None. advantage: how much better the better one's criterion is; enough: from which on it is told. local:
     the records' own response; spectra: of each record as it is. residuals, other_residuals: what the two leave of every
     record (of single lines: none). before: the fit to the command as it is, where what follows a loop's reference was
-    fitted in its stead. free: the estimate without the values that are known, where there are any. starts: of a quick
-    one, what it began from.
+    fitted in its stead. free: the estimate without the values that are known, where there are any. trials: of a glance
+    the choice under every hold.
     """
 
     chosen: Choice
@@ -76,85 +80,134 @@ class SpectralEstimate:
     certain: bool
     advantage: float
     enough: float
-    local: LocalResponse
-    spectra: tuple[Spectrum, ...]
+    data: Data
     residuals: tuple[Residual, ...] = ()
     other_residuals: tuple[Residual, ...] = ()
     before: SpectralFit | None = None
     flanks: bool = False
     free: SpectralEstimate | None = None
-    starts: dict[Hold, list[SpectralFit]] | None = None
+    trials: tuple[_Trial, ...] = ()
+
+    @property
+    def local(self) -> LocalResponse:
+        """Return the response that was fitted to, or that the records show by themselves."""
+        return self.data.local
+
+    @property
+    def spectra(self) -> tuple[Spectrum, ...]:
+        """Return the lines of every record."""
+        return self.data.spectra
 
 
-@np.errstate(all="ignore")
-def estimate(
-    signals: Sequence[tuple[FloatArray, FloatArray]],
-    rate_hz: float,
-    holds: tuple[Hold, ...],
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What a model is fitted to: a response, or the records that show one.
+
+    local: frequencies, values and their variance. signals, spectra: samples and lines of each record (none of a
+    response by itself).
+    weight: one over the deviation of each value, where it is known; of a record the residual tells it. late_s: about
+    how much later than the command the position begins to answer.
+    """
+
+    local: LocalResponse
+    rate_hz: float
+    signals: Signals = ()
+    spectra: tuple[Spectrum, ...] = ()
+    weight: FloatArray | None = None
+    late_s: float = 0.0
+
+    @cached_property
+    def given(self) -> Equations | JoinedEquations:
+        """Return the equations of a fit."""
+        if self.weight is not None:
+            return points(self.local.frequency_hz, self.local.value, self.rate_hz)
+        return equations_of(self.spectra)
+
+    def with_commands(self, signals: Signals) -> Data:
+        """Return the data of the same positions under other commands."""
+        spectra = tuple(was.under(command) for was, (command, _) in zip(self.spectra, signals, strict=True))
+        return replace(self, signals=signals, spectra=spectra, local=_local(spectra, self.rate_hz))
+
+    def read_later(self, starts: Starts) -> Data:
+        """Return the data with the positions read as much later as the dead time that the starts show, but a sample.
+
+        What was commanded before the record began is unknown for as long as the dead time.
+        """
+        if self.weight is not None:
+            return self
+        late = max(int(fits[0].delay_s * self.rate_hz + 1e-3) - 1 for fits in starts.values())
+        shift = max(min(late, *(command.size // 4 for command, _ in self.signals)), 0)
+        if shift == self.spectra[0].shift:
+            return self
+        spectra = tuple(spectrum(*pair, self.rate_hz, shift) for pair in self.signals)
+        is_far = abs(shift - self.spectra[0].shift) > _LATE
+        return replace(self, spectra=spectra, local=_local(spectra, self.rate_hz) if is_far else self.local)
+
+
+def response_of(signals: Signals, rate_hz: float) -> Data:
+    """Return the response that records show by themselves, and their lines."""
+    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
+    arrival = _arrival(whole[0])
+    taken = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
+    return Data(_local(taken, rate_hz), rate_hz, signals, taken, late_s=arrival / rate_hz)
+
+
+def response_of_periods(local: LocalResponse, signals: Signals, rate_hz: float) -> Data:
+    """Return a response at single lines that no transient disturbs, its variance known, of records with such lines."""
+    taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
+    return Data(local, rate_hz, signals, taken, weight=1.0 / np.sqrt(local.variance))
+
+
+def glance(data: Data, starts: Starts, known: Known) -> SpectralEstimate:
+    """Return the better of the two most likely forms alone, whatever values are known: enough to see friction by."""
+    tried = [choose(data.given, starts[hold], hold, known.without_values, quick=True) for hold in starts]
+    trials = [_tried(choice, data) for choice in tried]
+    return replace(_decided(trials, tuple(starts), data), trials=tuple(trials))
+
+
+def fit(
+    data: Data,
+    starts: Starts,
     known: Known,
     note: Callable[[str], None] = lambda _: None,
-    before: SpectralEstimate | None = None,
-    quick: bool = False,
+    begun: SpectralEstimate | None = None,
 ) -> SpectralEstimate:
-    """Return the estimate from (command, position), each (n,) and of about unit size, of every record.
+    """Return the estimate of a response or of records: under each hold the simplest form of the best ones.
 
-    before: an estimate of these positions under commands that hardly differ, and these holds, to start from. quick: the
-    better of the two most likely forms alone, whatever values are known. Raises BadInput where no form gives a start.
+    starts: fits without the values that are known; begun: a glance at them, to go on from. Raises BadInput where no
+    form gives a start.
     """
-    if before is None:
-        taken, local, proposals = _begun(signals, rate_hz, holds, known.without_values, note)
-    else:
-        taken = tuple(was.under(command) for was, (command, _) in zip(before.spectra, signals, strict=True))
-        local, proposals = _local(taken, rate_hz), before.starts or _fits_of(before.free or before)
-    given = equations_of(taken)
-    if quick:
-        glances = [choose(given, proposals[hold], hold, known.without_values, quick=True) for hold in holds]
-        return replace(_decided([_judged(each, taken) for each in glances], holds, local, taken), starts=proposals)
-
-    def best_of(starts: dict[Hold, list[SpectralFit]], wanted: Known) -> SpectralEstimate:
-        judged: list[_Judged] = []
-        for hold in sorted(holds, key=lambda choice: starts[choice][0].cost):
-            note(f"fitting the record as {hold}")
-            judged.append(_searched(given, taken, starts[hold], hold, wanted, judged))
-        return simplified(_decided(judged, holds, local, taken), wanted)
-
-    free = best_of(proposals, known.without_values)
+    free = _best_of(data, starts, known.without_values, note, begun)
     if known == known.without_values:
         return free
     note("fitting with the values that are known")
-    if before is None or before.starts is not None:
-        starts = _proposals(local, rate_hz, holds, known, note, taken[0].shift / rate_hz, free)
-    else:
-        starts = _fits_of(before)
-    return replace(best_of(starts, known), free=free)
+    return replace(_best_of(data, propose_starts(data, tuple(starts), known, note, free), known, note), free=free)
 
 
-def _begun(
-    signals: Sequence[tuple[FloatArray, FloatArray]],
-    rate_hz: float,
-    holds: tuple[Hold, ...],
+def refit(data: Data, before: SpectralEstimate, known: Known, note: Callable[[str], None]) -> SpectralEstimate:
+    """Return the estimate of data that hardly differ from those of another estimate, begun from its fits."""
+    free = _best_of(data, _fits_of(before.free or before), known.without_values, note)
+    return free if before.free is None else replace(_best_of(data, _fits_of(before), known, note), free=free)
+
+
+def _best_of(
+    data: Data,
+    starts: Starts,
     known: Known,
     note: Callable[[str], None],
-) -> tuple[tuple[Spectrum, ...], LocalResponse, dict[Hold, list[SpectralFit]]]:
-    """Return every record's lines, their position read later by the dead time; their own response; starts by it."""
-    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    arrival = _arrival(whole[0])
-    early = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
-    local = _local(early, rate_hz)
-    # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
-    first = holds[-1:] if arrival > _LATE else holds
-    proposals = _proposals(local, rate_hz, first, known, note, arrival / rate_hz)
-    # what was commanded before the record began is unknown for as long as the dead time: the position starts later
-    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
-    shift = min(shift, *(command.size // 4 for command, _ in signals))
-    taken = tuple(spectrum(*pair, rate_hz, shift) for pair in signals) if shift else whole
-    if abs(shift - early[0].shift) > _LATE:
-        note("the dead time is long: starting once more without it")
-        local = _local(taken, rate_hz)
-        proposals = _proposals(local, rate_hz, holds, known, note, shift / rate_hz)
-    elif len(first) < len(holds):
-        proposals |= _proposals(local, rate_hz, holds[:-1], known, note, shift / rate_hz)
-    return taken, local, proposals
+    begun: SpectralEstimate | None = None,
+) -> SpectralEstimate:
+    glances = {} if begun is None else {trial.choice.hold: trial for trial in begun.trials}
+    tried: list[_Trial] = []
+    for hold in sorted(starts, key=lambda choice: starts[choice][0].cost):
+        note(f"fitting the record as {hold}")
+        tried.append(_searched(data, starts[hold], hold, known, tried, glances.get(hold)))
+    return simplified(_decided(tried, tuple(starts), data), known)
+
+
+def no_form() -> BadInput:
+    """Return the refusal of a form that gives no start."""
+    return BadInput("no model of the form asked for fits", "another order, or more zeros")
 
 
 def _fits_of(before: SpectralEstimate) -> dict[Hold, list[SpectralFit]]:
@@ -166,27 +219,27 @@ def _fits_of(before: SpectralEstimate) -> dict[Hold, list[SpectralFit]]:
 
 
 def _searched(
-    given: Equations | JoinedEquations,
-    taken: tuple[Spectrum, ...],
+    data: Data,
     proposals: list[SpectralFit],
     hold: Hold,
     known: Known,
-    judged: list[_Judged],
-) -> _Judged:
+    found: list[_Trial],
+    seen: _Trial | None,
+) -> _Trial:
     """Return the best choice under one hold, after a glance alone if that is far behind what was `found` before."""
-    glance = None
-    if judged:
-        glance = choose(given, proposals, hold, known, quick=True)
-        seen = _judged(glance, taken)
-        if seen.evidence > judged[0].evidence + _FAR and judged[0].fits:
+    given, weight = data.given, data.weight
+    if found:
+        seen = seen or _tried(choose(given, proposals, hold, known, quick=True, weight=weight), data)
+        if seen.evidence > found[0].evidence + _FAR and found[0].fits:
             return seen
-    best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
-    behind = bool(judged) and best.evidence > judged[0].evidence + _enough(best, judged[0])
+    begun = None if seen is None else seen.choice
+    best = _tried(choose(given, proposals, hold, known, begun=begun, weight=weight), data)
+    behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best
     # in a loop a model that is not causal takes the noise in the command for an answer
     mirrored = [replace(fit, theta=np.abs(fit.theta)) for fit in (best.choice.fit, *proposals)]
-    stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
+    stable = _tried(choose(given, mirrored, hold, known, weight=weight, stable=True), data)
     return stable if stable.evidence < best.evidence + CERTAIN else best
 
 
@@ -222,58 +275,26 @@ def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
     return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))
 
 
-@np.errstate(all="ignore")
-def estimate_lines(
-    local: LocalResponse,
-    signals: Sequence[tuple[FloatArray, FloatArray]],
-    rate_hz: float,
+def propose_starts(
+    data: Data,
     holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
-) -> SpectralEstimate:
-    """Return the estimate from a response at single lines that no transient disturbs, its variance known; signals: the
-    records that it comes from.
-
-    Raises BadInput where no form gives a start.
-    """
-    given = points(local.frequency_hz, local.value, rate_hz)
-    weight = 1.0 / np.sqrt(local.variance)
-    taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-
-    def best_of(wanted: Known, free: SpectralEstimate | None = None) -> SpectralEstimate:
-        proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
-        choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
-        judged = [_Judged(choice, ()) for choice in choices]
-        return simplified(_decided(judged, holds, local, taken), wanted)
-
-    free = best_of(known.without_values)
-    return free if known == known.without_values else replace(best_of(known, free), free=free)
-
-
-def _proposals(
-    local: LocalResponse,
-    rate_hz: float,
-    holds: tuple[Hold, ...],
-    known: Known,
-    note: Callable[[str], None],
-    arrival_s: float = 0.0,
     free: SpectralEstimate | None = None,
-) -> dict[Hold, list[SpectralFit]]:
-    """Return the starts of every hold; free: the estimate without the values that are known.
-
-    Raises BadInput where a hold has none.
+) -> Starts:
+    """Return the fits to the response under every hold to start from; free: the estimate without the values that are
+    known. Raises BadInput where a hold has none.
     """
-    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    choices = [] if free is None else [choice for choice in (free.chosen, free.other) if choice is not None]
-    near = {choice.hold: tuple(choice.fits.values()) for choice in choices}
-    proposals = propose(local, rate_hz, scale, holds, known, note, arrival_s, near)
-    if not all(proposals[hold] for hold in holds):
-        raise BadInput(_NO_FORM)
-    return proposals
+    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(data.local.frequency_hz))))
+    near = {} if free is None else {hold: tuple(fits) for hold, fits in _fits_of(free).items()}
+    starts = propose(data.local, data.rate_hz, scale, holds, known, note, data.late_s, near)
+    if not all(starts[hold] for hold in holds):
+        raise no_form()
+    return starts
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _Trial:
     """A choice, and what it leaves of every record (of single lines: none)."""
 
     choice: Choice
@@ -314,28 +335,26 @@ def _follows(residual: Residual) -> float:
     return float(np.mean(along * np.diff(edges)))
 
 
-def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
-    return _Judged(choice, record_residual(choice, taken))
+def _tried(choice: Choice, data: Data) -> _Trial:
+    return _Trial(choice, record_residual(choice, data.spectra) if data.weight is None else ())
 
 
-def _enough(judged: _Judged, other: _Judged) -> float:
+def _enough(trial: _Trial, other: _Trial) -> float:
     """Return the difference of evidence from which on one of two holds is told."""
-    return _CERTAIN_IN_LOOP if max(judged.by_loop, other.by_loop) > 0.0 else CERTAIN
+    return _CERTAIN_IN_LOOP if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN
 
 
-def _decided(
-    judged: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
-) -> SpectralEstimate:
+def _decided(tried: list[_Trial], holds: tuple[Hold, ...], data: Data) -> SpectralEstimate:
     """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
-    best, *others = judged if len(judged) == 1 else sorted(judged, key=lambda row: row.evidence)
+    best, *others = tried if len(tried) == 1 else sorted(tried, key=lambda row: row.evidence)
     if not others:
-        return SpectralEstimate(best.choice, None, True, np.inf, CERTAIN, local, taken, best.residuals)
+        return SpectralEstimate(best.choice, None, True, np.inf, CERTAIN, data, best.residuals)
     other = others[0]
     advantage = float(other.evidence - best.evidence) if best.fits else 0.0
     enough, flanks = _enough(best, other), False
     certain = advantage > enough
     if not certain:
-        flanks = bool(best.residuals) and _flanks(taken, best.residuals)
+        flanks = bool(best.residuals) and _flanks(data.spectra, best.residuals)
         # most commands come from a converter: without evidence the command is taken to be held
         likely = "band-limited" if flanks else min(holds, key=holds.index)
         best, other = (best, other) if best.choice.hold == likely else (other, best)
@@ -345,8 +364,7 @@ def _decided(
         certain,
         advantage,
         enough,
-        local,
-        taken,
+        data,
         best.residuals,
         other.residuals,
         flanks=flanks,
@@ -398,10 +416,10 @@ _FOLLOWS = 0.3
 """Share of the command's power that must follow the reference for it to be of use."""
 
 
-def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> SpectralEstimate:
+def fit_to_reference(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> SpectralEstimate:
     """Return the estimate with its chosen forms fitted to what follows the references (n,), if that is enough."""
     choice, pairs = estimated.chosen, list(zip(estimated.spectra, references, strict=True))
-    if not all(follows(*pair) for pair in pairs):
+    if not all(follows_reference(*pair) for pair in pairs):
         return estimated
     given = equations_of(by_reference(*pair) for pair in pairs)
     chosen = refitted(choice, given)
@@ -409,7 +427,7 @@ def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> 
     return replace(estimated, chosen=chosen, residuals=residuals, before=choice.fit)
 
 
-def estimate_of_model(fit: SpectralFit, signals: Sequence[tuple[FloatArray, FloatArray]]) -> SpectralEstimate:
+def estimate_of_model(fit: SpectralFit, signals: Signals) -> SpectralEstimate:
     """Return what a model is on records that it was not fitted to: their lines, weighted by what it leaves of them."""
     rate_hz, shift = fit.grid.rate_hz, max(int(fit.delay_s * fit.grid.rate_hz + 1e-3) - 1, 0)
     taken = tuple(spectrum(*pair, rate_hz, min(shift, pair[0].size // 4)) for pair in signals)
@@ -420,9 +438,8 @@ def estimate_of_model(fit: SpectralFit, signals: Sequence[tuple[FloatArray, Floa
     problem = replace(flat, weight=weights(given, flat.residual(fit), highest))
     choice = Choice(fit.grid.hold, replace(fit, grid=grid), {}, problem)
     choice.fits[fit.form] = choice.fit
-    return SpectralEstimate(
-        choice, None, True, np.inf, CERTAIN, _local(taken, rate_hz), taken, record_residual(choice, taken)
-    )
+    data = Data(_local(taken, rate_hz), rate_hz, signals, taken)
+    return SpectralEstimate(choice, None, True, np.inf, CERTAIN, data, record_residual(choice, taken))
 
 
 def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
@@ -437,11 +454,11 @@ def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
     return replace(choice, fit=fit, problem=problem, fits=kept | {fit.form: fit})
 
 
-def follows(taken: Spectrum, reference: FloatArray) -> bool:
+def follows_reference(taken: Spectrum, reference: FloatArray) -> bool:
     """Return true where enough of the command follows the reference (n,)."""
-    following_ = by_reference(taken, reference)
+    followed = by_reference(taken, reference)
     power = float(np.sum(np.abs(taken.command) ** 2))
-    return float(np.sum(np.abs(following_.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
+    return float(np.sum(np.abs(followed.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
 
 
 def by_reference(taken: Spectrum, reference: FloatArray) -> Spectrum:

@@ -16,11 +16,20 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.check import Signals
-from tactuator.identification.fit import SpectralEstimate, refitted, simplified
+from tactuator.identification.fit import (
+    Signals,
+    SpectralEstimate,
+    fit,
+    glance,
+    propose_starts,
+    refit,
+    refitted,
+    simplified,
+)
 from tactuator.identification.form import Known, freedom
+from tactuator.identification.hold import Hold
 from tactuator.identification.likelihood import eliminated
-from tactuator.identification.lines import Spectrum, equations_of, local_response, spectrum
+from tactuator.identification.lines import Spectrum, local_response, spectrum
 from tactuator.identification.residual import Residual, record_residual
 from tactuator.identification.uncertainty import log_slopes
 from tactuator.runtime._core import ffi, lib
@@ -154,17 +163,15 @@ class _Stage:
 
 
 def fit_friction(
-    signals: Signals,
-    bare: SpectralEstimate,
-    known: Known,
-    estimate_of: Callable[[Signals, SpectralEstimate | None, bool], SpectralEstimate],
+    bare: SpectralEstimate, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
 ) -> FrictionFit | None:
     """Return the estimate with friction, or None where none is certain; its form is the simplest whose response cannot
     be told from the best one's, whichever law friction has.
 
-    bare: the estimate without friction, or a quick one; known: of the form; estimate_of: what makes an estimate of
-    signals, from one of others that hardly differ if there is one, or a quick one.
+    bare: the estimate without friction; holds, known: as it was found by.
     """
+    signals = bare.data.signals
+    note("looking for friction")
     stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
     level = _level_without_model(stage) if _share_left(bare.residuals) > _POOR else None
     if level is None and friction_shown(signals, bare) is None:
@@ -174,23 +181,26 @@ def fit_friction(
     if level.coulomb <= 0.0:
         return None
     del stage  # its lines take as much memory as an estimate
-    # the first level is so rough that a quick estimate tells the next as well
-    now = estimate_of(level.off(signals), None, True)
+    # the first level is so rough that a glance tells the next as well
+    data = bare.data.with_commands(level.off(signals))
+    starts = propose_starts(data, holds, known.without_values, note)
+    now = glance(data, starts, known)
     level = _settled(_Stage(signals, now, level), measured)
-    for _ in range(_ESTIMATES):
+    for k in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
-        now = estimate_of(level.off(signals), now, False)
+        data = now.data.with_commands(level.off(signals))
+        now = refit(data, now, known, note) if k else fit(data, starts, known, note)
         stage = _Stage(signals, now, level)
         level = _settled(stage, measured)
         if abs(level.coulomb - stage.level.coulomb) < _STILL * level.deviation:
             break
-    friction_fit = _with_level(stage)
-    simpler = now if friction_fit is None else simplified(now, known, friction_fit.shifts)
+    found = _with_level(stage)
+    simpler = now if found is None else simplified(now, known, found.shifts)
     if simpler is now:
-        return friction_fit
+        return found
     level = _settled(_Stage(signals, simpler, stage.level), measured)
-    return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or friction_fit
+    return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or found
 
 
 def _with_level(stage: _Stage) -> FrictionFit | None:
@@ -295,9 +305,9 @@ def _settled(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
 
 def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
     """Return the estimate with its chosen fit fitted to other signals."""
-    spectra = tuple(taken.under(command) for taken, (command, _) in zip(now.spectra, signals, strict=True))
-    chosen = refitted(replace(now.chosen, fits={}), equations_of(spectra))
-    return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
+    data = now.data.with_commands(signals)
+    chosen = refitted(replace(now.chosen, fits={}), data.given)
+    return replace(now, chosen=chosen, data=data, residuals=record_residual(chosen, data.spectra))
 
 
 def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:

@@ -8,18 +8,34 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.check import Prepared, Signals, check_length, check_polarity, moved_range, valid_range
+from tactuator.identification import trust
+from tactuator.identification.alignment import clock_skew_ppm
+from tactuator.identification.check import (
+    Prepared,
+    Signals,
+    check_length,
+    check_polarity,
+    check_rise,
+    moved_range,
+    valid_range,
+)
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fit import REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
-from tactuator.identification.friction import BENT, FrictionFit
+from tactuator.identification.friction import BENT, FrictionFit, ruled_by_friction
 from tactuator.identification.likelihood import SpectralFit, information
 from tactuator.identification.nonlinear import distortion_left
-from tactuator.identification.residual import Residual, along_record, check_record_residual, feedback_seen, fit_percent
+from tactuator.identification.residual import (
+    Residual,
+    along_record,
+    check_record_residual,
+    feedback_seen,
+    fit_percent,
+    residual_of_record,
+)
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
-from tactuator.identification.trust import DISTORTION, HOLD, KNOCK
 from tactuator.identification.uncertainty import (
     FLOOR,
     fed_back,
@@ -29,7 +45,7 @@ from tactuator.identification.uncertainty import (
     physical,
     response_of_rows,
 )
-from tactuator.model.plant_model import PlantModel
+from tactuator.model.plant_model import PlantModel, QualityCheck
 
 _TABLE = 120
 _BENT = 0.1
@@ -49,7 +65,6 @@ def identification(
     common: Prepared,
     estimate: SpectralEstimate,
     source: str,
-    residuals: Sequence[Residual],
     distortion: Distortion | None = None,
     friction_fit: FrictionFit | None = None,
     *,
@@ -61,21 +76,24 @@ def identification(
     the records' likelihood is greatest there.
     """
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
+    residuals = estimate.residuals or tuple(
+        residual_of_record(chosen.fit, taken, 0.5 * taken.rate_hz) for taken in estimate.spectra
+    )
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
     if bent[0] > 0.0 and estimate.advantage < _BENT_TELLS * estimate.enough:  # no form here has what bends it
         estimate = replace(estimate, certain=False, enough=_BENT_TELLS * estimate.enough)
     between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
     remarks = list(common.remarks)
-    rows = (
-        [HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}")] if between.source == "data" else []
-    )
+    rows = list[QualityCheck]()
+    if between.source == "data":
+        rows.append(trust.HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}"))
     if estimate.before is not None:
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if estimate.other is not None and not estimate.certain and between.source == "data":
         other = _model(common, estimate, estimate.other, distortion, friction_fit)
         model = model.holding(other)
-    tests = _tests(common.signals if friction_fit is None else friction_fit.signals, estimate, residuals, fitted=fitted)
+    tests = _tests(estimate.data.signals, estimate, residuals, fitted=fitted)
     friction = None if friction_fit is None else friction_of(friction_fit, tests, common)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
@@ -123,12 +141,12 @@ def _with_what_is_left(
     """
     share, level = bent
     place = "" if tests.jump is None else common.place(tests.part, tests.jump)
-    jump = KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
+    jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
     change, half = tests.drift
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
     beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
     return replace(
-        model.with_checks(jump, DISTORTION.of(100.0 * share)),
+        model.with_checks(jump, trust.DISTORTION.of(100.0 * share)),
         excess=beyond,
     )
 
@@ -246,3 +264,67 @@ def _slow_pole_error(choice: Choice) -> float:
 def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
     poles = replace(fit, theta=theta).poles_rad_s / fit.grid.scale_rad_s
     return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
+
+
+_CHANCE = 1e-3
+"""Chance of a residual that follows the command so much, from which on it is taken to."""
+_ONE_CLOCK = "record both columns with one clock"
+_SHORTER = "use a shorter part: --from-s, --to-s"
+_NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
+_SHOWN = 20.0
+"""Radians that a resonance turns in a record; one that turns less may be two integrators."""
+
+
+def judge(result: Identification, common: Prepared) -> Identification:
+    """Return the identification with all that decides whether its model is to be designed with."""
+    model, record = result.model, common.records[0]
+    poles = np.roots(model.den)
+    size = float(np.abs(poles).max())
+    growing = float(np.sum(poles.real > 1e-6 * size))
+    known = np.array([-value.fixed.rate for value in result.fixed if value.fixed.name == "pole"])
+    unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
+    fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
+    slowest = 1.0 / common.longest_s
+    lasting = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
+    rest = 1.0 - result.fit_percent / 100.0
+    follows = result.tests.uncorrelated_p < _CHANCE
+    rows = [
+        trust.EXPLAINED.of(100.0 * (1.0 - rest**2)),
+        trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
+        trust.LASTING.of(float(lasting)),
+        trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
+        *_ranges(model, common),
+        trust.FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
+        trust.DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
+    ]
+    friction = result.friction
+    if friction is not None and friction.presliding is None:
+        rows.append(trust.FRICTION.of(100.0 * friction.confidence / friction.coulomb))
+        if not result.tests.uncorrelated_with_input:
+            rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
+    model = model.with_checks(*rows)
+    skew = max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)
+    if model.distrust or skew > trust.SKEW.limit:  # a residual tells of small ones alone
+        skew = max(skew, *map(clock_skew_ppm, common.records))
+    model = model.with_checks(trust.SKEW.of(skew, remedy=_ONE_CLOCK))
+    if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps
+        model = model.with_checks(
+            *(doubt.quality_check() for doubt in check_rise(common.response)),
+            trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), remedy=_NO_LOOP),
+        )
+    return replace(result, model=model)
+
+
+def _ranges(model: PlantModel, common: Prepared) -> list[QualityCheck]:
+    """Return what decides on the valid range: its part of what was excited, and the band inside it."""
+    if model.valid_hz is None:
+        return []
+    low, high = (float(edge) for edge in model.valid_hz)
+    excited = common.excitation.low_hz, common.excitation.high_hz
+    inside = max(np.log(min(high, excited[1]) / max(low, excited[0])), 0.0)
+    frequency = np.geomspace(low, high, 100)
+    return [
+        trust.VALID.of(100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9))),
+        trust.BAND_DB.of(float(np.max(model.band_db(frequency)))),
+        trust.BAND_DEG.of(float(np.degrees(np.max(model.band_rad(frequency))))),
+    ]

@@ -61,7 +61,7 @@ def recursive(common: Prepared) -> Identification:
     model = common.model(found.num * common.gain, found.den, covariance, method="rls", record={"hold": hold})
     estimate = estimate_of_model(fit_of_model(model, rate_hz, hold, common.gain), common.signals[:1])
     shown = friction_shown(common.signals[:1], estimate)
-    result = identification(common, estimate, "asked", estimate.residuals, fitted=False)
+    result = identification(common, estimate, "asked", fitted=False)
     own = replace(result.model, num=model.num, den=model.den, delay_s=0.0, covariance=covariance, method="rls")
     slopes = log_slopes(estimate.chosen.fit, own.excess.frequency_hz)
     excess = own.excess.joined(slopes @ likelihood_step(estimate.chosen.problem, estimate.chosen.fit))

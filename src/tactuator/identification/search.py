@@ -85,9 +85,9 @@ def propose(
     for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
         now = proposals.add_forms(poles)
         note(f"{poles} poles")
-        stale = stale + 1 if now > best - 2.0 else 0
+        stale = stale + 1 if now > best - TIE else 0
         best = min(best, now)
-        if stale >= 2:
+        if stale >= 2 or (np.isfinite(best) and proposals.nothing_left()):
             break
     # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
     if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:
