@@ -12,7 +12,6 @@ from tactuator.identification import trust
 from tactuator.identification.alignment import clock_skew_ppm
 from tactuator.identification.check import (
     Prepared,
-    Signals,
     check_length,
     check_polarity,
     check_rise,
@@ -20,7 +19,7 @@ from tactuator.identification.check import (
     valid_range,
 )
 from tactuator.identification.distortion import Distortion
-from tactuator.identification.fit import REMAINS, SpectralEstimate
+from tactuator.identification.fit import REMAINS, Signals, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
 from tactuator.identification.friction import BENT, FrictionFit, ruled_by_friction
 from tactuator.identification.likelihood import SpectralFit, information
