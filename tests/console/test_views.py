@@ -167,7 +167,7 @@ def test_record__of_a_simulated_motor__gives_its_truth_as_its_command_does(found
     assert model["command"] == (
         "tactuator identify bench.csv --order 2 --hold zero-order --validate unseen.csv --out model.json"
     )
-    printed = run(*shlex.split(model["command"])[1:]).out
+    printed = run(*shlex.split(model["command"])[1:], "--full").out
     assert (tmp_path / "model.json").read_text() == model["text"]
     assert {row[0]: row[1] for row in model["rows"]}["poles (Hz)"] in printed
     assert "on unseen.csv" in printed
