@@ -124,5 +124,5 @@ def test_site__as_make_builds_it__warns_of_nothing_and_loads_nothing_from_a_netw
     assert len(files) > 30
     assert [path.name for path in files if re.search(loads, path.read_text(encoding="utf-8"))] == []
     start = (site / "README.html").read_text(encoding="utf-8")
-    for word in ("sensation-level", "provenance", "thenar-eminence", "detection-threshold"):
+    for word in ("sensation-level", "threshold-curve", "thenar-eminence", "prefilter"):
         assert len(re.findall(rf'<a class="term[^"]*" href="docs/glossary.html#{word}"', start)) == 1
