@@ -8,7 +8,7 @@ from importlib import import_module
 
 _ROOMS = {
     "errors": ("BadInput",),
-    "paper.verb": ("reproduce",),
+    "paper.reproduce": ("reproduce",),
     "rig.open": ("open_rig",),
     "rig.simulated": ("SimulatedRig",),
     "api.controller": ("build", "check", "design", "image"),

@@ -22,7 +22,7 @@ from tactuator.api.start import read_display as read_display
 from tactuator.api.start import read_model as read_model
 from tactuator.api.start import read_record as read_record
 from tactuator.errors import BadInput as BadInput
-from tactuator.paper.verb import reproduce as reproduce
+from tactuator.paper.reproduce import reproduce as reproduce
 from tactuator.rig.open import open_rig as open_rig
 from tactuator.rig.simulated import SimulatedRig as SimulatedRig
 

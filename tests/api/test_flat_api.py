@@ -24,7 +24,7 @@ from tactuator.errors import BadInput
 from tactuator.io.csv_tables import write_curve
 from tactuator.io.reference import open_reference
 from tactuator.model.plant import Load
-from tactuator.paper.verb import PaperResult
+from tactuator.paper.reproduce import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.result import Result, finite
 from tactuator.signals.record import Record

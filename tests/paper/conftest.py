@@ -9,7 +9,7 @@ import pytest
 
 from tactuator.api.parameters import paper_display
 from tactuator.cli import main
-from tactuator.paper import verb
+from tactuator.paper import reproduce as command
 from tactuator.paper.plan import Plan
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.steps import check_speech
@@ -44,6 +44,6 @@ def reproduced(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> R
         patch.setattr(
             ReportFigure, "svg", lambda figure: draw(figure) if figure.name == "fig01" else f"of {figure.name}"
         )
-        patch.setattr(verb, "run_study", lambda plan, file, tell: study)
+        patch.setattr(command, "run_study", lambda plan, file, tell: study)
         assert main(["reproduce", "--json", "--out", str(folder)]) == 0
     return Reproduced(folder, printed.getvalue())

@@ -14,7 +14,7 @@ import pytest
 from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.measure.noise import noise_verdict
 from tactuator.model.requirements import Objectives
-from tactuator.paper import verb
+from tactuator.paper import reproduce as command
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ, Plan
 from tactuator.paper.report import figures
 from tactuator.paper.run import PaperStudy, judge_objectives
@@ -183,8 +183,8 @@ def test_reproduce__json__is_one_object_of_a_whole_folder_and_seeds_differ_by_st
 
 
 def test_reproduce__table__says_what_became_of_the_speech_file(study, tmp_path, monkeypatch, run) -> None:
-    monkeypatch.setattr(verb, "run_study", lambda plan, file, tell: study)
-    monkeypatch.setattr(verb, "publish", lambda study, folder: None)  # what it writes is the test above
+    monkeypatch.setattr(command, "run_study", lambda plan, file, tell: study)
+    monkeypatch.setattr(command, "publish", lambda study, folder: None)  # what it writes is the test above
     assert "objective iv" in run("reproduce", "--out", tmp_path / "paper", "--full").out
 
 
@@ -192,7 +192,7 @@ def test_reproduce__interrupted__leaves_nothing(tmp_path: Path, monkeypatch: pyt
     def interrupted(plan: Plan, file: object, tell: object) -> PaperStudy:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verb, "run_study", interrupted)
+    monkeypatch.setattr(command, "run_study", interrupted)
     run.refused("reproduce", "--out", tmp_path / "deep" / "paper", said="interrupted", status=130)
 
 

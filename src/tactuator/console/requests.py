@@ -94,15 +94,15 @@ def digits(values: FloatArray) -> list[float]:
     return [float(f"{value:.6g}") for value in values.tolist()]
 
 
-def command_line(verb: str, *given: str, **options: Any) -> str:
+def command_line(name: str, *given: str, **options: Any) -> str:
     """Return the command line of a subcommand with its arguments and options; of a list each value has its own, True
     is a flag, and None and False are left out.
     """
-    words = ["tactuator", *verb.split(), *given]
-    for name, value in options.items():
+    words = ["tactuator", *name.split(), *given]
+    for option, value in options.items():
         for each in value if isinstance(value, list | tuple) else [value]:
             if each is not None and each is not False:
-                words.append(f"--{name.replace('_', '-')}")
+                words.append(f"--{option.replace('_', '-')}")
                 words += [] if each is True else [f"{each:g}" if isinstance(each, float) else str(each)]
     return shlex.join(words)
 

@@ -1,4 +1,4 @@
-"""The verb `console`: the page of the chain, served to this machine."""
+"""The command `console`: the page of the chain, served to this machine."""
 
 import secrets
 import sys

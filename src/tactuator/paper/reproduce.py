@@ -1,4 +1,4 @@
-"""The verb `reproduce`: the paper's study, end to end, on the simulated display."""
+"""The command `reproduce`: the paper's study, end to end, on the simulated display."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
