@@ -18,6 +18,7 @@ from tactuator.io import csv_tables
 from tactuator.io import display as display_file
 from tactuator.io import model as model_file
 from tactuator.io import record as record_file
+from tactuator.io.atomic import write_files
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import (
     DISPLAY_KINDS,
@@ -26,7 +27,6 @@ from tactuator.io.shipped import (
     display_template,
     protocol_files,
     with_model,
-    write_all,
 )
 from tactuator.io.text import parse_toml
 from tactuator.model.description import Display
@@ -90,7 +90,7 @@ def init(
     for path in contents:
         if path.exists() and (path == target or path.suffix == ".toml"):
             raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
-    write_all(contents)
+    write_files(contents)
     note = "change the lines that say CHANGE THIS" + (", which the model does not tell" if model is not None else "")
     return WrittenFiles(tuple(contents), note)
 

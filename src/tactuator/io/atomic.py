@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -137,3 +137,32 @@ def _check_parent(target: Path) -> None:
         raise BadInput(f"{parent} is not a folder", "a place in a folder that exists")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise BadInput(f"{parent} cannot be written", "a folder with permission to write")
+
+
+def write_files(contents: Mapping[Path, bytes]) -> None:
+    """Write every file, or none if one of them fails; folders that are not there are made.
+
+    A file that is there already with the same content stays. Raises BadInput for one with another content, and where
+    a folder cannot be written.
+    """
+    missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
+    try:
+        with ExitStack() as undo:
+            for target, content in missing.items():
+                for folder in reversed((target.parent, *target.parent.parents)):
+                    if not folder.exists():
+                        folder.mkdir()
+                        undo.callback(folder.rmdir)
+                undo.callback(target.unlink, missing_ok=True)
+                target.write_bytes(content)
+            undo.pop_all()
+    except OSError as error:
+        raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
+
+
+def _is_there(target: Path, content: bytes) -> bool:
+    if not target.exists():
+        return False
+    if not target.is_file() or target.read_bytes() != content:
+        raise BadInput(f"{target} is there already, with another content", "a folder without it")
+    return True

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import scipy
 
 from tactuator.errors import BadInput
+from tactuator.io.atomic import write_files
 from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference
 from tactuator.model.description import TABLES, Display, keys_of
 from tactuator.model.plant_model import PlantModel
@@ -147,34 +147,5 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     another content, and for a folder that cannot be written.
     """
     contents = {folder / name: (EXAMPLES / name).read_bytes() for name in example_names()}
-    write_all(contents)
+    write_files(contents)
     return tuple(contents)
-
-
-def write_all(contents: Mapping[Path, bytes]) -> None:
-    """Write every file, or none if one of them fails; folders that are not there are made.
-
-    A file that is there already with the same content stays. Raises BadInput for one with another content, and where
-    a folder cannot be written.
-    """
-    missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
-    try:
-        with ExitStack() as undo:
-            for target, content in missing.items():
-                for folder in reversed((target.parent, *target.parent.parents)):
-                    if not folder.exists():
-                        folder.mkdir()
-                        undo.callback(folder.rmdir)
-                undo.callback(target.unlink, missing_ok=True)
-                target.write_bytes(content)
-            undo.pop_all()
-    except OSError as error:
-        raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
-
-
-def _is_there(target: Path, content: bytes) -> bool:
-    if not target.exists():
-        return False
-    if not target.is_file() or target.read_bytes() != content:
-        raise BadInput(f"{target} is there already, and not the example", "a folder without it")
-    return True
