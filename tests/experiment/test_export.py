@@ -14,7 +14,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.export import cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
-from tactuator.experiment.session.studies import Correction
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
@@ -40,8 +40,9 @@ def store(tmp_path_factory):
     person = begin(made, clock, text, subject=2, trials=5)
     person.withdraw(keep=False)
     study = opened_study(made, clock, text)
-    for code in ("S3", "S1"):
-        study.correct(code, Correction("unknown" if code == "S1" else "hearing"), "a slip")
+    with study.editing() as opened:
+        for code in ("S3", "S1"):
+            opened.correct(code, Correction("unknown" if code == "S1" else "hearing"), "a slip")
     yield made
     made.close()
 

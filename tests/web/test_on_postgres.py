@@ -104,7 +104,8 @@ def test_subject__enrolled_at_another_station__has_a_page_here(postgres) -> None
         lab = Lab(opened_study(two, clock))
         with served(build_app(lab, "the operator's own")) as client:
             assert client.get("/s/token-S9").status == 404
-            opened_study(one, clock).enrol(SubjectPart(code="S9"))
+            with opened_study(one, clock).editing() as study:
+                study.enrol(SubjectPart(code="S9"))
             assert client.get("/s/token-S9").status == 200
         lab.close()
 

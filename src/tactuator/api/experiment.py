@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from sqlalchemy import Connection, func, select
+from sqlalchemy import func, select
 
 from tactuator import report
 from tactuator.api.option import Argument, Option, option_of
@@ -32,9 +32,7 @@ from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
-from tactuator.experiment.session.studies import Correction, StudyRecords, add_visit, fresh_token, study_records
-from tactuator.experiment.session.studies import correct as correct_subject
-from tactuator.experiment.session.studies import enrol as enrol_subject
+from tactuator.experiment.session.enrolment import Correction, StudyRecords, fresh_token, study_records
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
@@ -90,12 +88,12 @@ def enrol(
     """Add a subject, or a further visit of one. The links of all visits are shown."""
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
         raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
-    with _opened_study(store, study, operator) as (connection, opened):
+    with _opened_study(store, study, operator) as opened:
         if visit:
-            add_visit(connection, opened, code)
+            opened.add_visit(code)
         else:
-            enrol_subject(connection, opened, _part(code, group, participant_id, skin_temperature_c, fact or []))
-        rows = [row for row in records.sessions(connection, opened.id) if row.subject_code == code]
+            opened.enrol(_part(code, group, participant_id, skin_temperature_c, fact or []))
+        rows = [row for row in records.sessions(opened.connection, opened.id) if row.subject_code == code]
     return EnrolledResult(opened.protocol.study.name, code, {row.visit: f"/s/{row.link_token}" for row in rows})
 
 
@@ -139,15 +137,15 @@ def correct(
     facts = dict(_pairs("--fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
-    with _opened_study(store, study, operator) as (connection, opened):
-        changes = correct_subject(connection, opened, code, correction, reason)
+    with _opened_study(store, study, operator) as opened:
+        changes = opened.correct(code, correction, reason)
     return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)))
 
 
 @contextmanager
-def _opened_study(store: Place, study: str | None, operator: str | None) -> Iterator[tuple[Connection, StudyRecords]]:
+def _opened_study(store: Place, study: str | None, operator: str | None) -> Iterator[StudyRecords]:
     with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
-        yield connection, study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
+        yield study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
 
 
 def _part(

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.presenter import Halted, Watch
+from tactuator.experiment.session.enrolment import StudyRecords
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.session.task import JumpWatch, NextTrial
@@ -101,6 +102,15 @@ class Lab:
             fault = LabFault(f"{type(error).__name__}: {error}")
             self.tell(str(fault))
             raise fault from None
+
+    async def change(self, who: str, job: Callable[[StudyRecords], object]) -> None:
+        """Change the study's records in one transaction. who: whose change it is. Raises as `work` does."""
+
+        def changed() -> None:
+            with self.study.editing(who) as study:
+                job(study)
+
+        await self.work(changed)
 
     async def present(
         self, session: Session, watch: Watch, interrupted: Callable[[], bool] = lambda: False

@@ -10,8 +10,8 @@ from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.session import Running, RunTally, Session
-from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.records import Found
 from tactuator.table import picked
 from tactuator.web.lab import Lab, LabFault
@@ -69,19 +69,18 @@ class OperatorPage:
             await self._command(message)
             return
         self._require_control()
-        study = self.lab.study
         if isinstance(message, Enrol | Correct):
             self._free(message)
         if isinstance(message, Enrol):
             part = SubjectPart(**picked(message, "code", "group", "participant_id", "demographics"))
-            await self.lab.work(lambda: study.enrol(part, self.who))
+            await self.lab.change(self.who, lambda study: study.enrol(part))
         elif isinstance(message, NewVisit):
-            await self.lab.work(lambda: study.add_visit(message.subject, self.who))
+            await self.lab.change(self.who, lambda study: study.add_visit(message.subject))
         elif isinstance(message, Correct):
             given = Correction(message.group, message.participant_id, message.demographics)
             if given == Correction():
                 raise BadInput(self.lab.words("operator.refused_same"))
-            await self.lab.work(lambda: study.correct(message.subject, given, message.reason, self.who))
+            await self.lab.change(self.who, lambda study: study.correct(message.subject, given, message.reason))
         else:
             await self._day(message)
         await self.lab.refresh()
@@ -99,9 +98,8 @@ class OperatorPage:
     async def _day(self, day: Day) -> None:
         if all(row.id != day.session for row in self.lab.sessions):
             raise BadInput(f"session {day.session} is not of this study", "one that is")
-        study = self.lab.study
         values = (day.skin_temperature_c, day.preload_n)
-        await self.lab.work(lambda: study.set_day(day.session, *values, self.who))
+        await self.lab.change(self.who, lambda study: study.set_day(day.session, *values))
 
     def _require_control(self) -> None:
         if self.lab.control is not self:

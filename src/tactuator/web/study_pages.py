@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Query, Response, WebSocket
 
 from tactuator.errors import BadInput
+from tactuator.experiment.store import records
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage
 from tactuator.web.pages import answer_plainly, page, plain_text, static_file
@@ -82,7 +83,7 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
         words = (await lab.session(row)).task.words
         if participant is not None:
             try:
-                await lab.work(lambda: lab.study.claim(row, participant))
+                await lab.change(records.PROGRAM, lambda study: study.claim(row, participant))
             except BadInput:
                 return plain_text(words("page.other_participant"), 403)
             await lab.refresh()

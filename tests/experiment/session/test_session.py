@@ -15,8 +15,9 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.respondent import Respondent, run_session
-from tactuator.experiment.session.studies import Correction, open_session, open_study
+from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store import records, schema
@@ -432,15 +433,20 @@ def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own(store) -
     first.give_consent()
     first.withdraw(keep=True)
     assert open_session(study, "S1").id == study.sessions()[1].id  # the first visit is over
-    study.add_visit("S2")
+    edit(study, "add_visit", "S2")
     assert [row.visit for row in study.sessions() if row.subject_code == "S2"] == [1, 2, 3]
     with pytest.raises(BadInput, match="'S9' is not in the study"):
-        study.add_visit("S9")
+        edit(study, "add_visit", "S9")
+
+
+def edit(study, what, *values) -> None:
+    with study.editing() as opened:
+        getattr(opened, what)(*values)
 
 
 def asking(store, seed="seed = 7"):
     study = opened_study(store, ObedientClock(), ASKS.replace("seed = 7", seed))
-    study.enrol(SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
+    edit(study, "enrol", SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
     return study
 
 
@@ -458,16 +464,16 @@ def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> Non
         (SubjectPart(code="S8", demographics={"size": "1"}), "'size'; allowed: age, hand"),
     ):
         with pytest.raises(BadInput, match=words):
-            study.enrol(part)
+            edit(study, "enrol", part)
     first, second = study.sessions()[:2]
     assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S7"]
-    study.claim(first, "abc.1")
-    study.claim(first, "abc.1")
+    edit(study, "claim", first, "abc.1")
+    edit(study, "claim", first, "abc.1")
     for row, name in ((first, "other"), (second, "abc.1")):
         with pytest.raises(BadInput, match="another participant's"):
-            study.claim(row, name)
+            edit(study, "claim", row, name)
     with pytest.raises(BadInput, match="1 to 64 letters"):
-        study.claim(second, "a b")
+        edit(study, "claim", second, "a b")
     assert [row.participant_id for row in study.sessions()] == ["abc.1", None, "P-07"]
 
 
@@ -481,11 +487,11 @@ def changes(store, kind):
 
 def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(store) -> None:
     study = asking(store, "seed = 7\nvisits = 2")
-    study.enrol(SubjectPart(code="S8", demographics={"age": 40.0, "hand": "left"}))
+    edit(study, "enrol", SubjectPart(code="S8", demographics={"age": 40.0, "hand": "left"}))
     others = [all_of(store, code) for code in ("S1", "S2", "S8")]
     facts = dict(study.facts())
-    study.correct("S7", Correction("hearing", "P-70", {"age": "", "hand": "right"}), "a slip")
-    study.correct("S7", Correction(visit=2, skin_temperature_c=30.5), "read again")
+    edit(study, "correct", "S7", Correction("hearing", "P-70", {"age": "", "hand": "right"}), "a slip")
+    edit(study, "correct", "S7", Correction(visit=2, skin_temperature_c=30.5), "read again")
     row = next(one for one in study.sessions() if one.subject_code == "S7" and one.visit == 2)
     assert (row.subject_group, row.participant_id, row.skin_temperature_c) == ("hearing", "P-70", 30.5)
     assert study.facts() == {**facts, row.subject_id: {"hand": "right"}}
@@ -497,7 +503,7 @@ def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(
         ("S7", "hand", "left", "right"),
         ("S7", "skin_temperature_c", "31", "30.5"),
     ]
-    study.set_day(row.id, 31.5, 0.4)
+    edit(study, "set_day", row.id, 31.5, 0.4)
     assert changes(store, "day") == [("S7", "skin_temperature_c", "30.5", "31.5"), ("S7", "preload_n", None, "0.4")]
     day = next(one for one in study.sessions() if one.id == row.id)
     assert (day.skin_temperature_c, day.preload_n) == (31.5, 0.4)
@@ -508,7 +514,7 @@ def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(
 
 def test_correct__what_cannot_be__is_refused_and_changes_nothing(store) -> None:
     study = asking(store, "seed = 7\nvisits = 2")
-    study.enrol(SubjectPart(code="S8", participant_id="P-08"))
+    edit(study, "enrol", SubjectPart(code="S8", participant_id="P-08"))
     before = all_of(store, "S7"), study.facts()
     for subject, correction, reason, words in (
         ("S7", Correction(group="hearing"), " ", "no reason; allowed"),
@@ -524,6 +530,6 @@ def test_correct__what_cannot_be__is_refused_and_changes_nothing(store) -> None:
         ("S7", Correction(group="hearing", facts={"hand": "third"}), "why", "hand is 'third'"),
     ):
         with pytest.raises(BadInput, match=words):
-            study.correct(subject, correction, reason)
+            edit(study, "correct", subject, correction, reason)
         assert (all_of(store, "S7"), study.facts()) == before
     assert changes(store, "correction") == []
