@@ -1,6 +1,6 @@
 """The verbs from records to models: calibrate, record, identify."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -136,14 +136,8 @@ def record(
         with working(f"recording {duration_s:g} s"):
             trace = ready.drive(commands)
             ready.rest()
-    spec = rig if isinstance(rig, str) else type(rig).__name__
-    about = {"rig": spec, "load": load, "display": described.name, "excitation": excitation}
-    # a sound card's converters are band-limited, every other rig's hold the command between its samples
-    about |= plan | {"hold": "band-limited" if spec.startswith("sound:") else "zero-order"}
-    about |= {"quantity": driven.quantity}
-    if spec != "simulated":
-        about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
-    about["channel"] = driven.name
+    about = {"load": load, "display": described.name, "channel": driven.name, "quantity": driven.quantity}
+    about |= {"excitation": excitation, **plan, **_made_by(rig if isinstance(rig, str) else type(rig).__name__)}
     taken = Record(trace.rate_hz, trace.command_v[:, column], trace.position_v[:, column], about=about)
     peak_v = float(np.max(np.abs(taken.position)))
     if out is not None:
@@ -159,6 +153,13 @@ def record(
         peak_v > float(ready.travel_v[column]),
         taken,
     )
+
+
+def _made_by(rig: str) -> dict[str, str]:
+    """Return what a record says of the rig that made it."""
+    # a sound card's converters are band-limited, every other rig's hold the command between its samples
+    about = {"rig": rig, "hold": "band-limited" if rig.startswith("sound:") else "zero-order"}
+    return about if rig == "simulated" else about | {"date": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
 _READ = 0.5
@@ -287,21 +288,34 @@ def identify(
     """
     fixed = tuple(map(Fixed.parse, fix))
     asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
-    given, unseen = paths(records), paths(validate)
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}
-    at_hand = isinstance(given[0], Record | FrequencyResponse)
-    first = given[0] if at_hand else read_measured(Path(given[0]), **names)
+    source, *more = paths(records)
+    first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), **names)
+    others, unseen = ([_read(each, names) for each in given] for given in (more, paths(validate)))
+    fit: Identification | ResponseFit
     if isinstance(first, FrequencyResponse):
-        if len(given) > 1 or unseen:
+        if others or unseen:
             raise BadInput("a frequency response beside other files", "one response by itself")
-        return _response_model(first, asked, out)
+        fit = _response_model(first, asked)
+    else:
+        parts = [_part_of(record, from_s, to_s) for record in (first, *(record for _, record in others))]
+        fit = _record_model(parts, unseen, asked)
+    if out is not None:
+        fit = replace(fit, out=Path(out))
+        fit.write(out)
+    if figures is not None and isinstance(fit, Identification):
+        report.device.save_identification(fit, Path(figures))
+    return fit
 
-    def read(source: Record | Place) -> Record:
-        return source if isinstance(source, Record) else read_record(Path(source), **names)
 
-    parts, doubts = [_part_of(read(source), from_s, to_s) for source in (first, *given[1:])], ["identifying"]
-    checks = [("record" if isinstance(source, Record) else str(source), read(source)) for source in unseen]
+def _read(source: Record | Place, names: Mapping[str, Any]) -> tuple[str, Record]:
+    """Return a record and its name."""
+    return ("record", source) if isinstance(source, Record) else (str(source), read_record(Path(source), **names))
+
+
+def _record_model(parts: list[Record], unseen: list[tuple[str, Record]], asked: IdentifyOptions) -> Identification:
+    doubts = ["identifying"]
     with working("identifying") as step:
 
         def note(text: str) -> None:
@@ -309,22 +323,12 @@ def identify(
 
         fit = identified(parts, note=note, warn=doubts.append, **vars(asked))
         note("validating")
-        fit = validated(fit, checks)
-    model = replace(fit, about=parts[0].about, out=None if out is None else Path(out))
-    if out is not None:
-        model.write(out)
-    if figures is not None:
-        report.device.save_identification(fit, Path(figures))
-    return model
+        return replace(validated(fit, unseen), about=parts[0].about)
 
 
-def _response_model(response: FrequencyResponse, asked: Any, out: Place | None) -> ResponseFit:
+def _response_model(response: FrequencyResponse, asked: IdentifyOptions) -> ResponseFit:
     with working("identifying") as step:
-        fit = identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))
-    model = replace(fit, out=None if out is None else Path(out))
-    if out is not None:
-        model.write(out)
-    return model
+        return identify_response(response, asked, lambda text: step(text=f"identifying: {text}"))
 
 
 def _part_of(record: Record, from_s: float | None, to_s: float | None) -> Record:

@@ -399,12 +399,12 @@ def measure_response(
             return _crosstalk(ready, wanted, options)
         if method == "stepped":
             with working("response", wanted.size) as step:
-                responses = stepped_sine(ready, wanted, options, progress=step)
+                played = stepped_sine(ready, wanted, options, progress=step)
         else:
             with working("multisine"):
                 exactly, rng = frequency_hz is not None, np.random.default_rng(seed)
-                responses = multisine_response(ready, wanted, options, rng, exactly=exactly)
-        responses = tuple(as_read(each, loop, confidence_db) for each in responses)
+                played = multisine_response(ready, wanted, options, rng, exactly=exactly)
+        responses = tuple(as_read(each, loop, confidence_db) for each in played)
         if options.load == "none":
             with working("between the points"):
                 responses = with_tones(ready, loop, responses, options, np.random.default_rng(seed))

@@ -205,13 +205,7 @@ def render(
     kind = "folder" if place.is_dir() else kind_of_source(place)
     given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--layout": layout,
              "--felt": felt, "--figures": figures, "--workers": workers, "--scheduler": scheduler}  # fmt: skip
-    for name, value in given.items():
-        if value and kind not in _TAKEN_BY[name]:
-            raise BadInput(f"{name} with {source} ({kind})", f"with {' or '.join(_TAKEN_BY[name])}")
-    if workers and scheduler:
-        raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
-    if figures is not None and felt is None and kind == "speech":
-        raise BadInput("--figures without --felt", "both, since they show what was felt")
+    _require_fitting(source, kind, {name: value for name, value in given.items() if value})
     chosen, loaded = coding_of(coding), chosen_controller(display, controller)
     channels = [channel.name for channel in loaded.display.channels]
     placed = None if layout is None else read_layout(Path(layout), channels)
@@ -228,6 +222,17 @@ def render(
     if save_coding is not None:
         write_coding(Path(save_coding), chosen)
     return result
+
+
+def _require_fitting(source: Place, kind: str, given: Mapping[str, Any]) -> None:
+    """Raise BadInput for options that are not for a source of that kind, or contradict each other."""
+    for name in given:
+        if kind not in _TAKEN_BY[name]:
+            raise BadInput(f"{name} with {source} ({kind})", f"with {' or '.join(_TAKEN_BY[name])}")
+    if {"--workers", "--scheduler"} <= given.keys():
+        raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
+    if kind == "speech" and "--figures" in given and "--felt" not in given:
+        raise BadInput("--figures without --felt", "both, since they show what was felt")
 
 
 _TAKEN_BY: Mapping[str, tuple[str, ...]] = {

@@ -1,4 +1,4 @@
-"""Tables as texts: a controller's figures, a verdict's findings, an identification, transfer functions as printed."""
+"""Tables as texts: figures of a controller, transfer functions as printed."""
 
 from __future__ import annotations
 
