@@ -10,7 +10,16 @@ from tactuator.errors import BadInput
 from tactuator.signals import excitation
 from tactuator.signals.excitation import ramps, tone
 from tactuator.signals.multisine import multisine, over_the_band, place_lines
-from tactuator.signals.spectra import lock_in, mains_multiples, off_mains, power_spectrum, third_octave_bands
+from tactuator.signals.spectra import (
+    frequency_response,
+    lock_in,
+    mains_multiples,
+    mean_of_blocks,
+    mean_over_frequency,
+    off_mains,
+    power_spectrum,
+    third_octave_bands,
+)
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
@@ -165,6 +174,32 @@ def test_power_spectrum__line_left_out__band_keeps_the_rest() -> None:
     hum = 3.0 * np.sin(2.0 * np.pi * 60.0 * np.arange(80000) / RATE_HZ)
     with_hum = power_spectrum(noise + hum, RATE_HZ, 1.0).power(50.0, 70.0, [60.0], 2.0)
     assert with_hum == pytest.approx(20.0 / 2000.0, rel=0.2)
+
+
+@given(st.floats(0.0, 0.4), st.integers(1, 12), st.integers(0, 5))
+def test_mean_over_frequency__any_window__is_the_mean_of_what_lies_in_it(share: float, fewest: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    hertz, values = np.cumsum(rng.uniform(0.5, 2.0, 40)), 10.0 ** rng.uniform(-12.0, 3.0, (2, 40))
+    means = mean_over_frequency(values, hertz, hertz[3:30:7], share, fewest)
+    for mean, at in zip(means.T, hertz[3:30:7], strict=True):
+        inside = np.abs(hertz - at) <= share * at
+        if np.sum(inside) >= fewest:
+            np.testing.assert_allclose(mean, values[:, inside].mean(axis=1), rtol=1e-12)
+        else:
+            start = np.flatnonzero(hertz == at)[0] - np.arange(fewest)
+            windows = [values[:, first : first + fewest].mean(axis=1) for first in np.clip(start, 0, 40 - fewest)]
+            assert any(np.allclose(mean, window, rtol=1e-12) for window in windows)
+
+
+def test_frequency_response__noise_beside_a_repeated_command__errs_by_its_own_variance() -> None:
+    rng = np.random.default_rng(1)
+    command = np.tile(rng.standard_normal(4000) + 1j * rng.standard_normal(4000), (4, 1))
+    noise = rng.standard_normal((2, 4, 4000))
+    value, variance = frequency_response(command, 3.0 * command + noise[0] + 1j * noise[1])
+    assert np.mean(np.abs(value - 3.0) ** 2 / variance) == pytest.approx(1.5, rel=0.15)  # F(2, 6)
+    amplitude, half_width, rms = mean_of_blocks(1.0 + noise[0] + 1j * noise[1])
+    assert np.mean(np.abs(np.abs(amplitude) - 1.0) <= half_width) == pytest.approx(0.95, abs=0.02)
+    assert np.mean(rms**2) == pytest.approx(2.0, rel=0.05)
 
 
 def test_tone__ramps__begin_and_end_in_silence() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -24,7 +23,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import FrequencyResponse
-from tactuator.signals.spectra import nearest_mains
+from tactuator.signals.spectra import frequency_response, mean_over_frequency, nearest_mains
 from tactuator.signals.systems import ContinuousSystem
 
 PERIOD_S = 4.0
@@ -32,6 +31,8 @@ _BEYOND = 1.6
 """The command reaches so far beyond the band, that modes beside it show."""
 _CREST_ROUNDS = 30
 _OFF_MAINS_HZ = 1.0
+_MEAN = 9
+"""Lines (2 Hz) over which errors and departures are averaged."""
 
 
 def broadband(
@@ -64,13 +65,11 @@ class Heard:
 
     def response(self) -> tuple[ComplexArray, FloatArray]:
         """Return the response at the excited lines, (m,), and its relative standard error between periods."""
-        heard = np.fft.rfft(self.position, axis=1)[:, self.wave.bins]
-        asked = np.fft.rfft(self.command, axis=1)[:, self.wave.bins].mean(axis=0)
-        mean = heard.mean(axis=0)
-        scatter = np.mean(np.abs(heard - mean) ** 2, axis=0) / max(1, len(heard) - 1)
-        width = 9
-        smooth = scipy.signal.convolve(np.pad(scatter, width // 2, mode="edge"), np.ones(width) / width, mode="valid")
-        return mean / asked, np.sqrt(0.5 * smooth) / np.maximum(np.abs(mean), 1e-300)
+        bins = self.wave.bins
+        command, position = (np.fft.rfft(volts, axis=1)[:, bins] for volts in (self.command, self.position))
+        response, variance = frequency_response(command, position)
+        smooth = mean_over_frequency(variance, bins, bins, fewest=_MEAN)
+        return response, np.sqrt(0.5 * smooth) / np.maximum(np.abs(response), 1e-300)
 
     def above_noise_db(self) -> float:
         """Return what 19 of 20 lines stand above the noise in one period, dB."""
@@ -160,7 +159,6 @@ FORMS = ((5, 5), (3, 3), (7, 7), (4, 4))
 """Poles and zeros that are tried: a mode, its high-pass, and another mode or two, as acceleration or displacement."""
 _FOLLOWS_DB = 0.4
 _POINTS, _SHARP = 90, 0.06
-_MEAN = 9
 _LINES, _SLOW_SHARE = 240, 0.2
 _FAR, _FALLS_OFF, _HELD_DB = 10.0, 4.0, 0.3
 _MARGIN_S = 0.01
@@ -285,10 +283,9 @@ def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, fl
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     modelled = plant.response(frequency[inside])
     ratio = np.abs(response[inside]) / np.abs(modelled)
-    kernel = np.ones(_MEAN) / _MEAN
-    off = np.abs(db(np.convolve(ratio, kernel, mode="valid")))
-    unsure = np.convolve(error[inside], kernel, mode="valid") / np.sqrt(_MEAN)
-    return float(np.max(off - db(1.0 + 2.0 * unsure)))
+    at_hz = frequency[inside]
+    mean, unsure = mean_over_frequency(np.stack([ratio, error[inside]]), at_hz, at_hz, fewest=_MEAN)
+    return float(np.max(np.abs(db(mean)) - db(1.0 + 2.0 * unsure / np.sqrt(_MEAN))))
 
 
 def _plant_heard(heard: Heard, band_hz: tuple[float, float]) -> ContinuousSystem:

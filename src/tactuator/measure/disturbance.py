@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
@@ -23,7 +22,7 @@ from tactuator.rig.rig import Finger, Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.excitation import ramps
-from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, off_mains
+from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, mean_of_blocks, off_mains
 from tactuator.signals.systems import SampledSystem
 from tactuator.table import brief
 
@@ -165,11 +164,8 @@ class _Bench:
                 for start in range(settle - round(0.1 * rate), count - block - round(0.1 * rate) + 1, block)
             ]
         )
-        mean = blocks.mean()
-        variance = np.sum(np.abs(blocks - mean) ** 2) / (2.0 * (blocks.size - 1))
-        half_width = scipy.stats.t.isf(0.025, 2 * (blocks.size - 1)) * np.sqrt(variance / blocks.size)
-        measured = float(db(mean / (through * force_v)))
-        return measured, float(20.0 * np.log10(1.0 + half_width / abs(mean))), force_v, limited
+        mean, half_width, _ = mean_of_blocks(blocks)
+        return float(db(mean / (through * force_v))), float(db(1.0 + half_width / np.abs(mean))), force_v, limited
 
     def press(self) -> Press:
         """Press for a second within 20 ms, lift, and watch another second."""

@@ -26,7 +26,15 @@ from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import FeedbackLoop
-from tactuator.signals.spectra import Band, PowerSpectrum, lock_in, mains_multiples, power_spectrum, third_octave_bands
+from tactuator.signals.spectra import (
+    Band,
+    PowerSpectrum,
+    lock_in,
+    mains_multiples,
+    mean_over_frequency,
+    power_spectrum,
+    third_octave_bands,
+)
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
@@ -292,13 +300,17 @@ def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, 
     return float(db(peak_mm / channel.threshold.curve.displacement_mm(np.sqrt(low * high))))
 
 
+_TWELFTH = 2.0 ** (1.0 / 12.0) - 1.0
+"""Share of a frequency that makes a twelfth of an octave."""
+
+
 def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tuple[float, float, float] | None:
     """Return frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
     inside = (felt.frequency_hz >= 2.0) & (felt.frequency_hz <= channel.threshold.band_hz[1])
     clear = np.min(np.abs(felt.frequency_hz[:, None] - lines), axis=1, initial=np.inf) > 2.5
     frequency = felt.frequency_hz[inside]
     density = np.interp(frequency, felt.frequency_hz[inside & clear], felt.density[inside & clear])
-    smooth = _smoothed(np.log(np.maximum(density, 1e-300)), frequency)
+    smooth = mean_over_frequency(np.log(np.maximum(density, 1e-300)), frequency, frequency, _TWELFTH, fewest=5)
     peak = int(np.argmax(smooth))
     if peak in (0, smooth.size - 1):
         return None
@@ -310,15 +322,6 @@ def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tupl
     edge = 2.0 ** (1.0 / 6.0)
     level = _band_level(felt, frequency[peak] / edge, frequency[peak] * edge, channel, lines)
     return float(frequency[peak]), level, prominence
-
-
-def _smoothed(values: FloatArray, frequency: FloatArray) -> FloatArray:
-    """Return the mean over a twelfth of an octave to either side, two lines at least."""
-    means = np.empty(values.size)
-    for k, hertz in enumerate(frequency):
-        reach = max(2.0, hertz * (2.0 ** (1.0 / 12.0) - 1.0))
-        means[k] = values[np.abs(frequency - hertz) <= reach].mean()
-    return means
 
 
 def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Sequence[str] = ()) -> Verdict:

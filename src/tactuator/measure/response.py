@@ -13,7 +13,6 @@ from itertools import chain, repeat, takewhile
 from operator import attrgetter
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -25,7 +24,7 @@ from tactuator.runtime.simulation import REFERENCE_MAX
 from tactuator.signals.decibels import db, from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
 from tactuator.signals.record import Response
-from tactuator.signals.spectra import LockIn, mains_multiples, off_mains
+from tactuator.signals.spectra import LockIn, mains_multiples, mean_of_blocks, mean_over_frequency, off_mains
 
 Progress = Callable[[int, int], None]
 SoFar = Callable[[tuple[Response, ...]], None]
@@ -124,7 +123,6 @@ class Tone:
         self._rig, self._frequency, self._driven, self._columns = rig, frequency_hz, driven, columns
         self._options, self._doubt_db = options, doubt_db
         self._reference = float(from_db(options.level_db_sl))
-        self._tail = 0.5 * (1.0 - options.coverage)
         mains = mains_multiples(options.mains_hz, min(420.0, 0.45 * rig.rate_hz))
         harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
         harmonics = harmonics[harmonics < 0.45 * rig.rate_hz]
@@ -186,15 +184,11 @@ class Tone:
 
     def _point(self, blocks: ComplexArray, saturated: NDArray[np.bool_]) -> TonePoint:
         """Return the point of the mean of blocks, shape (count, harmonics, channels)."""
-        count = blocks.shape[0]
-        mean = blocks.mean(axis=0)
-        variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))
-        half_width = scipy.stats.t.isf(self._tail, 2 * (count - 1)) * np.sqrt(variance / count)
-        confidence = half_width_db(mean[0], half_width)
-        distortion = np.sqrt(np.sum(np.abs(mean[1:]) ** 2, axis=0))
-        averaged = count * self._block / self._rig.rate_hz
-        noise = np.sqrt(2.0 * variance)
-        return TonePoint(mean[0], half_width, confidence, noise, distortion, saturated.copy(), averaged)
+        amplitude, half_width, noise = mean_of_blocks(blocks[:, 0], self._options.coverage)
+        distortion = np.sqrt(np.sum(np.abs(blocks[:, 1:].mean(axis=0)) ** 2, axis=0))
+        averaged = len(blocks) * self._block / self._rig.rate_hz
+        confidence = half_width_db(amplitude, half_width)
+        return TonePoint(amplitude, half_width, confidence, noise, distortion, saturated.copy(), averaged)
 
 
 def _responses(
@@ -286,6 +280,10 @@ def swept_responses(
     return _Player(rig, excited, columns, swept).responses(SETTLE_S)
 
 
+_AROUND, _FEWEST_AROUND = 0.1, 12
+"""Lines whose power is averaged around an excited one: share of its frequency to either side, and how many at least."""
+
+
 class _Player:
     """Plays periods of one multisine and keeps their spectra."""
 
@@ -348,17 +346,9 @@ class _Player:
         return mean[self._excited.bins], noise, np.maximum(repeated - noise, 0.0)
 
     def _around(self, power: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-        """Return the mean of the usable lines around each excited one: 12 or more, a tenth of it to each side."""
-        means = []
+        """Return the mean of the usable lines around each excited one."""
         places = np.flatnonzero(usable)
-        for line in self._excited.bins:
-            # places ascend: the twelve nearest are among the twelve to either side
-            middle = int(np.searchsorted(places, line))
-            near = np.sort(np.abs(places[max(0, middle - 12) : middle + 12] - line))
-            reach = max(0.1 * line, float(near[min(11, near.size - 1)]))
-            first, last = np.searchsorted(places, line - reach), np.searchsorted(places, line + reach, side="right")
-            means.append(power[places[first:last]].mean())
-        return np.array(means)
+        return mean_over_frequency(power[places], places, self._excited.bins, _AROUND, _FEWEST_AROUND)
 
     def confidence_db(self, column: int) -> FloatArray:
         """Return the 95 % half-widths of the excited lines' magnitudes, dB, (m,)."""

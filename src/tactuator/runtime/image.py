@@ -11,7 +11,6 @@ from enum import IntEnum
 from typing import Self
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
@@ -24,6 +23,7 @@ from tactuator.runtime.coefficients import (
     delta_coefficients_single,
 )
 from tactuator.signals.decibels import from_db
+from tactuator.signals.discretise import held_matrices
 
 CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
 """Channels that a board runs."""
@@ -262,7 +262,7 @@ def _poles(model: FeedForward, period_s: float) -> list[FloatArray]:
 
 def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
     """Return b1, b1 + b0, a1', a2' of the held plant (b1 z + b0)/(d^2 + a1' d + a2') with d = z - 1, shape (4,)."""
-    a = np.array([[0.0, 1.0, 0.0], [-model.stiffness, -model.damping, model.gain], [0.0, 0.0, 0.0]]) * period_s
-    less_one = scipy.linalg.expm(a) - np.eye(3)
-    m, b = less_one[:2, :2], less_one[:2, 2]
+    a, b = np.array([[0.0, 1.0], [-model.stiffness, -model.damping]]), np.array([0.0, model.gain])
+    held, b, _ = held_matrices(a, b, period_s)
+    m = held - np.eye(2)
     return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])

@@ -16,7 +16,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -25,6 +24,7 @@ from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import ImageRefusal, channel_bytes, sealed
+from tactuator.signals.discretise import held_matrices
 from tactuator.signals.systems import ContinuousSystem
 
 
@@ -120,11 +120,7 @@ def _hold(
     a[-1] -= form.den[:-1] * scale ** (np.arange(order_held) - order_held + 1.0)
     b = np.zeros(order_held)
     b[-1] = gain * scale ** (1.0 - order_held)
-    ad, bd = _exponential(a, b, 1.0 / rate_hz)
-    late = np.zeros(order_held)
-    if fraction > 0.0:
-        after, _ = _exponential(a, b, (1.0 - fraction) / rate_hz)
-        late = after @ _exponential(a, b, fraction / rate_hz)[1]
+    ad, bd, late = held_matrices(a, b, 1.0 / rate_hz, fraction)
     sensor, sensor_direct = _row(reference_gain * form.sensor, form, gain, scale)
     displacement, displacement_direct = _row(reference_gain * form.displacement, form, gain, scale)
     held = HeldPlant(ad, bd, late, sensor, displacement, sensor_direct, displacement_direct)
@@ -137,18 +133,6 @@ def _row(num: FloatArray, form: _Canonical, gain: float, scale: float) -> tuple[
         return np.append(num, np.zeros(size - num.size)) * scale ** np.arange(size), 0.0
     direct = num[size]
     return (num[:size] - direct * form.den[:size]) * scale ** np.arange(size), float(direct * gain)
-
-
-def _exponential(a: FloatArray, b: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return exp(a t) and its integral over [0, t] times b."""
-    size = b.size
-    block = np.zeros((size + 1, size + 1))
-    block[:size, :size], block[:size, size] = a * duration_s, b * duration_s
-    # scaled so that the input's column weighs as much as the rest: the exponential's error is relative to the norm
-    weight = np.linalg.norm(b * duration_s) or 1.0
-    block[:size, size] /= weight
-    exponential = scipy.linalg.expm(block)
-    return exponential[:size, :size], exponential[:size, size] * weight
 
 
 def _raised(held: HeldPlant, a: FloatArray, b: FloatArray, order: int, scale: float) -> HeldPlant:

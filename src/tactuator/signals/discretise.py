@@ -80,27 +80,42 @@ def held_state_space(
     The states are those of `state_space`.
     """
     a, b, c, d = state_space(system, step)
+    ad, bd, late = held_matrices(a, b, 1.0, fraction)
     if fraction == 0.0:
-        ad, bd = _integrated(a, b, 1.0)
         return ad, bd, c, d
-    ad, _ = _integrated(a, b, 1.0)
-    early, b_now = _integrated(a, b, 1.0 - fraction)
-    _, b_late = _integrated(a, b, fraction)
     order = a.shape[0]
     held = np.zeros((order + 1, order + 1))
-    held[:order, :order] = ad
-    held[:order, order] = early @ b_late
-    return held, np.append(b_now, 1.0), np.append(c, d), 0.0
+    held[:order, :order], held[:order, order] = ad, late
+    return held, np.append(bd - late, 1.0), np.append(c, d), 0.0
+
+
+def held_matrices(
+    a: FloatArray, b: FloatArray, step: float, fraction: float = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Ad (n, n), Bd (n,) and late (n,) of x' = a x + b u under a zero-order hold and `fraction` of a sample of
+    dead time: x(k+1) = Ad x + Bd u(k) + late (u(k-1) - u(k))."""
+    ad, bd = _integrated(a, b, step)
+    if fraction == 0.0:
+        return ad, bd, np.zeros_like(bd)
+    after, _ = _integrated(a, b, (1.0 - fraction) * step)
+    return ad, bd, after @ _integrated(a, b, fraction * step)[1]
 
 
 def _integrated(a: FloatArray, b: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
-    """Return exp(a t) and its integral over [0, t] times b."""
-    order = a.shape[0]
+    """Return exp(a t) and its integral over [0, t] times b, t the duration.
+
+        exp [a t  b t] = [exp(a t)  integral b]
+            [ 0    0 ]   [   0          1     ]
+
+    (Van Loan 1978, IEEE Trans. Automatic Control 23). The input's column weighs as much as the rest: the exponential's
+    error is relative to the norm.
+    """
+    order = b.size
     block = np.zeros((order + 1, order + 1))
-    block[:order, :order] = a
-    block[:order, order] = b
-    exponential = scipy.linalg.expm(block * duration)
-    return exponential[:order, :order], exponential[:order, order]
+    weight = np.linalg.norm(b * duration) or 1.0
+    block[:order, :order], block[:order, order] = a * duration, b * duration / weight
+    exponential = scipy.linalg.expm(block)
+    return exponential[:order, :order], exponential[:order, order] * weight
 
 
 def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexArray:

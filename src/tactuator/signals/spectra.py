@@ -141,6 +141,43 @@ class PowerSpectrum:
         return PowerSpectrum(self.frequency_hz, self.density * np.abs(response) ** 2, self.averages)
 
 
+def mean_over_frequency(
+    values: FloatArray, frequency_hz: ArrayLike, at_hz: ArrayLike, share: float = 0.0, fewest: int = 1
+) -> FloatArray:
+    """Return the means of values (..., n) at ascending frequency_hz (n,) around each of at_hz (m,): over `share` of
+    that frequency to either side, and over the `fewest` values around it at least. Shape (..., m)."""
+    frequency, at = np.asarray(frequency_hz), np.asarray(at_hz)
+    low = np.searchsorted(frequency, at * (1.0 - share))
+    high = np.searchsorted(frequency, at * (1.0 + share), side="right")
+    missing = np.maximum(fewest - (high - low), 0)
+    low = np.maximum(np.minimum(low - (missing + 1) // 2, frequency.size - fewest), 0)
+    high = np.minimum(np.maximum(high + missing // 2, low + fewest), frequency.size)
+    # sums of each window by itself: running sums would lose what is small beside a strong line
+    ended = np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
+    sums = np.add.reduceat(ended, np.stack([low, high], axis=1).ravel(), axis=-1)[..., ::2]
+    return np.asarray(sums / (high - low))
+
+
+def frequency_response(command: ComplexArray, position: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    """Return the response by spectra of periods, (periods, ...), and its variance by what differs between them.
+
+    The command repeats, and there are two periods or more.
+    """
+    count, asked, mean = len(position), command.mean(axis=0), position.mean(axis=0)
+    scatter = np.sum(np.abs(position - mean) ** 2, axis=0) / (count * (count - 1))
+    return np.asarray(mean / asked), np.asarray(scatter / np.abs(asked) ** 2)
+
+
+def mean_of_blocks(blocks: ComplexArray, coverage: float = 0.95) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """Return the mean of complex amplitudes (count, ...), the half-width of its size at `coverage` (Student's t), and
+    the rms of the noise in one of them."""
+    count, mean = len(blocks), blocks.mean(axis=0)
+    degrees = 2 * (count - 1)
+    variance = np.sum(np.abs(blocks - mean) ** 2, axis=0) / degrees  # along the amplitude; as much across it
+    half_width = scipy.stats.t.isf(0.5 * (1.0 - coverage), degrees) * np.sqrt(variance / count)
+    return np.asarray(mean), np.asarray(half_width), np.sqrt(2.0 * variance)
+
+
 def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0) -> PowerSpectrum:
     """Return Welch's estimate: Hann windows of 1/resolution_hz, half overlapping, mean taken off each.
 
