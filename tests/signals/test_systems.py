@@ -13,6 +13,7 @@ from tactuator.signals import loop as module
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
+from tactuator.signals.loop_figures import LoopFigures
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tests.signals.precisely import level_db
@@ -309,6 +310,18 @@ def _identities(loop: FeedbackLoop, found: Margins) -> None:
     assert found.phase_margin_deg >= promised - 1e-6
     assert found.phase_margin_deg >= found.disk.phase_deg - 1e-6
     assert found.gain_margin_db >= found.disk.gain_db - 1e-6
+
+
+def test_loop_figures__paper_loops_on_a_grid__are_the_refined_ones() -> None:
+    loops = [
+        FeedbackLoop(bilinear(paper.FEEDBACK, rate), zero_order_hold(paper.PLANT, rate, 1)) for rate in (4e3, 8e3, 20e3)
+    ]
+    figures = LoopFigures(np.array([loop.open_response(np.geomspace(1e-3, 0.4999 * 4e3, 4000)) for loop in loops]))
+    refined = [margins(loop) for loop in loops]
+    assert figures.sensitivity_peak == pytest.approx([each.sensitivity_peak for each in refined], rel=1e-4)
+    assert figures.phase_margin_deg()[0] == pytest.approx([each.phase_margin_deg for each in refined], abs=0.01)
+    assert figures.turned == pytest.approx([0.5 * np.pi] * len(loops), abs=0.05)  # one pole at rest, and stable
+    assert LoopFigures(40.0 * figures.loop).turned[0] < -np.pi  # beyond its gain margin
 
 
 def paper_loop(rate_hz: float) -> TwoDegreeLoop:

@@ -13,12 +13,13 @@ from pydantic import Field
 from tactuator.api.controller import check
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
 from tactuator.console.fields import CHANNELS_MAX, Finite, Name
-from tactuator.console.loop_chart import MARKS_HZ, frame, ground, settled_figures, verdict_rows
+from tactuator.console.loop_chart import frame, ground, settled_figures, verdict_rows
 from tactuator.console.loop_shape import LoopShape, drag_ranges, shape_of, with_point_at
 from tactuator.console.requests import DEFECT, LOGGER, Answer, Functions, bound, digits, serve_requests
 from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
+from tactuator.report.nichols import MARKS_HZ
 from tactuator.table import picked
 from tactuator.web.sockets import first_to_end, send
 

@@ -14,9 +14,10 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_MINUS_ASKED, FINDING_COLUMNS, Finding, Verdict, finding_row, verdict_of
 from tactuator.processors import single_threaded
-from tactuator.report.nichols import hull
+from tactuator.report.nichols import GAIN_LEVELS_DB, MARKS_HZ, hull
 from tactuator.report.tables import design_rows
 from tactuator.signals.decibels import db
+from tactuator.signals.loop_figures import LoopFigures, around_modes_hz, continuous_phase_deg
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
@@ -105,7 +106,7 @@ def _tile(finding: Finding) -> dict[str, str]:
 
 
 _BEYOND = 1e6
-_POINTS, _AROUND = 240, 17
+_POINTS = 240
 _INSTANTS, _STEP_S = 320, 0.4
 
 
@@ -256,14 +257,12 @@ def _grid_hz(display: Display, channel: Channel, family: tuple[Member, ...]) -> 
     high = 0.499 * display.rate_hz
     asked = channel.feedback
     parts = [np.geomspace(low, high, _POINTS), np.array([*asked.rejection_hz, *asked.mains_hz])]
-    for root in np.concatenate([np.append(member.continuous.poles, member.continuous.zeros) for member in family]):
-        if root.imag > 3.0 * abs(root.real) > 0.0:
-            parts.append((root.imag + abs(root.real) * np.linspace(-3.0, 3.0, _AROUND)) / (2.0 * np.pi))
+    roots = np.concatenate([np.append(member.continuous.poles, member.continuous.zeros) for member in family])
+    parts.append(around_modes_hz(roots[roots.real != 0.0]))
     grid = np.unique(np.concatenate(parts))
     return np.asarray(grid[(grid >= low) & (grid <= high)])
 
 
-_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
 _TURN = np.linspace(0.0, 2.0 * np.pi, 361)
 
 
@@ -277,7 +276,7 @@ def ground(plants: ChannelPlants) -> dict[str, Any]:
     peak_t = plants.display.objectives.resonance_peak
     closed = peak_t * np.exp(1j * _TURN)
     return {
-        "contours": [{"level_db": level, "points": _contour(10.0 ** (level / 20.0))} for level in _LEVELS_DB],
+        "contours": [{"level_db": level, "points": _contour(10.0 ** (level / 20.0))} for level in GAIN_LEVELS_DB],
         "sensitivity": None if peak_s is None else _points(-1.0 + np.exp(1j * _TURN) / peak_s),
         "resonance": _points(closed / (1.0 - closed)) if peak_t > 1.0 else None,
         "phase": asked.phase_margin_deg,
@@ -307,8 +306,6 @@ def _points(loop: ComplexArray, ascending: bool = False) -> list[list[float]]:
     return rounded
 
 
-MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
-"""Frequencies that are marked on the Nichols chart."""
 _DRAWN_DB, _DRAWN_DEG = 0.02, 0.1
 """What the drawn frequencies leave open: a design that stands exactly at its limits does not pass them."""
 
@@ -321,9 +318,9 @@ def frame(plants: ChannelPlants, feedback: SampledSystem) -> dict[str, Any]:
     frequencies the hull of L over the family; steps: at the chart's instants; unstable: names of the plants on which
     the loop is unstable; crossed: names of the regions and limits that the family passes.
     """
-    loop = np.asarray(feedback.response(plants.frequency_hz) * plants.response)
-    gain, phase = db(loop), continuous_phase_deg(loop)
-    sense, complement = db(1.0 / (1.0 + loop)), db(loop / (1.0 + loop))
+    loops = LoopFigures(np.asarray(feedback.response(plants.frequency_hz) * plants.response))
+    gain, phase = db(loops.loop), continuous_phase_deg(loops.loop)
+    sense, complement = db(loops.sensitivity), db(loops.complementary)
     moved = steps(states_of(feedback), plants.states, plants.stride, plants.time_s.size)
     curves = [
         {
@@ -348,14 +345,8 @@ def frame(plants: ChannelPlants, feedback: SampledSystem) -> dict[str, Any]:
         "unstable": [
             member.name for member, stable in zip(plants.family, moved.stable.tolist(), strict=True) if not stable
         ],
-        "crossed": list(_crossed(plants, gain, sense, complement, phase)),
+        "crossed": list(_crossed(plants, loops, sense, complement)),
     }
-
-
-def continuous_phase_deg(response: ComplexArray) -> FloatArray:
-    """Return the phase along the last axis without jumps, in degrees; it begins between -270 and 90."""
-    phase = np.degrees(np.unwrap(np.angle(response), axis=-1))
-    return np.asarray(phase - 360.0 * np.ceil((phase[..., :1] - 90.0) / 360.0))
 
 
 def _templates(plants: ChannelPlants, phase: FloatArray, gain: FloatArray) -> Iterator[list[list[float]]]:
@@ -377,16 +368,15 @@ def _steps(plants: ChannelPlants, moved: Steps) -> dict[str, Any]:
     return shown
 
 
-def _crossed(
-    plants: ChannelPlants, gain: FloatArray, sense: FloatArray, complement: FloatArray, phase: FloatArray
-) -> Iterator[str]:
+def _crossed(plants: ChannelPlants, loops: LoopFigures, sense: FloatArray, complement: FloatArray) -> Iterator[str]:
     """Yield what the family passes, as it shows on the drawn frequencies; the figures tell by how much."""
     asked, logs = plants.channel.feedback, np.log(plants.frequency_hz)
     if asked.sensitivity_peak is not None and np.max(sense) > db(asked.sensitivity_peak) + _DRAWN_DB:
         yield "sensitivity"
     if np.max(complement) > db(plants.display.objectives.resonance_peak) + _DRAWN_DB:
         yield "resonance"
-    if asked.phase_margin_deg is not None and _within_margin(gain, phase, asked.phase_margin_deg):
+    margin_deg = float(np.min(np.abs(loops.phase_margin_deg()[0])))
+    if asked.phase_margin_deg is not None and margin_deg < asked.phase_margin_deg - _DRAWN_DEG:
         yield "phase"
     for name, levels, at, most in (
         ("rejection", sense, asked.rejection_hz, asked.rejection_max_db),
@@ -395,18 +385,6 @@ def _crossed(
         for frequency, limit in zip(at, most, strict=True):
             if any(np.interp(np.log(frequency), logs, level) > limit + _DRAWN_DB for level in levels):
                 yield f"{name} {frequency:g}"
-
-
-def _within_margin(gain: FloatArray, phase: FloatArray, margin_deg: float) -> bool:
-    """Return whether any curve passes 0 dB nearer to an odd half turn than the margin."""
-    over = gain > 0.0
-    for level, lag, above in zip(gain, phase, over, strict=True):
-        for place in np.flatnonzero(above[1:] != above[:-1]):
-            share = level[place] / (level[place] - level[place + 1])
-            at = lag[place] + share * (lag[place + 1] - lag[place])
-            if abs((at % 360.0) - 180.0) < margin_deg - _DRAWN_DEG:
-                return True
-    return False
 
 
 def _plain(values: FloatArray, digits: int = 3) -> list[float]:

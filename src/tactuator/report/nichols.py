@@ -14,10 +14,11 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.report.figure import BLUE, GREEN, INK, ORANGE, PURPLE, RED, ReportFigure, subplots
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
+from tactuator.signals.loop_figures import continuous_phase_deg
 
-_GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
+GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
 _PHASE_LEVELS_DEG = tuple(float(angle) for angle in range(-330, 0, 30) if angle != -180)
-_MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _MARKS_APART_PT = 17.0
 """Marks nearer than this to one that is written are left out: two of three digits stand side by side."""
 _GRID = "#c4cad0"
@@ -100,8 +101,7 @@ class _Track:
 
     @property
     def phase_deg(self) -> FloatArray:
-        phase = np.degrees(np.unwrap(np.angle(self.response)))
-        return np.asarray(phase - 360.0 * np.ceil((phase[0] - 90.0) / 360.0))
+        return continuous_phase_deg(self.response)
 
     @property
     def level_db(self) -> FloatArray:
@@ -143,7 +143,7 @@ def _grid(axes: Axes, limits: Margins) -> None:
     with np.errstate(all="ignore"):
         closed = np.asarray(loop / (1.0 + loop))
     line: dict[str, Any] = {"colors": _GRID, "linewidths": 0.7, "linestyles": "-", "zorder": 1}
-    axes.contour(phase, level, db(closed), levels=_GAIN_LEVELS_DB, **line)
+    axes.contour(phase, level, db(closed), levels=GAIN_LEVELS_DB, **line)
     for angle in _PHASE_LEVELS_DEG:
         turned = closed * np.exp(-1j * np.radians(angle))
         height = np.where(turned.real > 0.0, turned.imag / np.abs(turned), np.nan)
@@ -169,13 +169,13 @@ def _grid_labels(axes: Axes) -> None:
     low, high = axes.get_ylim()
     right = axes.get_xlim()[1]
     turn = np.radians(right)
-    for level in (level for level in _GAIN_LEVELS_DB if level < 0.0):
+    for level in (level for level in GAIN_LEVELS_DB if level < 0.0):
         m = 10.0 ** (level / 20.0)
         gain = float(db(m * (m * np.cos(turn) + np.sqrt(1.0 - (m * np.sin(turn)) ** 2)) / (1.0 - m * m)))
         if low < gain < high:
             axes.annotate(f"−{-level:g} dB", (right, gain), (3.0, 0.0), va="center", **style)
     axes.annotate("0 dB", (-90.0, high), (0.0, 2.0), ha="center", **style)
-    inwards = ", ".join(f"{level:g}" for level in _GAIN_LEVELS_DB if level > 0.0)
+    inwards = ", ".join(f"{level:g}" for level in GAIN_LEVELS_DB if level > 0.0)
     axes.plot([], [], color=_GRID, linewidth=0.7, label=f"|T| = {inwards} dB, inwards")
 
 
@@ -186,7 +186,7 @@ def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> None:
     for polygon in swept([run.line, *(track.line for track in family)]):
         axes.fill(*polygon.T, facecolor=_FAMILY, edgecolor=_FAMILY, linewidth=0.4, zorder=0.5)
     axes.fill([], [], facecolor=_FAMILY, label=f"C P, family of {len(family) + 1}")
-    for mark in (f for f in _MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):
+    for mark in (f for f in MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):
         corners = hull(np.array([run.at(mark), *(track.at(mark) for track in family)]))
         axes.fill(*corners.T, facecolor=PURPLE, alpha=0.3, edgecolor=PURPLE, linewidth=0.9, zorder=2)
 
@@ -212,7 +212,7 @@ def _frequency_marks(axes: Axes, run: _Track) -> None:
     low, high = axes.get_ylim()
     box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": BLUE, "linewidth": 0.8}
     written: list[FloatArray] = []
-    for mark in (mark for mark in _MARKS_HZ if run.frequency_hz[0] <= mark <= run.frequency_hz[-1]):
+    for mark in (mark for mark in MARKS_HZ if run.frequency_hz[0] <= mark <= run.frequency_hz[-1]):
         at = run.at(mark)
         point = axes.transData.transform(at) * 72.0 / axes.figure.dpi
         if low + 2.0 < at[1] < high - 2.0 and all(np.hypot(*(point - other)) >= _MARKS_APART_PT for other in written):

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.signals.loop_figures import around_modes_hz
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 System = ContinuousSystem | SampledSystem
@@ -347,11 +348,8 @@ def analysis_grid_hz(loop: FeedbackLoop) -> FloatArray:
         top = max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
     sizes = np.abs(s)[np.abs(s) > 1e-6 * np.max(np.abs(s), initial=0.0)] / (2.0 * np.pi)
     low = min(np.min(sizes, initial=top / 1e3) / 30.0, top / 1e3)
-    parts = [np.geomspace(low, top, _GRID)]
-    for root in s[np.abs(s.imag) > 3.0 * np.abs(s.real)]:
-        around = (np.abs(root.imag) + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi)
-        parts.append(around[(around > low) & (around < top)])
-    return np.unique(np.concatenate(parts))
+    around = around_modes_hz(s)
+    return np.unique(np.concatenate([np.geomspace(low, top, _GRID), around[(around > low) & (around < top)]]))
 
 
 def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, values: FloatArray) -> tuple[float, float]:

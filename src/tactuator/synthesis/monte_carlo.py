@@ -24,6 +24,8 @@ from tactuator.model.plant import DERIVATIVES, Load
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop_figures import LoopFigures, around_modes_hz
+from tactuator.synthesis.candidates import LIGHT_DAMPING
 from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.touch import fed_push
 from tactuator.table import ResultTable
@@ -31,7 +33,6 @@ from tactuator.table import ResultTable
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
 _AT_ONCE = 2000
-_LIGHT = 0.5
 SHIFT = 0.02
 """Relative standard deviation of the frequency of a mode where no record tells it."""
 _MOST = 1_000_000
@@ -130,12 +131,10 @@ class _Grids:
     def __init__(self, controller: ChannelController, channel: Channel, display: Display, load: Load | None) -> None:
         rate_hz = display.rate_hz
         low, high = channel.threshold.band_hz
-        parts = [np.geomspace(0.02 * low, low, 8), np.geomspace(low, 0.499 * rate_hz, 130)]
-        for root in np.append(channel.plant.poles, channel.plant.zeros):
-            if root.imag > 0.0 and abs(root.real) < _LIGHT * abs(root):
-                parts.append((abs(root) + 4.0 * abs(root.real) * np.linspace(-1.0, 1.0, 25)) / (2.0 * np.pi))
+        spread = [np.geomspace(0.02 * low, low, 8), np.geomspace(low, 0.499 * rate_hz, 130)]
+        around = around_modes_hz(np.append(channel.plant.poles, channel.plant.zeros))
         lines = np.array(channel.environment.hum_hz)
-        grid = np.unique(np.concatenate([*parts, lines]))
+        grid = np.unique(np.concatenate([*spread, around, lines]))
         self.frequency_hz = grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
         self._channel = channel
         self._lines = np.searchsorted(self.frequency_hz, lines[lines < 0.5 * rate_hz])
@@ -161,27 +160,25 @@ class _Grids:
         nothing = np.full(plants.shape[0], np.nan)
         if self._feedback is None:
             return np.ones(plants.shape[0], dtype=bool), nothing, self._flatness(through), nothing
-        loop = through * self._feedback
-        away = 1.0 + loop
-        follow = loop / away
+        loops = LoopFigures(through * self._feedback)
+        follow = loops.complementary
         hum = nothing
         if self._lines.size:
             moved = np.abs(follow[:, self._lines]) * self._hum
             hum = np.max(db(moved / self._threshold_v[self._lines]), axis=1)
-        fed = through / away * self._push
-        return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow, fed), hum
+        fed = through * loops.sensitivity * self._push
+        return self._is_stable(loops), loops.sensitivity_peak, self._flatness(follow, fed), hum
 
     def _flatness(self, behind: ComplexArray, fed: ComplexArray | float = 0.0) -> FloatArray:
         position = np.abs(self._prefilter * behind + fed)[:, self._band]
         return np.asarray(np.max(np.abs(db(position / self._asked_v)), axis=1))
 
-    def _is_stable(self, away: ComplexArray) -> NDArray[np.bool_]:
+    def _is_stable(self, loops: LoopFigures) -> NDArray[np.bool_]:
         """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant."""
         poles = self._channel.plant.poles
         at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
         outside = int(np.sum(poles.real > 1e-9))
-        turned = np.sum((np.diff(np.angle(away), axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
-        return np.asarray(np.abs(turned - np.pi * (0.5 * at_rest + outside)) < 0.6 * np.pi)
+        return np.asarray(np.abs(loops.turned - np.pi * (0.5 * at_rest + outside)) < 0.6 * np.pi)
 
 
 def _drawn(
@@ -211,7 +208,7 @@ def _drawn(
 def _light_roots(channel: Channel) -> Iterator[tuple[complex, int]]:
     """Yield the upper one of every lightly damped pair: poles with the sign -1, zeros with +1."""
     for roots, sign in ((channel.plant.poles, -1), (channel.plant.zeros, 1)):
-        for root in roots[(roots.imag > 0.0) & (np.abs(roots.real) < _LIGHT * np.abs(roots))]:
+        for root in roots[(roots.imag > 0.0) & (np.abs(roots.real) < LIGHT_DAMPING * np.abs(roots))]:
             yield complex(root), sign
 
 

@@ -24,6 +24,7 @@ from tactuator.model.requirements import MOST_POLES
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop_figures import around_modes_hz
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
 from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis.felt import friction_loss_db
@@ -135,8 +136,7 @@ def _design_grid_hz(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> Fl
     for system in (loop.plant, *([] if loop.controller is None else [loop.controller])):
         roots = np.append(system.poles, system.zeros)
         s = np.log(roots[np.abs(roots) > 1e-3]) * rate_hz
-        for root in s[(s.imag > 0.0) & (np.abs(s.imag) > 3.0 * np.abs(s.real))]:
-            parts.append((root.imag + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi))
+        parts.append(around_modes_hz(s[s.imag > 0.0]))
     grid = np.unique(np.concatenate(parts))
     return grid[(grid >= low) & (grid <= high)]
 

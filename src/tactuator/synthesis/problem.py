@@ -30,6 +30,7 @@ import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.loop import FeedbackLoop, least_gain
+from tactuator.signals.loop_figures import LoopFigures
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (
@@ -118,7 +119,7 @@ class LoopProblem:
 
     def _point(self, parameters: FloatArray) -> Point:
         controller, slope = self.structure.response_and_slope(parameters, self._difference)
-        loops = _Loops(controller, controller * self._plants)
+        loops = LoopFigures(controller * self._plants)
         rows = _Rows(slope)
         mean = DB * (loops.log_s[:, self._band] @ self._band_weight)
         rows.add(mean, self._band, -DB * loops.complementary[:, self._band] * self._band_weight)
@@ -126,7 +127,7 @@ class LoopProblem:
         rows.add_each(hum_db, self._mains, DB * loops.sensitivity)
         rejection_db = DB * loops.log_s[:, self._rejection] - self._rejection_db
         rows.add_each(rejection_db, self._rejection, -DB * loops.complementary)
-        self._add_figures(rows, loops)
+        self._add_figures(rows, loops, controller)
         values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
         excess = values[:, 1:].reshape(-1) + self.tighten
         return Point(values[:, 0], slopes[:, 0], excess, slopes[:, 1:].reshape(-1, COUNT))
@@ -135,7 +136,7 @@ class LoopProblem:
         """Return how far loops of lower gain are from stable ones, dB; zero where they need not be stable."""
         return float(np.max(self.at(parameters).excess[self._hard], initial=0.0))
 
-    def _add_figures(self, rows: _Rows, loops: _Loops) -> None:
+    def _add_figures(self, rows: _Rows, loops: LoopFigures, controller: ComplexArray) -> None:
         at = self._peaks
         for limit in self.loop_limits:
             if limit.quantity == "sensitivity_peak":
@@ -145,11 +146,11 @@ class LoopProblem:
                 peak, share = _smooth_maximum(loops.log_t[:, at])
                 rows.add(DB * (peak - math.log(limit.asked)), at, DB * loops.sensitivity[:, at] * share)
             elif limit.quantity == "phase_margin_deg":
-                margin, weights = _phase_margin_deg(loops.loop[:, at], loops.log_l[:, at])
+                margin, weights = loops.phase_margin_deg(at)
                 rows.add(limit.excess_db(margin), at, -weights / DEGREES_PER_DB)
             elif limit.quantity == "command_noise_gain_max":
                 sensitivity = loops.sensitivity[:, self._noise]
-                power = self._noise_weight * np.abs(loops.controller[self._noise] * sensitivity) ** 2
+                power = self._noise_weight * np.abs(controller[self._noise] * sensitivity) ** 2
                 total = power.sum(axis=1)
                 values = 0.5 * DB * np.log(total) - DB * math.log(limit.asked)
                 rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
@@ -178,17 +179,6 @@ def problem_of(task: Task, share: float = 1.0) -> LoopProblem:
     return LoopProblem(task, share)
 
 
-class _Loops:
-    """C, (g,), and every member's L, S, T and the logarithms of their sizes, (m, g)."""
-
-    def __init__(self, controller: ComplexArray, loop: ComplexArray) -> None:
-        self.controller, self.loop = controller, loop
-        self.sensitivity = 1.0 / (1.0 + loop)
-        self.complementary = loop * self.sensitivity
-        self.log_l, self.log_s = np.log(np.abs(loop)), np.log(np.abs(self.sensitivity))
-        self.log_t = self.log_l + self.log_s
-
-
 class _Rows:
     """Values of every member, (m, k), and derivatives, (m, k, COUNT): Re(sum w dlogC) for weights w on the grid."""
 
@@ -214,28 +204,6 @@ def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights = np.exp(_SHARPNESS * (values - top))
     total = weights.sum(axis=1, keepdims=True)
     return (top + np.log(total) / _SHARPNESS)[:, 0], weights / total
-
-
-def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArray, ComplexArray]:
-    """Return each row's least phase margin, log|L| (`levels`) and phase linear between the points of its grid, and the
-    weights with which it follows log C, (m, g)."""
-    margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
-    below = np.signbit(levels)
-    row, i = np.nonzero(below[:, 1:] != below[:, :-1])
-    before, after = np.degrees(np.angle(-loops[row, i])), np.degrees(np.angle(-loops[row, i + 1]))  # 0 at -180
-    rise = levels[row, i + 1] - levels[row, i]
-    share = -levels[row, i] / rise
-    turn = (after - before + 180.0) % 360.0 - 180.0
-    margin = before + turn * share
-    order = np.lexsort((np.abs(margin), row))
-    row = row[order]
-    first = np.append(True, row[1:] != row[:-1])[: row.size]
-    row, worst = row[first], order[first]
-    j, tau = i[worst], share[worst]
-    by_log = -turn[worst] / rise[worst] - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
-    margins[row] = margin[worst]
-    weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
-    return margins, weights
 
 
 _PUNISHMENT = 30.0
