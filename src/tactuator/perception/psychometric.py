@@ -8,25 +8,14 @@ The threshold is where psi itself, lapses included, reaches `target`; with guess
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
-
-
-class Shape(Protocol):
-    """Shape F of a psychometric function: the probability of a correct response with guessing and lapses taken out."""
-
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
-        """Return F at `level_db` relative to threshold, where F(0) = `at_threshold`; arguments broadcast."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -36,39 +25,12 @@ class Weibull:
     slope: float = 2.5
 
     def __post_init__(self) -> None:
-        _positive("Weibull slope", self.slope)
+        if not (np.isfinite(self.slope) and self.slope > 0.0):
+            raise BadInput(f"Weibull slope is {self.slope:g}", "a positive number")
 
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         return weibull_rise(level_db, self.slope, at_threshold)
-
-
-@dataclass(frozen=True)
-class MaxOfM:
-    """Signal detection: each of m intervals gives a unit normal, the signal's shifted by d', the largest is chosen.
-
-    d' = d'(0) a^exponent (a: amplitude re threshold); P(correct) = integral phi(z - d') Phi(z)^(m-1) dz
-    (Green & Swets 1966, chapter 2).
-    """
-
-    intervals: int = 3
-    exponent: float = 2.0
-
-    def __post_init__(self) -> None:
-        _positive("exponent of d'", self.exponent)
-        if self.intervals < 2:
-            raise BadInput(f"max-of-m with {self.intervals} intervals", "2 or more")
-
-    def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
-        """Return d' at `level_db` re threshold."""
-        grid, rises = _max_of_m_table(self.intervals)
-        base = np.interp(np.asarray(at_threshold, dtype=np.float64), rises, grid)
-        return np.asarray(base * 10.0 ** (self.exponent * np.asarray(level_db, dtype=np.float64) / 20.0))
-
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
-        """Return F at `level_db` re threshold."""
-        grid, rises = _max_of_m_table(self.intervals)
-        return np.asarray(np.interp(self.d_prime(level_db, at_threshold), grid, rises))
 
 
 def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
@@ -85,7 +47,7 @@ class Psychometric:
     Raises BadInput unless 0 <= guess < target < 1 - lapse <= 1.
     """
 
-    shape: Shape
+    shape: Weibull
     guess: float = 1.0 / 3.0
     lapse: float = 0.0
     target: float = TARGET_3_DOWN_1_UP
@@ -108,18 +70,3 @@ class Psychometric:
     def probability(self, level_db: ArrayLike) -> FloatArray:
         """Return psi at `level_db` re threshold."""
         return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * self.rise(level_db))
-
-
-@cache
-def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
-    grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
-    z = np.linspace(-9.0, 21.0, 3001)
-    density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)
-    correct = np.sum(density * scipy.special.ndtr(z) ** (intervals - 1), axis=1) * (z[1] - z[0])
-    chance = 1.0 / intervals
-    return grid, np.clip((correct - chance) / (1.0 - chance), 0.0, 1.0)
-
-
-def _positive(what: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise BadInput(f"{what} is {value:g}", "a positive number")

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
-from scipy.stats import norm
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
@@ -19,7 +18,7 @@ from tactuator.experiment.simulated.planning import PlannedStudy
 from tactuator.experiment.simulated.quality import Setting, simulate, simulated, with_loud_trials
 from tactuator.experiment.simulated.subjects import Observer
 from tactuator.perception.curve import curve
-from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
+from tactuator.perception.psychometric import Psychometric, Weibull
 
 
 def tracks(rule, setting):
@@ -186,18 +185,9 @@ def test_observer__many_trials__follows_psi_about_its_own_curve(level_db: float,
     assert np.bincount(picks, minlength=3) / 1500 == pytest.approx(np.full(3, 1.0 / 3.0), abs=0.05)
 
 
-def test_max_of_m__two_intervals__is_the_textbook_d_prime_over_root_two() -> None:
-    # Green & Swets: P(correct) in 2AFC = Phi(d'/sqrt 2).
-    model = Psychometric(MaxOfM(2, exponent=1.0), guess=0.5, target=0.75)
-    level = np.array([-10.0, 0.0, 6.0])
-    d_prime = model.shape.d_prime(level, model.at_threshold)  # type: ignore[attr-defined]
-    assert model.probability(level) == pytest.approx(norm.cdf(d_prime / np.sqrt(2.0)), abs=1e-4)
-
-
-@pytest.mark.parametrize("shape", [Weibull(1.5), MaxOfM(3)])
 @pytest.mark.parametrize("lapse", [0.0, 0.03])
-def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: Weibull, lapse: float) -> None:
-    model = Psychometric(shape, lapse=lapse)
+def test_psychometric__at_threshold__is_the_target_with_lapses_included(lapse: float) -> None:
+    model = Psychometric(Weibull(1.5), lapse=lapse)
     assert float(model.probability(0.0)) == pytest.approx(model.target, abs=1e-4)
     assert float(model.probability(60.0)) == pytest.approx(1.0 - lapse, abs=1e-4)
     assert float(model.probability(-80.0)) == pytest.approx(1.0 / 3.0, abs=1e-3)
@@ -207,9 +197,8 @@ def test_psychometric__at_threshold__is_the_target_with_lapses_included(shape: W
 def test_psychometric__impossible_envelope__is_refused(settings: dict[str, float]) -> None:
     with pytest.raises(BadInput, match=rf"{next(iter(settings))} .*allowed: 0 "):
         Psychometric(Weibull(), **settings)
-    for shape, amiss in ((Weibull, (0.0,)), (MaxOfM, (1,)), (MaxOfM, (3, 0.0))):
-        with pytest.raises(BadInput):
-            shape(*amiss)
+    with pytest.raises(BadInput, match="Weibull slope is 0"):
+        Weibull(0.0)
 
 
 GROUPS = {"between": 2, "within": 1}
