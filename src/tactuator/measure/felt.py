@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
+from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import raised_ends
@@ -54,17 +55,15 @@ class BandFrames:
 
 @dataclass(frozen=True)
 class BandAnalysis:
-    """Third-octave bands from low_hz to high_hz at a sampling rate of rate_hz."""
+    """Third-octave bands from 2 to 300 Hz at a sampling rate of rate_hz."""
 
     rate_hz: float
-    low_hz: float = 2.0
-    high_hz: float = 300.0
     bands: tuple[Band, ...] = field(init=False)
     _bins: dict[Band, tuple[int, NDArray[np.float32]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        bands = third_octave_bands(self.low_hz, self.high_hz)
-        object.__setattr__(self, "bands", tuple(band for band in bands if band.high_hz <= self.high_hz))
+        bands = third_octave_bands(*FELT_BAND_HZ)
+        object.__setattr__(self, "bands", tuple(band for band in bands if band.high_hz <= FELT_BAND_HZ[1]))
         object.__setattr__(self, "_bins", {band: self._weights(band) for band in self.bands})
 
     @property

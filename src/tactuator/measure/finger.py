@@ -21,7 +21,7 @@ from tactuator.measure.response import sensed_columns
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
-from tactuator.perception.curve import check_level
+from tactuator.perception.curve import FELT_BAND_HZ, check_level
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
@@ -285,7 +285,7 @@ def finger_impedance(channel: Channel, plan: FingerPlan, free: ComplexArray, tou
     return np.asarray(channel.plant.gain * hold * (1.0 / touched - 1.0 / free))
 
 
-_BAND_HZ = (2.0, 250.0)
+_HIGHEST_HZ = 250.0
 
 
 def measure_finger(
@@ -309,8 +309,8 @@ def measure_finger(
     columns = sensed_columns(rig, channels)
     measured = [controller.display.channels[column] for column in columns]
     loops = [_loop(controller, column) for column in columns]
-    low = max([_BAND_HZ[0], *(channel.threshold.band_hz[0] for channel in measured)])
-    high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
+    low = max([FELT_BAND_HZ[0], *(channel.threshold.band_hz[0] for channel in measured)])
+    high = min([_HIGHEST_HZ, 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
     plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
     rig.load(controller)
     half = len(plan.waves) // 2

@@ -22,6 +22,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import zero_order_hold
@@ -278,7 +279,7 @@ def _as_motion(
 
 def _bands(channel: Channel) -> tuple[Band, ...]:
     low, high = channel.threshold.band_hz
-    return third_octave_bands(max(low, 2.0), high)
+    return third_octave_bands(max(low, FELT_BAND_HZ[0]), high)
 
 
 def _displacement_mm(
@@ -306,7 +307,7 @@ _TWELFTH = 2.0 ** (1.0 / 12.0) - 1.0
 
 def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tuple[float, float, float] | None:
     """Return frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
-    inside = (felt.frequency_hz >= 2.0) & (felt.frequency_hz <= channel.threshold.band_hz[1])
+    inside = (felt.frequency_hz >= FELT_BAND_HZ[0]) & (felt.frequency_hz <= channel.threshold.band_hz[1])
     clear = np.min(np.abs(felt.frequency_hz[:, None] - lines), axis=1, initial=np.inf) > 2.5
     frequency = felt.frequency_hz[inside]
     density = np.interp(frequency, felt.frequency_hz[inside & clear], felt.density[inside & clear])

@@ -178,6 +178,8 @@ FREQUENCY_JND = 0.13
 """Smallest just-noticeable difference of frequency there, as a share of it: the least of 0.13 to 0.38 (the same)."""
 COMFORT_DB_SL = 55.0
 """The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
+FELT_BAND_HZ = (2.0, 300.0)
+"""Where levels are felt and compared, hertz: from the paper's lowest frequency to the end of its band."""
 LOWEST_DB_SL = -60.0
 """The least level that may be asked for: far below what is felt and what a sensor can tell from its noise. Below some
 -6500 dB SL an amplitude is zero in double precision, and a ratio to it is no number."""

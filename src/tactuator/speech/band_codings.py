@@ -12,6 +12,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.speech.coding import place
 from tactuator.speech.filters import band_kernel, convolve_kernels, filter_bank, resample
 
@@ -42,7 +43,7 @@ class DirectCoding:
     """
 
     kind: Literal["direct"] = "direct"
-    low_hz: float = 2.0
+    low_hz: float = FELT_BAND_HZ[0]
     low_transition_hz: float = 2.0
     high_hz: float = 290.0
     high_transition_hz: float = 20.0
@@ -69,7 +70,7 @@ class BandsCoding:
     """
 
     kind: Literal["bands"] = "bands"
-    edges_hz: tuple[float, ...] = (2.0, 145.0, 215.0, 290.0)
+    edges_hz: tuple[float, ...] = (FELT_BAND_HZ[0], 145.0, 215.0, 290.0)
     low_transition_hz: float = 2.0
     transition_hz: float = 20.0
     fingers: tuple[tuple[str, ...], ...] = (("thumb",), ("index",), ("middle",))

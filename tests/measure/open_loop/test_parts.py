@@ -44,7 +44,7 @@ def test_broadband__lines__are_in_the_band_and_off_mains():
 
 def test_hear__linear_exciter__its_truth():
     rig = exciter_rig([replace(EXCITER, noise=0.5, hum=3.0)])
-    heard = hear(rig, "exciter", wave(), 0.05, 1)
+    heard = hear(rig, "exciter", wave(), 0.05, 2)
     response, _ = heard.response()
     s = 2j * np.pi * heard.wave.frequency_hz
     truth = 1e-3 * s**2 * EXCITER.response(heard.wave.frequency_hz)
