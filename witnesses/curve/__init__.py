@@ -1,1 +1,0 @@
-"""Whole curves of people who are not like the procedure's prior."""

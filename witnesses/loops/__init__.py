@@ -1,1 +1,0 @@
-"""Loops: what the synthesis delivers, and the best that is known."""

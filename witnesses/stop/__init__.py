@@ -1,1 +1,0 @@
-"""What an end that a subject asks for takes, at the finger."""

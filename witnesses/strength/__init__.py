@@ -1,1 +1,0 @@
-"""Equally strong, on a person whose function nobody who designs has seen."""

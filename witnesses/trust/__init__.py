@@ -1,1 +1,0 @@
-"""What `tactuator identify` says of records that are spoilt."""
