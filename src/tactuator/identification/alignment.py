@@ -24,8 +24,8 @@ _ALIKE = 0.8
 """Correlation of the impulse responses of two pieces from which on their delay is known."""
 _SEEN, _BEST = 0.25, 0.5
 """The same from which on a loss between them is looked for, and which the best of neighbouring ones must have."""
-_DEVIATIONS = 6.0
-_LEAST_PPM = 1.0
+_DEVIATIONS, _LEAST_PPM = 6.0, 1.0
+"""Deviations of a delay from which on it is none by chance; least difference of clocks that is told, ppm."""
 _JUMP = 0.6
 """Least change of the delay, samples, that is taken for a lost one."""
 _FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9

@@ -33,7 +33,7 @@ from tactuator.identification.options import Fixed, IdentifyOptions, solvable
 from tactuator.identification.search import Choice, best_few, propose, pruned
 from tactuator.identification.starts import Starter
 from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
-from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.model.plant_model import DB, Z95, Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.processors import single_threaded
 from tactuator.result import Fact
@@ -41,6 +41,7 @@ from tactuator.signals.record import FrequencyResponse
 from tactuator.table import ResultTable
 
 _STEPS, _FEW_STEPS = 40, 10
+"""Steps of a descent that is to end, and of one that only ranks forms."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,6 +153,7 @@ _OUT, _MOST_OUT = 40.0, 0.1
 _IN_A_ROW = 4
 """Neighbours off from which on they are no bad readings, but what the form lacks."""
 _ROUNDS = 6
+"""Descents with doubtful points counting less, and as many without them: the set of points is stable by then."""
 _CLEAR = 30.0
 """What leaving points out has to win of Bayes' criterion; within it the form of fewest poles says which: a resonance
 may stand at any point, and bend to its neighbours' noise."""
@@ -214,7 +216,7 @@ def _reaching(result: ResponseFit, given: FrequencyResponse, kept: FrequencyResp
     """
     out = ~np.isin(given.frequency_hz, kept.frequency_hz)
     hertz, model = given.frequency_hz[out], result.model
-    off = _off(model, given)[out] / 1.959964
+    off = _off(model, given)[out] / Z95
     frequency = np.sort(np.concatenate([model.excess.frequency_hz, hertz]))
     place, magnitude, phase_rad = np.searchsorted(frequency, hertz), *model.excess.at(frequency)
     magnitude[place] = np.maximum(magnitude[place], np.abs(off.real))
@@ -391,7 +393,7 @@ def _described(given: FrequencyResponse, choice: Choice, local: LocalResponse, o
     fit, covariance = choice.fit, information(choice.problem, choice.fit)
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
-    departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))
+    departure = float(np.mean((off_db / (DB * given.deviation)) ** 2))
     num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0)
     missing = left_over(fit, local, response, given.frequency_hz)
     excess = Excess(given.frequency_hz, missing, missing)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, within
 from tactuator.identification.fit import Signals
-from tactuator.identification.lines import Spectrum
+from tactuator.identification.lines import HIGHEST, Spectrum
 from tactuator.identification.options import IdentifyOptions
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR
 from tactuator.model.plant_model import PlantModel, QualityCheck
@@ -66,6 +66,7 @@ def clipped_share(values: FloatArray) -> float:
 
 
 _FEWEST_BANDS = 6
+"""Coherent bands below which a slope and a lag are not judged."""
 
 
 def check_direction(response: EmpiricalResponse) -> tuple[Doubt, ...]:
@@ -242,8 +243,8 @@ def require_excitation(report: ExcitationReport) -> None:
 
 _MOVED = 1e-5
 """Power of the command, over its greatest, from which on it moves the mechanism (50 dB)."""
-_HIGHEST = 0.47
 _SHARE, _FEWEST, _POINTS = 0.02, 12, 200
+"""Width of the mean power over the frequency, lines in it at least, and frequencies at which it is looked at."""
 
 
 def valid_range(
@@ -275,7 +276,7 @@ def moved_range(spectra: Sequence[Spectrum]) -> tuple[float, float]:
     """
     longest = max(spectra, key=lambda taken: taken.samples)
     count = longest.samples // 2
-    frequency = np.geomspace(longest.spacing_hz, _HIGHEST * longest.rate_hz, max(_POINTS, min(count, 2000)))
+    frequency = np.geomspace(longest.spacing_hz, HIGHEST * longest.rate_hz, max(_POINTS, min(count, 2000)))
     power = np.max([_windowed(taken, frequency) for taken in spectra], axis=0)
     moved = frequency[power > _MOVED * float(np.max(power))]
     return (float(moved[0]), float(moved[-1]))

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.lines import LocalResponse
+from tactuator.identification.lines import POOLED, LocalResponse
 from tactuator.signals.multisine import Bins, Periods, periods_of
 from tactuator.signals.record import Record
 
-_POOLED = 0.15
-_FEWEST = 8
-_EXACT = 1e-12
+_FEWEST, _EXACT = 8, 1e-12
+"""Lines of a mean at least, and relative error of a response beside which there is no noise: rounding."""
 _REPEATED = 1e-6
 """Share of the command's power that may differ between periods of a command that nothing feeds back to."""
 
@@ -180,8 +179,8 @@ def _silent_level(
 def _pooled(at_hz: FloatArray, place_hz: FloatArray, power: FloatArray) -> FloatArray:
     """Return the mean of powers at place_hz (n,) over 15 % of frequency, at least eight, around each of at_hz (m,)."""
     sums = np.concatenate([[0.0], np.cumsum(power)])
-    low = np.searchsorted(place_hz, at_hz * (1.0 - 0.5 * _POOLED))
-    high = np.searchsorted(place_hz, at_hz * (1.0 + 0.5 * _POOLED), side="right")
+    low = np.searchsorted(place_hz, at_hz * (1.0 - 0.5 * POOLED))
+    high = np.searchsorted(place_hz, at_hz * (1.0 + 0.5 * POOLED), side="right")
     missing = np.maximum(_FEWEST - (high - low), 0)
     low = np.maximum(np.minimum(low - (missing + 1) // 2, place_hz.size - _FEWEST), 0)
     high = np.minimum(np.maximum(high + missing // 2, low + _FEWEST), place_hz.size)

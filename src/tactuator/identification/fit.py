@@ -19,6 +19,7 @@ from tactuator.identification.form import Known, is_stable
 from tactuator.identification.hold import Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import (
+    HIGHEST,
     Equations,
     JoinedEquations,
     LocalResponse,
@@ -32,7 +33,7 @@ from tactuator.identification.lines import (
     weights,
 )
 from tactuator.identification.residual import Residual, joint_misfit, record_residual
-from tactuator.identification.search import COMPARED, Choice, choose, propose, simplest
+from tactuator.identification.search import Choice, choose, propose, simplest
 from tactuator.identification.uncertainty import indistinct
 
 Starts = dict[Hold, list[SpectralFit]]
@@ -263,7 +264,7 @@ def _smooth(power: FloatArray) -> FloatArray:
 
 def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
     """Return the records' own response where their command has power. Raises BadInput where that is nearly nowhere."""
-    local = join_local([local_response(spectrum_, 0.47 * rate_hz) for spectrum_ in taken])
+    local = join_local([local_response(spectrum_, HIGHEST * rate_hz) for spectrum_ in taken])
     if local.frequency_hz.size < 4:
         raise BadInput(
             f"the record shows its response at {local.frequency_hz.size} frequencies",
@@ -303,7 +304,7 @@ class _Trial:
     @cached_property
     def _parts(self) -> list[tuple[float, float]]:
         filtered = self.choice.hold == "band-limited"
-        return [joint_misfit(rest, COMPARED * rest.taken.rate_hz, filtered=filtered) for rest in self.residuals]
+        return [joint_misfit(rest, HIGHEST * rest.taken.rate_hz, filtered=filtered) for rest in self.residuals]
 
     @property
     def evidence(self) -> float:
@@ -407,9 +408,8 @@ def _flanks(taken: Sequence[Spectrum], residuals: Sequence[Residual]) -> bool:
     )
 
 
-_SHARE = 0.04
-_FEWEST = 30
-"""Lines of a band, of which six take part of the noise with them: a fifth at most."""
+_SHARE, _FEWEST = 0.04, 30
+"""Width of a band over the frequency, and its lines, of which six take part of the noise with them: a fifth at most."""
 REMAINS = 0.3
 """Share of what the reference changed that may still be amiss: the bands' own six of thirty lines, and chance."""
 _FOLLOWS = 0.3
@@ -433,7 +433,7 @@ def estimate_of_model(fit: SpectralFit, signals: Signals) -> SpectralEstimate:
     taken = tuple(spectrum(*pair, rate_hz, min(shift, pair[0].size // 4)) for pair in signals)
     given = equations_of(taken)
     grid = replace(fit.grid, frequency_hz=given.frequency_hz, shift=given.shift)
-    highest = COMPARED * rate_hz
+    highest = HIGHEST * rate_hz
     flat = SpectralProblem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
     problem = replace(flat, weight=weights(given, flat.residual(fit), highest))
     choice = Choice(fit.grid.hold, replace(fit, grid=grid), {}, problem)

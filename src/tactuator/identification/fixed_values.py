@@ -12,14 +12,15 @@ import scipy
 from tactuator.identification.options import Fixed
 from tactuator.identification.search import Choice
 from tactuator.identification.trust import FIXED, FIXED_DB
-from tactuator.model.plant_model import PlantModel, QualityCheck
+from tactuator.model.plant_model import DB, PlantModel, QualityCheck
 
 _BEHIND = 3.0
 """Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to
 cancel costs one parameter, and chance gives a part of that back.
 """
 _CHANCE = 1e-4
-_FAR_OFF = FIXED.limit / 100.0
+"""Chance of a likelihood ratio below which the record speaks against a value."""
+_FAR_OFF = FIXED.limit / 100.0  # as a share
 _BESIDE = 0.25
 """Distance of a zero from a known pole, over that, within which it takes most of it away."""
 
@@ -111,7 +112,7 @@ def checks_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, free
     """
     low, high = free.valid_hz or free.band_hz
     frequency = np.geomspace(low, high, 200)
-    apart = 8.685890 * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
+    apart = DB * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
     rows = [FIXED.of(100.0 * value.off, str(value)) for value in known]
     alone = f"by itself it shows {free.den.size - 1} poles and {free.num.size - 1} zeros"
     return [*rows, FIXED_DB.of(apart, _evaded(model, free, low) if known else alone)]

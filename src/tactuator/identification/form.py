@@ -21,6 +21,7 @@ from tactuator.errors import BadInput
 
 Stages = tuple[tuple[FloatArray, int], ...]
 MOST_POLES = 8
+"""Most poles of a form: four resonances."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,10 @@ from tactuator.identification.fit import (
 from tactuator.identification.form import Known, freedom
 from tactuator.identification.hold import Hold
 from tactuator.identification.likelihood import eliminated
-from tactuator.identification.lines import Spectrum, local_response, spectrum
+from tactuator.identification.lines import HIGHEST, Spectrum, local_response, spectrum
 from tactuator.identification.residual import Residual, record_residual
 from tactuator.identification.uncertainty import log_slopes
+from tactuator.model.plant_model import Z95
 from tactuator.runtime._core import ffi, lib
 from tactuator.signals.record import Record
 
@@ -40,6 +41,7 @@ _CERTAIN = 100.0
 _SHOWN_AT = np.geomspace(1e-3, 1.0, 4)
 """Presliding distances, of the motion's deviation, at which it is looked for first."""
 _DEVIATIONS = 5.0
+"""Deviations of a level from zero from which on there is friction."""
 _TRIFLE = 1e-3
 """Share of what a fit leaves that friction has to explain."""
 _POOR = 0.02
@@ -446,7 +448,7 @@ class _FrictionLines:
         scores = np.array([float(np.log(self.lines)) * law[1].size for law in solved])
         scores -= 2.0 * np.array([gain for gain, *_ in solved])
         evidence = np.exp(-0.5 * (scores - scores.min()))
-        reach = _BEYOND / 1.959964 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
+        reach = _BEYOND / Z95 * np.sqrt(np.append(evidence / evidence.sum(), 1.0))
         solved.append(self._together([otherwise]))
         moves = np.stack([law[4] - solved[0][4] for law in solved])
         levels = np.array([law[1][0] - solved[0][1][0] for law in solved])
@@ -477,7 +479,7 @@ def _level_without_model(bare: _Stage) -> _Level | None:
     rate_hz = bare.now.spectra[0].rate_hz
 
     def misfit(at: Signals) -> float:
-        local = [local_response(spectrum(*pair, rate_hz), 0.47 * rate_hz) for pair in at]
+        local = [local_response(spectrum(*pair, rate_hz), HIGHEST * rate_hz) for pair in at]
         return sum(2.0 * float(pair.lines @ np.log(np.maximum(pair.noise, 1e-300))) for pair in local)
 
     best, least, paths = None, misfit(bare.signals) - _CERTAIN, bare.measured

@@ -32,7 +32,7 @@ from tactuator.identification.residual import (
     fit_percent,
     residual_of_record,
 )
-from tactuator.identification.residual_tests import ResidualTests
+from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
 from tactuator.identification.search import Choice
 from tactuator.identification.uncertainty import (
@@ -44,9 +44,10 @@ from tactuator.identification.uncertainty import (
     physical,
     response_of_rows,
 )
-from tactuator.model.plant_model import PlantModel, QualityCheck
+from tactuator.model.plant_model import DB, Z95, PlantModel, QualityCheck
 
 _TABLE = 120
+"""Frequencies of the table of what goes beyond the covariance: 25 a decade of the usual five."""
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
@@ -158,7 +159,7 @@ def friction_of(friction_fit: FrictionFit, tests: ResidualTests, common: Prepare
     to_unit, to_position = common.scale
     count = sum(command.size for command, _ in common.signals)
     more = 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
-    half_width = 1.959964 * friction_fit.deviation * float(np.sqrt(more))
+    half_width = Z95 * friction_fit.deviation * float(np.sqrt(more))
     distance: float | None = friction_fit.presliding * to_position
     if friction_fit.presliding <= float(np.median(np.abs(np.diff(common.signals[0][1])))):
         half_width, distance = float(np.hypot(half_width, _UNRESOLVED * friction_fit.coulomb**2)), None
@@ -265,8 +266,6 @@ def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
     return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
 
 
-_CHANCE = 1e-3
-"""Chance of a residual that follows the command so much, from which on it is taken to."""
 _ONE_CLOCK = "record both columns with one clock"
 _SHORTER = "use a shorter part: --from-s, --to-s"
 _NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
@@ -286,7 +285,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
     slowest = 1.0 / common.longest_s
     lasting = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
     rest = 1.0 - result.fit_percent / 100.0
-    follows = result.tests.uncorrelated_p < _CHANCE
+    follows = result.tests.uncorrelated_p < CHANCE
     rows = [
         trust.EXPLAINED.of(100.0 * (1.0 - rest**2)),
         trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
@@ -294,7 +293,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
-        trust.DRIFT.of(8.685890 * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
+        trust.DRIFT.of(DB * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:

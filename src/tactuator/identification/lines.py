@@ -27,13 +27,19 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid, edge_columns
 
+HIGHEST = 0.47
+"""Highest line that is looked at, over the sampling rate: what lies above is the flank of an anti-alias filter."""
+POOLED = 0.15
+"""Width of a mean over frequency, over the frequency: narrow beside a response's bends, wide beside its noise."""
 NODES = 3
+"""Nodes of a band: they carry a polynomial of second degree."""
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
 _FEWEST = 9
 """Lines below which a band is kept line by line."""
 _WIDEST = 1.0 / 1200.0
 """Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
 _LONG = 20_000
+"""Samples from which on a few are left out for a length without large prime factors (0.1 % at most)."""
 _WIDEST_TURNED_BACK = 1.0 / 150.0
 """The same where the dead time is taken off beforehand."""
 
@@ -446,8 +452,8 @@ def join_local(parts: Sequence[LocalResponse]) -> LocalResponse:
     )
 
 
-_WIDTH = 0.12
-_FEWEST_AVERAGED = 40
+_WIDTH, _FEWEST_AVERAGED = 0.12, 40
+"""Width of the mean over the frequency, and lines in it at least: the power is known to 16 %."""
 
 
 def _noise_power(given: Equations, residual: ComplexArray) -> FloatArray:

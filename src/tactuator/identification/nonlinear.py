@@ -15,6 +15,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.friction import dahl_state
+from tactuator.identification.lines import POOLED
 from tactuator.identification.residual import Residual
 
 _CERTAIN = 100.0
@@ -31,7 +32,6 @@ _TURNED = 1.0 + 2.5j
 """Deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a sine is a
 square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it was up to 2.4."""
 _SPRING = 1.0 + 1.0j  # a spring moves the resonance, and with it size and phase alike
-_POOLED = 0.15
 
 
 def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> tuple[float, ComplexArray]:
@@ -98,7 +98,7 @@ def _relative(
         taken = residual.taken
         powers = [np.abs(lines) ** 2 for lines in (amount * pull, residual.response * taken.command[1:])]
         shape, moved = shape + float(powers[0].sum()), moved + float(powers[1].sum())
-        edges = np.rint(np.outer([1.0 - 0.5 * _POOLED, 1.0 + 0.5 * _POOLED], frequency_hz) / taken.spacing_hz)
+        edges = np.rint(np.outer([1.0 - 0.5 * POOLED, 1.0 + 0.5 * POOLED], frequency_hz) / taken.spacing_hz)
         low = np.clip(edges[0] - 4, 0, pull.size - 1).astype(np.int64)
         high = np.clip(edges[1] + 4, 1, pull.size).astype(np.int64)
         for row, power in zip(near, powers, strict=True):

@@ -19,7 +19,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.form import freedom
 from tactuator.identification.hold import Hold, edge_lines, transient_columns
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem, fitted_beside
-from tactuator.identification.lines import Equations, Spectrum, equation_slices, equations, weights
+from tactuator.identification.lines import HIGHEST, Equations, Spectrum, equation_slices, equations, weights
 from tactuator.identification.residual_tests import (
     ResidualTests,
     apply_filter,
@@ -28,8 +28,9 @@ from tactuator.identification.residual_tests import (
     prediction_filters,
     whitening_filter,
 )
-from tactuator.identification.search import COMPARED, Choice
+from tactuator.identification.search import Choice
 from tactuator.identification.uncertainty import log_slopes, response_on
+from tactuator.model.plant_model import Z95
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     amounts, deviation = inverse @ goal / size, np.sqrt(np.maximum(0.5 * np.diag(inverse), 0.0)) / size
     to_unit = np.array([1e6, swing / max(power, 1e-300)])
-    values, halves = to_unit * amounts[-2:], 1.959964 * to_unit * deviation[-2:]
+    values, halves = to_unit * amounts[-2:], Z95 * to_unit * deviation[-2:]
     return (float(values[0]), float(halves[0])), (float(values[1]), float(halves[1]))
 
 
@@ -164,6 +165,7 @@ _SMEARED = 3
 _NEAR = 40
 """Lines over which powers are averaged: they may fall by much towards half the rate, and all is lost in a wide mean."""
 _NUGGET = 1e-7
+"""Share of white noise that keeps Levinson's recursion stable (-70 dB)."""
 
 
 def joint_misfit(residual: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
@@ -247,5 +249,5 @@ def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
     A loop that is weak, or acts at the lowest frequencies alone, leaves no trace in a residual, so that no residual
     shows that there was none.
     """
-    highest = COMPARED * residual.taken.rate_hz
+    highest = HIGHEST * residual.taken.rate_hz
     return explained_by_loop(residual, highest, filtered=hold == "band-limited") > _LOOP or None

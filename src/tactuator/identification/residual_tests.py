@@ -10,9 +10,9 @@ import scipy
 
 from tactuator.arrays import FloatArray
 
-_LAGS = 40
-_BURST = 50
-_CHANCE, _MISFIT = 1e-3, 0.01
+_LAGS, _BURST = 40, 50
+"""Lags of the test of whiteness, and samples about the greatest innovation that may belong to it."""
+CHANCE, _MISFIT = 1e-3, 0.01
 """Chance of a residual that follows the command so much, and its share that does, beyond which no loop is told."""
 
 
@@ -41,7 +41,7 @@ class ResidualTests:
     @property
     def is_misfit(self) -> bool:
         """Tell whether so much of the residual follows the command that a loop cannot be told from it."""
-        return self.uncorrelated_p < _CHANCE and self.unexplained > _MISFIT
+        return self.uncorrelated_p < CHANCE and self.unexplained > _MISFIT
 
     @property
     def white(self) -> bool:

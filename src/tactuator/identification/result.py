@@ -18,7 +18,7 @@ from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
-from tactuator.model.plant_model import PlantModel, QualityCheck, reasons
+from tactuator.model.plant_model import DB, Z95, PlantModel, QualityCheck, reasons
 from tactuator.result import Fact, data
 from tactuator.signals.decibels import db
 from tactuator.table import Chart, ChartLine, ResultTable, picked, with_error
@@ -159,7 +159,7 @@ class Identification(Fitted):
             return None
         gain, damping = float(self.model.num[0]), float(self.model.den[1])
         slopes = np.array([[-1.0 / gain**2, 0.0], [-damping / gain**2, 1.0 / gain]])
-        half = 1.959964 * np.sqrt((slopes @ self.model.covariance[:2, :2] @ slopes.T).diagonal())
+        half = Z95 * np.sqrt((slopes @ self.model.covariance[:2, :2] @ slopes.T).diagonal())
         return (1.0 / gain, float(half[0])), (damping / gain, float(half[1]))
 
     @property
@@ -185,7 +185,7 @@ class Identification(Fitted):
     def chart(self) -> Chart:
         """Return the magnitude with its 95 % band."""
         hertz, value, error = self.shown()
-        half = 20.0 / np.log(10.0) * 1.959964 * error
+        half = DB * Z95 * error
         return self.model.chart(ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
 
     def tables(self) -> Sequence[ResultTable | str]:

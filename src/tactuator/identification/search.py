@@ -23,15 +23,15 @@ from tactuator.identification.form import (
 )
 from tactuator.identification.hold import Grid, Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.lines import Equations, JoinedEquations, LocalResponse, weights
+from tactuator.identification.lines import HIGHEST, Equations, JoinedEquations, LocalResponse, weights
 from tactuator.identification.starts import Starter
 
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
-_HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
+_HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": HIGHEST}
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
-COMPARED = 0.47
 _KEPT = 6
+"""Forms that are fitted to the record."""
 _WORTH, _WORTH_SHARE = 1e-2, 1e-8
 """What a step has to win of the cost, in itself and as a share, while forms are compared."""
 _NEAR = 20.0

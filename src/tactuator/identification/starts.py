@@ -24,11 +24,13 @@ _ALIKE = 3.0
 _WORTH, _WORTH_SHARE = 3e-2, 3e-8
 """What a step of a descent has to win of the cost, in itself and as a share, for another one: this is a beginning."""
 _MOST_DELAYS = 40
+"""Dead times that are tried at the coarsest step."""
 _SOON = 20.0
 """Samples before which the beginning of the answer is no start for a dead time."""
 _SHORT = (0.1, 0.4)
 """Shares of a step of the search for dead times that are tried too: a dead time may be shorter than the first step."""
 _THIN = 120
+"""Frequencies at which dead times are compared."""
 _SAME = 1e-3
 """Difference of dead times, samples, within which they are one and the same start."""
 

@@ -22,15 +22,14 @@ from tactuator.identification.form import (
 )
 from tactuator.identification.hold import Grid, Hold, response_columns
 from tactuator.identification.likelihood import SpectralFit, information, nonlinear_slopes
-from tactuator.identification.lines import LocalResponse, Spectrum
+from tactuator.identification.lines import POOLED, LocalResponse, Spectrum
 from tactuator.identification.search import SHOWN_LATE, Choice
-from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.model.plant_model import Z95, Excess, PlantModel
 
 FLOOR = 5e-4
 """Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
-_POOLED = 0.15
 _BELOW = 20
 """Frequencies below those at which the record shows its own response, at which forms are held against each other."""
 _EDGES: tuple[tuple[float, Literal["left", "right"]], ...] = ((-1.0, "left"), (1.0, "right"))
@@ -93,7 +92,7 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     covariance = information(choice.problem, best) + (0.0 if shifts is None else shifts.T @ shifts)
     variances = _variances(log_slopes(best, hertz), covariance)
     pairs = zip(variances, (beyond.magnitude, beyond.phase_rad), strict=True)
-    reach = [1.959964 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
+    reach = [Z95 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
 
     def is_within(fit: SpectralFit) -> bool:
         away = np.log(fit.response(hertz) / wanted)
@@ -112,7 +111,7 @@ def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, freque
     fed_back = (local.noise / np.maximum(local.excitation * np.abs(seen), 1e-300)) ** 2
     allowed = local.variance + np.minimum(fed_back, np.abs(seen) ** 2)
     place = local.frequency_hz
-    low, high = (np.searchsorted(place, (1.0 + k * 0.5 * _POOLED) * place, side) for k, side in _EDGES)
+    low, high = (np.searchsorted(place, (1.0 + k * 0.5 * POOLED) * place, side) for k, side in _EDGES)
     few, near = high - low < 5, np.arange(place.size)
     low, high = np.where(few, np.maximum(near - 3, 0), low), np.where(few, np.minimum(near + 4, place.size), high)
     count = (high - low).astype(np.float64)

@@ -13,14 +13,14 @@ from tactuator.identification.check import check_record
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.likelihood import SpectralFit
-from tactuator.identification.lines import LocalResponse, local_response, spectrum
+from tactuator.identification.lines import HIGHEST, LocalResponse, local_response, spectrum
 from tactuator.identification.options import solvable
 from tactuator.identification.residual import Residual, check_record_residual, fit_percent, residual_of_record
-from tactuator.identification.residual_tests import ResidualTests
+from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.trust import UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
-from tactuator.model.plant_model import PlantModel
+from tactuator.model.plant_model import DB, Z95, PlantModel
 from tactuator.processors import single_threaded
 from tactuator.signals.record import Record
 
@@ -28,10 +28,9 @@ _FEWEST = 10
 """Points of the record's own response below which their share in the band is not judged."""
 _SHARP = 0.12
 """Relative error of such a point, 1 dB, beyond which it says nothing."""
-_CHANCE, _TRIFLE = 1e-3, 1e-6
-"""Chance of a residual that follows the command so much, and the share of the position's power, below which nothing
-follows it."""
-_SILENT = 1e-5
+_TRIFLE, _SILENT = 1e-6, 1e-5
+"""Share of the position's power below which nothing follows the command; power of the command's lines, over the
+strongest, below which they show nothing (50 dB)."""
 _SHORT = 1e-3
 """Presliding distance, of the size of the motion, where the model cannot tell its own."""
 
@@ -63,7 +62,7 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
 
     def left_of(moving: FloatArray) -> Residual:
         shift = min(max(int(fit.delay_s * record.rate_hz + 1e-3) - 1, 0), command.size // 4)
-        return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), 0.47 * record.rate_hz)
+        return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), HIGHEST * record.rate_hz)
 
     moving, residual, path = command, left_of(command), position
     for _ in range(2 if model.friction else 0):
@@ -101,10 +100,10 @@ def _judged(
     share, points = _share_inside(result.model, fit, local)
     hertz = taken.frequency_hz[1:]
     moved = np.abs(response_of_rows(fit, hertz) * taken.command[1:]) ** 2
-    band = result.model.band_db(hertz) / 8.685890 / 1.959964
+    band = result.model.band_db(hertz) / DB / Z95
     allowed = 2.0 * float(np.sum(moved * band**2)) * 2.0 / taken.samples
     following = tests.unexplained * residual
-    is_certain = tests.uncorrelated_p < _CHANCE and following > _TRIFLE
+    is_certain = tests.uncorrelated_p < CHANCE and following > _TRIFLE
     rows = [
         UNSEEN_EXPLAINED.of(percent, name),
         UNSEEN_FOLLOWING.of(following / max(allowed, 1e-300) if is_certain else 0.0, name),
@@ -125,7 +124,7 @@ def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> 
         return float("nan"), 0
     hertz = local.frequency_hz[keep]
     off = np.log(local.value[keep] / response_of_rows(fit, hertz))
-    band = (model.band_db(hertz) / 8.685890, model.band_rad(hertz))
-    reach = [np.hypot(half_width, 1.959964 * error[keep]) for half_width in band]
+    band = (model.band_db(hertz) / DB, model.band_rad(hertz))
+    reach = [np.hypot(half_width, Z95 * error[keep]) for half_width in band]
     inside = np.concatenate([np.abs(off.real) <= reach[0], np.abs(off.imag) <= reach[1]])
     return float(np.mean(inside)), int(inside.size)

@@ -71,7 +71,10 @@ def reasons(checks: Iterable[QualityCheck]) -> tuple[str, ...]:
     return tuple(str(row) for row in checks if row.refuses)
 
 
-_Z95 = 1.959964
+Z95 = 1.959964
+"""Half-width of 95 % of a normal distribution, in its standard deviations."""
+DB = 20.0 / np.log(10.0)
+"""Decibels of a change of one in a natural logarithm (8.686)."""
 
 
 @table("excess", eq=False)
@@ -179,11 +182,11 @@ class PlantModel(Result):
 
         It holds the covariance, carried over to first order, and the excess.
         """
-        return np.asarray(_Z95 * 20.0 / np.log(10.0) * self._deviations(frequency_hz)[0])
+        return np.asarray(Z95 * DB * self._deviations(frequency_hz)[0])
 
     def band_rad(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the 95 % half-width of the phase at `frequency_hz` (m,)."""
-        return np.asarray(_Z95 * self._deviations(frequency_hz)[1])
+        return np.asarray(Z95 * self._deviations(frequency_hz)[1])
 
     def _deviations(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the standard deviations of the logarithm of the response: real part, imaginary part."""
@@ -203,11 +206,11 @@ class PlantModel(Result):
         apart = np.log(other.response(table) / self.response(table))
         off = np.abs(apart.real) + 1j * np.abs(apart.imag)
         beside = other.band_db(table) * np.log(10.0) / 20.0 + 1j * other.band_rad(table)
-        return replace(self, excess=self.excess.joined((off + beside) / _Z95))
+        return replace(self, excess=self.excess.joined((off + beside) / Z95))
 
     def confidence(self) -> dict[str, float]:
         """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
-        errors = _Z95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        errors = Z95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         m, n = self.num.size - 1, self.den.size - 1
         widths = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
         widths |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
@@ -247,11 +250,11 @@ class PlantModel(Result):
         """Return the 95 % half-width of num[-1]/den[-1], or of num[0] where the plant integrates."""
         m = self.num.size - 1
         if self.den[-1] == 0.0:
-            return float(_Z95 * np.sqrt(max(self.covariance[0, 0], 0.0)))
+            return float(Z95 * np.sqrt(max(self.covariance[0, 0], 0.0)))
         gradient = np.zeros(self.covariance.shape[0])
         gradient[m] = 1.0 / self.den[-1]
         gradient[-2] = -self.num[-1] / self.den[-1] ** 2
-        return float(_Z95 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
+        return float(Z95 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
 
     def _log_gradient(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
         s = 2j * np.pi * frequency_hz

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.model.plant_model import DB
 from tactuator.model.plausibility import response_doubts
 from tactuator.signals.decibels import db
 from tactuator.signals.magnitude import MagnitudeGoal, fit_within
@@ -24,15 +25,19 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import brief
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16)
+"""Numbers of poles that are tried."""
 _CLOSE_DB, _DEVIATIONS = 0.1, 3.0
+"""Error that is asked of a fit, dB: a tenth of what is felt; standard errors of a point that it may be off."""
 _RATE_OVER_TOP = 400.0
 """The sampled fit's rate over the last frequency: so high that the bilinear transform bends nothing."""
 _FALLS_AT, _FALL_POLES = 4.0, 4
 """Beyond the last point nothing is known: so steep a fall that no image of the converter's adds to a notch."""
 _BETWEEN_DB = 1.0
+"""Room between two points beyond half of what the level changes there, dB."""
 _TURNS, _BETWEEN = 4, 8
 """One point in four is left out in turn; at eight places a gap systems are compared."""
 _SURE_DEVIATIONS = 2.0
+"""Standard errors of the points that the error holds (95 %)."""
 _WITHIN = (1.0, 1.5, 2.5, 5.0, 10.0, 25.0)
 """Errors that are tried, in terms of what the points are sure of."""
 
@@ -57,7 +62,7 @@ def plant_of_response(given: FrequencyResponse) -> ResponsePlant:
 
     Raises BadInput where the magnitudes cannot be followed at all.
     """
-    own_db = 8.686 * given.deviation
+    own_db = DB * given.deviation
     close_db = max(_CLOSE_DB, _DEVIATIONS * float(np.median(own_db)))
     room_db = np.maximum(0.0, _DEVIATIONS * own_db - close_db)
     room_db[[0, -1]] = 0.0
