@@ -1,4 +1,4 @@
-"""The verb `acknowledge`: a board that is locked after faults is told that they are known."""
+"""The command `acknowledge`: unlock a board after sensor faults."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The verbs from models to images: design, check, wordlength, build, image."""
+"""From a model to an image: design, check, wordlength, build, image."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress

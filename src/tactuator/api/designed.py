@@ -1,4 +1,4 @@
-"""Controllers and verdicts with a result's manners."""
+"""A controller with its verdict, response and file."""
 
 from __future__ import annotations
 

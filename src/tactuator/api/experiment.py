@@ -1,4 +1,4 @@
-"""The parts of the verb `experiment` on detection: enrol, correct, observe, thresholds, export, backup, simulate."""
+"""Subcommands of `experiment` on detection: enrol, correct, observe, thresholds, export, backup, simulate."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager

@@ -1,4 +1,4 @@
-"""The verbs that write items to recognise, each with the protocol of an experiment that asks for them."""
+"""Items to recognise, and the protocol of an experiment that asks for them: waveforms, phonemes."""
 
 import string
 from collections.abc import Mapping, Sequence

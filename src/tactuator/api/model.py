@@ -1,4 +1,4 @@
-"""The verbs from records to models: calibrate, record, identify."""
+"""From a record to a model: calibrate, record, identify."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""The parts of the verb `experiment` on recognition, from items to bits: recognise, information."""
+"""Subcommands of `experiment` on recognition: recognise, information."""
 
 import sys
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The verbs that measure a display: noise, measure, disturb, finger."""
+"""Measuring a display: noise, measure, disturb, finger."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

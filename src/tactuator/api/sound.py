@@ -1,4 +1,4 @@
-"""The verbs for displays on sound cards: the parts of `sound`, and `calibrate-display`."""
+"""Displays on sound cards: the subcommands of `sound`, and `calibrate-display`."""
 
 import sys
 from collections.abc import Mapping, Sequence

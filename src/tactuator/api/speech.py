@@ -1,4 +1,4 @@
-"""The verbs that bring speech, clips and alignments to fingers: render, play."""
+"""Speech, clips and alignments on fingers: render, play."""
 
 import select
 import signal
@@ -358,8 +358,8 @@ def _keys_at_once() -> Iterator[None]:
     if not sys.stdin.isatty():
         yield
         return
-    import termios  # there is none on Windows
-    import tty
+    import termios  # noqa: PLC0415 -- there is none on Windows
+    import tty  # noqa: PLC0415
 
     settings = termios.tcgetattr(sys.stdin)
     try:

@@ -1,6 +1,4 @@
-"""The verbs `init`, files to start from, and `curves`, the threshold curves that there are; and the functions that read
-files, which Python alone has.
-"""
+"""Files to start from (`init`), the threshold curves (`curves`), and the readers of files, which Python alone has."""
 
 import os
 from collections.abc import Sequence

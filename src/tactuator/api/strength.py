@@ -1,4 +1,4 @@
-"""The parts of the verb `experiment` on what is judged: contours of a store's matches, and what any task comes to."""
+"""Subcommands of `experiment` on judging tasks: contours of a store's matches, and the results of any task."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing

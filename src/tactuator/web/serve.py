@@ -1,10 +1,11 @@
-"""The verb `experiment serve`: the study in a browser."""
+"""The command `experiment serve`: the study in a browser."""
 
 import os
+import secrets
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tactuator.api.experiment import ProtocolFile, StoreFile
 from tactuator.api.option import Option
@@ -22,9 +23,16 @@ from tactuator.api.parameters import (
     opened_apparatus,
 )
 from tactuator.errors import BadInput, within
-
-if TYPE_CHECKING:
-    from tactuator.web.lab import Lab
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.experiment.session.enrolment import fresh_token
+from tactuator.experiment.session.studies import open_study, task_of
+from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.store.store import opened_store, sessions_of
+from tactuator.io.text import read_text
+from tactuator.web.lab import Lab
+from tactuator.web.server import Address, run_server
+from tactuator.web.study_pages import build_app
 
 TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
 _SHORTEST_TOKEN = 16
@@ -63,16 +71,6 @@ def serve(
 
     Raises BadInput where another process runs the sessions of the store.
     """
-    from tactuator.experiment.protocol.file import read_protocol
-    from tactuator.experiment.protocol.study import StudyProtocol
-    from tactuator.experiment.session.enrolment import fresh_token
-    from tactuator.experiment.session.studies import open_study, task_of
-    from tactuator.experiment.session.task import SystemClock
-    from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.web.lab import Lab
-    from tactuator.web.server import Address, run_server
-    from tactuator.web.study_pages import build_app
-
     folder = Path(protocol).parent
     certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
     address = Address(host, port, tuple(allowed_host or ()), certificate, key)
@@ -89,7 +87,7 @@ def serve(
                 run_server(build_app(lab, operators), address, listening, lambda base: _links(lab, base, operators))
 
 
-def _links(lab: "Lab", base: str, operators: Mapping[str, str]) -> list[str]:
+def _links(lab: Lab, base: str, operators: Mapping[str, str]) -> list[str]:
     """Return each operator's and subject's address, and what the protocol warns of."""
     named = [f"operator {name}" for name in operators.values()] if len(operators) > 1 else ["operator"]
     lines = [f"{who}: {base}/operator#{token}" for who, token in zip(named, operators, strict=True)]
@@ -104,14 +102,10 @@ def _operator_token(path: Path | None, line: int = 0) -> str:
     """Return the token of a line of the file, of the environment (the first), or a fresh one; never of the command
     line, which every user of the machine can read. Raises BadInput for one that may be guessed.
     """
-    from tactuator.io.text import read_text
-
     with within(f"token file {path}"):
         tokens = [os.environ.get(TOKEN_VARIABLE)] if path is None else [*read_text(path).splitlines(), ""]
     given = tokens[line] if line < len(tokens) else "" if path else None
     if given is None:
-        import secrets  # which takes a fifth of a help
-
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
     given = given.strip()
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
