@@ -1,5 +1,4 @@
-"""The verbs: one typed function for each, which returns one result; command line, console and Python call these.
+"""The API: one typed function for each command, which returns one result. Command line, console and Python call these.
 
-A module of verbs is read for every `--help`, so it imports nothing heavy: a verb brings in what it needs when it is
-called, and quotes types of such rooms. `table` has the verbs by the names that the command line gives them.
+`cli/table.py` has the functions by the names that the command line gives them.
 """
