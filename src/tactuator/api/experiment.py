@@ -225,8 +225,8 @@ def observe(
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Run simulated subjects through a study. It is of detection or of strength; they feel what the loop of the simulated
-    display makes of it. With --lsl they wait for a recorder.
+    """Run simulated subjects through a study. It is of detection or of strength; they feel what the loop of the
+    simulated display makes of it. With --lsl they wait for a recorder.
     """
     study, text = read_protocol(Path(protocol), StudyProtocol)
     if not isinstance(study, Protocol | JudgingProtocol):
