@@ -78,10 +78,10 @@ def test_program__for_a_board_one_can_buy__is_the_same_in_every_form(tmp_path: P
 
 
 def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Path, monkeypatch) -> None:
+    program = build(find_board("stm32f405"))
     monkeypatch.setattr(builder, "CACHE", tmp_path)
     with pytest.raises(BadInput, match="region `data' overflowed by"):
         build(replace(find_board("stm32f405"), rows=4096))
-    program = build(find_board("stm32f405"))
     monkeypatch.setenv("PATH", "")
     for missing, act in (("gcc", lambda: build(find_board("stm32f405"))), ("size", lambda: memory_used(program)),
                          ("objcopy", lambda: write_program(program, tmp_path / "f.bin"))):  # fmt: skip
