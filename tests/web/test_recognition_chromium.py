@@ -19,7 +19,7 @@ from tests.browser import drawn
 from tests.experiment.session import apparatuses
 from tests.experiment.session.apparatuses import rows_of
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
-from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, MATCHING, ORDER
+from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, ORDER
 from tests.web.study import ASKED, STANDS, Server, Subject, asked, finish, page, start, visible, watch_errors  # noqa: F401  # noqa: F401
 
 LABELS = ("M-index", "C-index", "MC-index", "L-index")
@@ -127,9 +127,8 @@ def _file_and_key(found: re.Match[str]) -> str:
     return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
 
 
-@pytest.mark.parametrize("count", [pytest.param(12, marks=pytest.mark.slow), 30])
-def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> None:
-    server = serve(many(count))
+def test_responses__thirty__fit_phone_and_laptop(serve, page) -> None:
+    server, count = serve(many(30)), 30
     page.set_viewport_size(LAPTOP)
     page.goto(server.addresses["subject S1"])
     begin(page)
@@ -138,7 +137,7 @@ def test_responses__up_to_thirty__fit_phone_and_laptop(serve, page, count) -> No
         drawn(page)
         boxes = [button.bounding_box() for button in page.locator(".choice").all()]
         assert len(boxes) == count
-        if size["height"] < 600 and count == 30:
+        if size["height"] < 600:
             continue  # a phone on its side shows thirty by scrolling
         for box in boxes:
             assert min(box["width"], box["height"]) >= 36
@@ -173,7 +172,7 @@ def test_operator__page__shows_blocks_matrix_and_results(serve, page, browser) -
     operator.close()
 
 
-TASKS = {"matching": MATCHING, "magnitude": ESTIMATION, "order": ORDER}
+TASKS = {"magnitude": ESTIMATION, "order": ORDER}
 
 
 def answered(page: Page, keys) -> int:
@@ -203,7 +202,7 @@ def typed(page: Page, count: int) -> None:
     page.keyboard.press("Enter")
 
 
-@pytest.mark.parametrize(("task", "language"), [("matching", "en"), ("magnitude", "de"), ("order", "fr")])
+@pytest.mark.parametrize(("task", "language"), [("magnitude", "de"), ("order", "fr")])
 def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: str, language: str) -> None:
     text = HEAD.replace("seed = 3", f'seed = 3\nlanguage = "{language}"') + TASKS[task]
     keys = parse_protocol(text, StudyProtocol).task
@@ -215,7 +214,7 @@ def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: s
     )
     with closing(sqlite3.connect(server.store)) as store:
         given = [response for (response,) in store.execute("select response from response order by trial_id")]
-    assert len(given) == count == {"matching": 26, "magnitude": 6, "order": 8}[task]
+    assert len(given) == count == {"magnitude": 6, "order": 8}[task]
     if task == "magnitude":
         assert given == ["1.5", "2,5", "3.5", "4,5", "5.5", "6,5"]
     if task == "order":
