@@ -38,7 +38,7 @@ from tactuator.rig.open import RIGS
 from tactuator.table import ResultTable, with_error
 from tools.cli_reference import PAGE, reference, sorted_commands
 
-HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi")
+HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi", "rich")
 COMMANDS = list(sorted_commands(typer.main.get_command(build_app()), ("tactuator",)))
 KINDS = {str, int, float, bool, Path, list, type(None)}
 

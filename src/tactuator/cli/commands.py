@@ -7,11 +7,10 @@ import json
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.metadata import version as installed_version
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -20,12 +19,9 @@ from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
-from typer._click import Context, HelpFormatter
-from typer.core import TyperGroup
 
 from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
 from tactuator.api.progress import Step, watched
-from tactuator.cli.table import COMMANDS, FIRST, GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted
 from tactuator.io.text import parse_toml, read_text
 from tactuator.result import Result, finite
@@ -34,7 +30,6 @@ from tactuator.table import ResultTable
 DOES_NOT_HOLD = 1
 """Exit status of a command whose result does not hold: a requirement is not met, a model not trusted."""
 
-ABOUT = "Design and test tactile displays that feel equally strong at every frequency."
 _ANSWERS = {
     "as_json": Option("Print exactly one JSON object on standard output.", ("--json",)),
     "full": Option("Print the tables, not the summary alone.", ("--full",)),
@@ -42,52 +37,6 @@ _ANSWERS = {
 """Options of every command that ends by itself."""
 LINES = 10
 """A summary has no more."""
-
-
-class GroupedHelp(TyperGroup):
-    """The group of all commands: its help has those that a newcomer needs, then the rest, in groups."""
-
-    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
-        """Write a section for each group, each command in one whole line."""
-        width = max(map(len, self.commands), default=0)
-        sections: dict[str, dict[str, None]] = {"The first commands": dict.fromkeys(FIRST)}
-        for command in COMMANDS.values():
-            name = command.name.partition(" ")[0]
-            if name not in FIRST:
-                title = f"More: {command.group[0].lower()}{command.group[1:]}"
-                sections.setdefault(title, {})[name] = None
-        for title, names in sections.items():
-            known = [(name.ljust(width), self.commands[name].help or "") for name in names if name in self.commands]
-            if known:
-                with formatter.section(title):
-                    formatter.write_dl(known)
-
-
-def build_app(runs: Container[str] = COMMANDS) -> typer.Typer:
-    """Return the application. runs: the commands that may be run; of all others it has the sentence alone."""
-    app = typer.Typer(
-        name="tactuator", cls=GroupedHelp, help=ABOUT, pretty_exceptions_enable=False, rich_markup_mode=None
-    )
-
-    @app.callback(invoke_without_command=True)
-    def about(
-        context: typer.Context,
-        version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
-    ) -> None:
-        if version:
-            typer.echo(f"tactuator {installed_version('tactuator')}")
-        elif context.invoked_subcommand is None:
-            typer.echo(context.get_help())
-
-    groups = {name: typer.Typer(help=sentence, rich_markup_mode=None) for name, sentence in GROUPS.items()}
-    for name in top_commands():
-        if name in groups:
-            app.add_typer(groups[name], name=name)
-        for full in [f"{name} {each}" for each in subcommands(name)] or [name]:
-            home, command = groups.get(name, app), COMMANDS[full]
-            run = command_of(command.function()) if full in runs else lambda: None
-            home.command(full.rpartition(" ")[2], help=None if full in runs else command.sentence)(run)
-    return app
 
 
 def command_of(function: Callable[..., Any]) -> Callable[..., None]:

@@ -13,7 +13,7 @@ from typing import NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from tactuator.cli.commands import build_app
+from tactuator.cli.app import build_app
 from tactuator.cli.table import COMMANDS, GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
 

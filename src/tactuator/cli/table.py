@@ -25,6 +25,11 @@ class Command:
         function: Callable[..., Any] = getattr(import_module(f"tactuator.{module}"), name)
         return function
 
+    def load(self) -> Callable[..., None]:
+        """Import the function and what makes a command of it."""
+        command: Callable[..., None] = import_module("tactuator.cli.commands").command_of(self.function())
+        return command
+
 
 _START, _PAGE, _MODEL = "Files to start from", "The chain on a page", "From a record to a model"
 _BOARD, _DISPLAY, _SOUND = "From a model to a controller on a board", "What the display does", "Displays on sound cards"
