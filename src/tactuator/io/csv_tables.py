@@ -46,9 +46,9 @@ class _Sheet:
         return [row[place] if place < len(row) else None for row in self.rows]
 
     def numbers(self, name: str) -> FloatArray:
-        """Return a column of numbers, (n,). Raises BadInput with the row that has none."""
+        """Return a column of numbers, (n,). Raises BadInput with the row that has none; the names are row 1."""
         values = []
-        for row, cell in enumerate(self.cells(name), start=1):
+        for row, cell in enumerate(self.cells(name), start=2):
             value = None if cell is None else _number(cell)
             if value is None:
                 raise BadInput(
@@ -65,11 +65,12 @@ class _Sheet:
 @contextmanager
 def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
     """Yield the table in a CSV file of that kind, whose first row names the columns. What is refused within names the
-    noun and the file; columns that are needed and not there, and a table without rows, are refused.
+    noun and the file; columns that are needed ("a or b": one of them) and not there, and a table without rows, are
+    refused.
     """
     with _lines(noun, kind, path) as (lines, rows):
         names = [cell.lower() for cell in rows[0]] if rows else []
-        if not set(needed) <= set(names) or len(rows) < 2:
+        if any(set(name.split(" or ")).isdisjoint(names) for name in needed) or len(rows) < 2:
             got = f"columns {', '.join(names) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
             raise BadInput(got, f"{', '.join(needed)}, one row or more")
         yield _Sheet(_head(lines), names, rows[1:])
@@ -122,12 +123,10 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
-    with _sheet("threshold curve", "curve", path, "frequency_hz") as sheet:
+    with _sheet("threshold curve", "curve", path, "frequency_hz", f"{_LEVEL} or {_ACCELERATION}") as sheet:
         frequency, level = sheet.numbers("frequency_hz"), sheet.optional(_LEVEL)
         if level is None:
-            acceleration = sheet.optional(_ACCELERATION)
-            if acceleration is None:
-                raise BadInput(f"columns {', '.join(sheet.names)}", f"{_LEVEL} or {_ACCELERATION} beside frequency_hz")
+            acceleration = sheet.numbers(_ACCELERATION)
             level = level_from_acceleration(frequency, np.where(acceleration > 0.0, acceleration, np.nan))
         error = sheet.optional(_ERROR)
     head = sheet.head
@@ -269,9 +268,9 @@ def read_pairs(path: str | Path) -> Pairs:
     path = Path(path)
     with _sheet("pairs", "pairs", path, "displacement_mm", "voltage_v") as sheet:
         displacement, voltage = sheet.numbers("displacement_mm"), sheet.numbers("voltage_v")
-        bad = np.flatnonzero(~np.isfinite(displacement + voltage))
-        if bad.size:
-            raise BadInput(f"row {bad[0] + 1} has a number that is not finite", "finite numbers")
+        for row, pair in enumerate(zip(displacement, voltage, strict=True), start=2):
+            if not np.all(np.isfinite(pair)):
+                raise BadInput(f"row {row} has {pair[0]:g} mm and {pair[1]:g} V", "finite numbers")
         given = sheet.cells("name") if "name" in sheet.names else [None] * displacement.size
     return Pairs(displacement, voltage, [name or f"row {line}" for line, name in enumerate(given, start=2)])
 

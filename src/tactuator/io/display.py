@@ -25,6 +25,7 @@ from tactuator.model.description import (
     Threshold,
     keys_of,
 )
+from tactuator.model.plant import Load
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -142,7 +143,7 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     }
     channel = from_table(Channel, _with_plant(mine, plant) | resolved, where)
     _require_travel_seen(channel, where)
-    return channel
+    return replace(channel, loads=tuple(_scaled(load, plant.scale) for load in channel.loads))
 
 
 def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
@@ -153,16 +154,12 @@ def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
         keys.pop("model_error_hz", None)
     if isinstance(mine.get("family"), list | tuple):
         keys["family"] = [*mine["family"], *plant.keys.get("family", ())]
-    if plant.scale != 1.0 and isinstance(mine.get("loads"), list):
-        keys["loads"] = [_scaled(load, plant.scale) for load in mine["loads"]]
     return keys
 
 
-def _scaled(load: Any, scale: float) -> Any:
+def _scaled(load: Load, scale: float) -> Load:
     """Return the load of a plant whose denominator does not begin with one, in units of one that does."""
-    if not isinstance(load, Mapping):
-        return load
-    return {key: value / scale if type(value) in (int, float) else value for key, value in load.items()}
+    return Load(load.name, load.mass / scale, load.damping / scale, load.stiffness / scale)
 
 
 def _require_travel_seen(channel: Channel, where: str) -> None:
