@@ -70,7 +70,7 @@ def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Pat
     s = 2j * np.pi * 10.0
     loaded = channel.loaded_plant(channel.loads[0]).response(10.0)
     assert loaded == pytest.approx(5750.0 / ((2.12 * s + 219.0) * s + 940.0))
-    with pytest.raises(BadInput, match="mass is -0.12;"):  # as it is in the file, whatever the units
+    with pytest.raises(BadInput, match=r"mass is -0\.12;"):  # as it is in the file, whatever the units
         read(tmp_path, text.replace("mass = 0.12", "mass = -0.12"))
     (tmp_path / "model.json").write_text('{"num": [2875.0], "den": [1.0, 94.0, 290.0], "delay_s": 0.0}')
     s = 2j * np.pi * 10.0
