@@ -19,6 +19,7 @@ from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, 
 from tactuator.model.plant_model import PlantModel, QualityCheck
 from tactuator.model.plausibility import EXPECTED, Doubt, record_doubts, swing
 from tactuator.signals.record import Record
+from tactuator.signals.spectra import mean_over_frequency
 
 FEWEST = 100
 """Samples below which nothing is identified."""
@@ -288,12 +289,7 @@ def _windowed(taken: Spectrum, frequency_hz: FloatArray) -> FloatArray:
     lines[0] = 0.0
     power = np.zeros(lines.size)
     power[1:-1] = np.abs(0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) ** 2 / 0.375
-    sums = np.concatenate([[0.0], np.cumsum(power)])
-    place = frequency_hz / taken.spacing_hz
-    half = np.maximum(0.5 * _SHARE * place, 0.5 * _FEWEST)
-    low = np.clip(np.rint(place - half), 0, lines.size - 1).astype(np.int64)
-    high = np.clip(np.rint(place + half) + 1, 1, lines.size).astype(np.int64)
-    return np.asarray((sums[high] - sums[low]) / (high - low))
+    return mean_over_frequency(power, taken.frequency_hz, frequency_hz, 0.5 * _SHARE, _FEWEST)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.lines import POOLED, LocalResponse
 from tactuator.signals.multisine import Bins, Periods, periods_of
 from tactuator.signals.record import Record
+from tactuator.signals.spectra import mean_over_frequency
 
 _FEWEST, _EXACT = 8, 1e-12
 """Lines of a mean at least, and relative error of a response beside which there is no noise: rounding."""
@@ -112,7 +113,7 @@ def distortion_of(
     power = np.mean(np.abs(u[:, lines]) ** 2, axis=0)
     misfit = y[:, lines] - value * u[:, lines]
     between = position[:, :, lines] - value * command[:, :, lines]
-    noise = _pooled(hertz, hertz, _between_periods(between))
+    noise = mean_over_frequency(_between_periods(between), hertz, hertz, 0.5 * POOLED, _FEWEST)
     count = u.shape[0]
     odd, even = (
         _silent_level(position, command, silent, rate_hz / plan.period, hertz, value) for silent in plan.silent(rate_hz)
@@ -121,7 +122,9 @@ def distortion_of(
     seen = np.abs(value) ** 2
     if count > 1:
         each = np.sum(np.abs(misfit) ** 2, axis=0) / (count - 1.0)
-        beyond = _pooled(hertz, hertz, (each - _between_periods(between)) / seen) * seen
+        beyond = (
+            mean_over_frequency((each - _between_periods(between)) / seen, hertz, hertz, 0.5 * POOLED, _FEWEST) * seen
+        )
     else:
         beyond = np.nan_to_num(odd) ** 2
     total = noise + np.maximum(beyond, 0.0)
@@ -173,18 +176,9 @@ def _silent_level(
     lines = position[:, :, silent] - response * command[:, :, silent]
     beyond = np.mean(np.abs(lines.mean(axis=1)) ** 2, axis=0) - _between_periods(lines)
     seen = np.abs(response) ** 2
-    return np.sqrt(np.maximum(_pooled(hertz, place, np.asarray(beyond / seen)), 0.0)) * np.abs(value)
-
-
-def _pooled(at_hz: FloatArray, place_hz: FloatArray, power: FloatArray) -> FloatArray:
-    """Return the mean of powers at place_hz (n,) over 15 % of frequency, at least eight, around each of at_hz (m,)."""
-    sums = np.concatenate([[0.0], np.cumsum(power)])
-    low = np.searchsorted(place_hz, at_hz * (1.0 - 0.5 * POOLED))
-    high = np.searchsorted(place_hz, at_hz * (1.0 + 0.5 * POOLED), side="right")
-    missing = np.maximum(_FEWEST - (high - low), 0)
-    low = np.maximum(np.minimum(low - (missing + 1) // 2, place_hz.size - _FEWEST), 0)
-    high = np.minimum(np.maximum(high + missing // 2, low + _FEWEST), place_hz.size)
-    return np.asarray((sums[high] - sums[low]) / np.maximum(high - low, 1))
+    return np.sqrt(np.maximum(mean_over_frequency(beyond / seen, place, hertz, 0.5 * POOLED, _FEWEST), 0.0)) * np.abs(
+        value
+    )
 
 
 def _repeats(command: ComplexArray, lines: Bins) -> bool | None:

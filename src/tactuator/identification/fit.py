@@ -32,7 +32,7 @@ from tactuator.identification.lines import (
     spectrum,
     weights,
 )
-from tactuator.identification.residual import Residual, joint_misfit, record_residual
+from tactuator.identification.residual import Residual, joint_misfit, mean_power, record_residual
 from tactuator.identification.search import Choice, choose, propose, simplest
 from tactuator.identification.uncertainty import indistinct
 
@@ -249,17 +249,12 @@ def _arrival(taken: Spectrum) -> int:
     lines show by themselves first rises to a tenth of its greatest; 0 where it does not stand out of the noise.
     """
     power = np.abs(taken.command) ** 2
-    lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(_smooth(power))))
+    lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(mean_power(power))))
     impulse = np.abs(np.fft.irfft(lines, taken.samples))[: taken.samples // 4]
     tenth = 0.1 * float(np.max(impulse))
     if not tenth > _STANDS_OUT * float(np.median(impulse)):
         return 0
     return max(int(0.9 * float(np.argmax(impulse > tenth))) - 10, 0)
-
-
-def _smooth(power: FloatArray) -> FloatArray:
-    sums = np.cumsum(power)
-    return np.asarray((sums[41:] - sums[:-41]) / 41.0 if power.size > 82 else power)
 
 
 def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.hold import Grid, edge_columns
+from tactuator.signals.spectra import mean_over_frequency
 
 HIGHEST = 0.47
 """Highest line that is looked at, over the sampling rate: what lies above is the flank of an anti-alias filter."""
@@ -463,22 +464,9 @@ def _noise_power(given: Equations, residual: ComplexArray) -> FloatArray:
     count = np.concatenate([np.ones(given.of_hz.size), given.spare])
     order = np.argsort(frequency, kind="stable")
     place = frequency[order]
-    sums = np.concatenate([[0.0], np.cumsum(power[order])])
-    counts = np.concatenate([[0.0], np.cumsum(count[order])])
-
-    low = np.searchsorted(place, given.of_hz * (1.0 - 0.5 * _WIDTH))
-    high = np.searchsorted(place, given.of_hz * (1.0 + 0.5 * _WIDTH), side="right")
-    for _ in range(12):
-        few = counts[high] - counts[low] < _FEWEST_AVERAGED
-        if not np.any(few):
-            break
-        step = np.maximum(4, (high - low) // 2)
-        low, high = (
-            np.where(few, np.maximum(low - step, 0), low),
-            np.where(few, np.minimum(high + step, place.size), high),
-        )
-    mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1.0)
-    return np.asarray(np.maximum(mean, 1e-30))
+    rows = np.stack([power[order], count[order]])
+    mean = mean_over_frequency(rows, place, given.of_hz, 0.5 * _WIDTH, _FEWEST_AVERAGED)
+    return np.asarray(np.maximum(mean[0] / mean[1], 1e-30))
 
 
 def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:

@@ -17,6 +17,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.lines import POOLED
 from tactuator.identification.residual import Residual
+from tactuator.signals.spectra import mean_over_frequency
 
 _CERTAIN = 100.0
 """Drop of -2 log likelihood by one parameter from which on a shape is taken to have a part."""
@@ -31,6 +32,8 @@ _PLAY = (0.02, 0.1)
 _TURNED = 1.0 + 2.5j
 """Deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a sine is a
 square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it was up to 2.4."""
+_FEWEST = 9
+"""Lines of a mean power at least."""
 _SPRING = 1.0 + 1.0j  # a spring moves the resonance, and with it size and phase alike
 
 
@@ -98,10 +101,5 @@ def _relative(
         taken = residual.taken
         powers = [np.abs(lines) ** 2 for lines in (amount * pull, residual.response * taken.command[1:])]
         shape, moved = shape + float(powers[0].sum()), moved + float(powers[1].sum())
-        edges = np.rint(np.outer([1.0 - 0.5 * POOLED, 1.0 + 0.5 * POOLED], frequency_hz) / taken.spacing_hz)
-        low = np.clip(edges[0] - 4, 0, pull.size - 1).astype(np.int64)
-        high = np.clip(edges[1] + 4, 1, pull.size).astype(np.int64)
-        for row, power in zip(near, powers, strict=True):
-            sums = np.concatenate([[0.0], np.cumsum(power)])
-            row += sums[high] - sums[low]
+        near += mean_over_frequency(np.stack(powers), taken.frequency_hz[1:], frequency_hz, 0.5 * POOLED, _FEWEST)
     return float(np.sqrt(shape / max(moved, 1e-300))), np.sqrt(near[0] / np.maximum(near[1], 1e-300))

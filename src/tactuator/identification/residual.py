@@ -173,8 +173,8 @@ def joint_misfit(residual: Residual, highest_hz: float, *, filtered: bool) -> tu
     leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
     """
     inside = residual.taken.frequency_hz[1:] <= highest_hz
-    power = _mean_power(np.where(inside, np.abs(residual.lines[1:]) ** 2, 0.0)) / np.maximum(
-        _mean_power(inside.astype(np.float64)), 1e-3
+    power = mean_power(np.where(inside, np.abs(residual.lines[1:]) ** 2, 0.0)) / np.maximum(
+        mean_power(inside.astype(np.float64)), 1e-3
     )
     misfit = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
     by_loop = explained_by_loop(residual, highest_hz, filtered=filtered)
@@ -190,8 +190,8 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     inside = taken.frequency_hz[1:] <= highest_hz
     command = np.where(inside, taken.command[1:], 0.0)
     residual = np.where(inside, of_lines.lines[1:], 0.0)
-    counted = np.maximum(_mean_power(inside.astype(np.float64)), 1e-3)
-    before = _mean_power(np.abs(command) ** 2) / counted
+    counted = np.maximum(mean_power(inside.astype(np.float64)), 1e-3)
+    before = mean_power(np.abs(command) ** 2) / counted
     usable = inside & (before > 0.0)
     weight = np.where(usable, 1.0 / np.where(usable, before, 1.0), 0.0)
     products = (weight * np.abs(residual) ** 2, weight * np.conj(residual) * command)
@@ -215,7 +215,7 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     lags, taps = chosen
     sparse = np.zeros(taken.samples)
     sparse[lags] = taps
-    after = _mean_power(np.where(usable, np.abs(command - np.fft.rfft(sparse)[1:] * residual) ** 2, 0.0)) / counted
+    after = mean_power(np.where(usable, np.abs(command - np.fft.rfft(sparse)[1:] * residual) ** 2, 0.0)) / counted
     return max(best, 2.0 * float(np.sum(np.log(before[usable] / after[usable]))) - price * lags.size)
 
 
@@ -228,7 +228,7 @@ def _solutions(autocovariance: FloatArray, shared: FloatArray) -> Iterator[Float
         yield taps
 
 
-def _mean_power(power: FloatArray) -> FloatArray:
+def mean_power(power: FloatArray) -> FloatArray:
     """Return the mean of power (m,) over 40 lines."""
     sums = np.concatenate([[0.0], np.cumsum(power)])
     count, half = power.size, _NEAR // 2

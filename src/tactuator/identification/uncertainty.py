@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from tactuator.identification.likelihood import SpectralFit, information, nonlin
 from tactuator.identification.lines import POOLED, LocalResponse, Spectrum
 from tactuator.identification.search import SHOWN_LATE, Choice
 from tactuator.model.plant_model import Z95, Excess, PlantModel
+from tactuator.signals.spectra import mean_over_frequency
 
 FLOOR = 5e-4
 """Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
@@ -32,7 +32,8 @@ _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _BELOW = 20
 """Frequencies below those at which the record shows its own response, at which forms are held against each other."""
-_EDGES: tuple[tuple[float, Literal["left", "right"]], ...] = ((-1.0, "left"), (1.0, "right"))
+_FEWEST = 7
+"""Points of a mean over frequency at least."""
 
 
 def log_slopes(fit: SpectralFit, frequency_hz: FloatArray) -> ComplexArray:
@@ -111,12 +112,10 @@ def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, freque
     fed_back = (local.noise / np.maximum(local.excitation * np.abs(seen), 1e-300)) ** 2
     allowed = local.variance + np.minimum(fed_back, np.abs(seen) ** 2)
     place = local.frequency_hz
-    low, high = (np.searchsorted(place, (1.0 + k * 0.5 * POOLED) * place, side) for k, side in _EDGES)
-    few, near = high - low < 5, np.arange(place.size)
-    low, high = np.where(few, np.maximum(near - 3, 0), low), np.where(few, np.minimum(near + 4, place.size), high)
-    count = (high - low).astype(np.float64)
-    values = np.pad(np.stack([off / allowed, (off - allowed) / np.abs(seen) ** 2]), ((0, 0), (0, 1)))
-    beyond, relative = np.add.reduceat(values, np.stack([low, high], axis=1).ravel(), axis=1)[:, ::2] / count
+    values = np.stack([off / allowed, (off - allowed) / np.abs(seen) ** 2])
+    beyond, relative = mean_over_frequency(values, place, place, 0.5 * POOLED, _FEWEST)
+    low, high = (np.searchsorted(place, (1.0 + half) * place) for half in (-0.5 * POOLED, 0.5 * POOLED))
+    count = np.maximum(high - low, min(_FEWEST, place.size))
     relative_error = np.where(beyond > 1.0 + 4.0 / np.sqrt(count), np.sqrt(np.maximum(relative, 0.0)), 0.0)
     return np.interp(np.log(frequency_hz), np.log(place), relative_error)
 
