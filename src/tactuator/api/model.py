@@ -292,13 +292,13 @@ def identify(
     names |= {"time_name": time_name, "rate_hz": rate_hz}
     source, *more = paths(records)
     first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), **names)
-    others, unseen = ([_read(each, names) for each in given] for given in (more, paths(validate)))
     fit: Identification | ResponseFit
     if isinstance(first, FrequencyResponse):
-        if others or unseen:
+        if more or paths(validate):
             raise BadInput("a frequency response beside other files", "one response by itself")
         fit = _response_model(first, asked)
     else:
+        others, unseen = ([_read(each, names) for each in given] for given in (more, paths(validate)))
         parts = [_part_of(record, from_s, to_s) for record in (first, *(record for _, record in others))]
         fit = _record_model(parts, unseen, asked)
     if out is not None:
