@@ -126,7 +126,7 @@ def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
 
 def from_table(cls: type[T], values: Mapping[str, Any], *where: str) -> T:
     """Return the dataclass of a table's keys. Raises BadInput within `where`, the table as the file writes it."""
-    require_known(values, cls.__dataclass_fields__, *where)  # type: ignore[attr-defined]
+    require_known(values, cls.__pydantic_fields__, *where)  # type: ignore[attr-defined]
     try:
         return cls(**values)
     except BadInput as error:
