@@ -15,7 +15,7 @@ _ROOMS = {
     "api.experiment": ("thresholds",),
     "api.items": ("waveforms",),
     "api.model": ("calibrate", "identify", "record"),
-    "api.response": ("disturb", "finger", "measure_response", "noise"),
+    "api.response": ("crosstalk", "disturb", "finger", "measure_response", "noise"),
     "api.sound": ("calibrate_display",),
     "api.speech": ("play", "render"),
     "api.start": (

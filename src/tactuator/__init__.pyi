@@ -7,6 +7,7 @@ from tactuator.api.items import waveforms as waveforms
 from tactuator.api.model import calibrate as calibrate
 from tactuator.api.model import identify as identify
 from tactuator.api.model import record as record
+from tactuator.api.response import crosstalk as crosstalk
 from tactuator.api.response import disturb as disturb
 from tactuator.api.response import finger as finger
 from tactuator.api.response import measure_response as measure_response

@@ -124,7 +124,7 @@ def results(known: dict[str, object]) -> list[Result]:
         tt.thresholds("lab.db"), PaperResult(Path("out"), {"seed": 1}, (("what", "paper", "here"),)),
         wordlength(controller), tt.record("display.toml", duration_s=4.0, excitation="noise"),
         tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]), tt.init(out="mine too.toml"),
-        tt.measure_response(rig, controller, [30.0, 100.0], crosstalk=True),
+        tt.crosstalk(rig, controller, [30.0, 100.0]),
     ]  # fmt: skip
 
 

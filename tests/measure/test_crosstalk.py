@@ -49,7 +49,7 @@ def leaking(share=0.1, made=MADE, signal="displacement_mm"):
 
 
 def measured(rig, hertz=HERTZ, level_db_sl=30.0, made=MADE, **asked):
-    return tt.measure_response(rig, made, hertz, level_db_sl, crosstalk=True, **asked)
+    return tt.crosstalk(rig, made, hertz, level_db_sl, **asked)
 
 
 def leaked_db_sl(share, hertz, level_db_sl):
@@ -113,7 +113,6 @@ def test_crosstalk__what_cannot_be_measured__is_refused() -> None:
     deaf = WithoutPorts(leaking())
     deaf.without_sensor = ("thumb", "middle")
     for rig, asked, words in (
-        (leaking(), {"method": "multisine"}, "--crosstalk beside --method multisine"),
         (leaking(), {"channel": ["ring"]}, "'ring' is not described"),
         (leaking(), {"level_db_sl": 60.0}, "60 dB SL"),
         (ComputedRig(alone.display, Simulation(alone.display)), {"made": alone}, "'index' is the only one"),
@@ -127,7 +126,7 @@ def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_frequency(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_controller(tmp_path / "c.json", MADE)
-    asked = ["measure", "--controller", str(tmp_path / "c.json"), "--crosstalk", "--frequency-hz", "10,100"]
+    asked = ["crosstalk", "--controller", str(tmp_path / "c.json"), "--frequency-hz", "10,100"]
     assert main([*asked, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     names = ("index", "thumb", "middle")

@@ -1,7 +1,8 @@
-"""Measuring a display: noise, measure, disturb, finger."""
+"""Functions that measure a display: noise, response, crosstalk, disturbance, finger."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, log10
 from pathlib import Path
 from typing import Annotated, Any
@@ -346,35 +347,36 @@ def _learnt_line(learnt: Learnt) -> str:
     return f"{learnt.channel}: weight {mass:.2f} of the mass, {rest:.2f} of damping and stiffness, {after}"
 
 
+Frequencies = Annotated[Numbers, Option("Frequencies, comma between (default: 30 over the band).", type=str | None)]
+LevelOption = Annotated[float, Option("Level, dB SL.", _LEVEL)]
+Confidence = Annotated[float, Option("95 % half-width to reach.")]
+Longest = Annotated[float, Option("Seconds per point at most.")]
+
+
 def measure_response(
     rig: RigOption,
     controller: ControllerOption = None,
-    frequency_hz: Annotated[
-        Numbers, Option("Frequencies, comma between (default: 30 over the band).", type=str | None)
-    ] = None,
-    level_db_sl: Annotated[float, Option("Level, dB SL.", _LEVEL)] = MeasurementOptions.level_db_sl,
+    frequency_hz: Frequencies = None,
+    level_db_sl: LevelOption = MeasurementOptions.level_db_sl,
     load: Load = "none",
     mains_hz: MainsHz = None,
     *,
     display: DisplayOption = None,
     method: Annotated[str, Option("stepped or multisine.")] = "stepped",
     channel: Channels = None,
-    confidence_db: Annotated[float, Option("95 % half-width to reach.")] = MeasurementOptions.confidence_db,
-    longest_s: Annotated[float, Option("Seconds per point at most.")] = MeasurementOptions.longest_s,
+    confidence_db: Confidence = MeasurementOptions.confidence_db,
+    longest_s: Longest = MeasurementOptions.longest_s,
     coverage: float = MeasurementOptions.coverage,
-    crosstalk: Annotated[
-        bool, Option("Drive one channel after the other, and measure what is felt on all the others.")
-    ] = False,
     out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
     figures: Figures = None,
     seed: Seed = 0,
-) -> MeasuredResponses | CrosstalkResult:
+) -> MeasuredResponses:
     """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
-    it is not flat, or the confidence was not reached; of crosstalk, if a finger may feel another.
+    it is not flat, or the confidence was not reached.
 
-    channel: to be measured, or with `crosstalk` to be driven. A rig that is open already is used as it stands;
-    frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the confidence, 0 to 1. Raises BadInput for another load
-    or level, and for a loop that the display's own models call unstable.
+    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the
+    confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that the display's own models call
+    unstable.
 
     >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
     [10.0, 100.0]
@@ -382,21 +384,8 @@ def measure_response(
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
     loop = chosen_controller(display, controller)
-    require_stable(loop, load)
-    if crosstalk and (method != "stepped" or out is not None or figures is not None):
-        raise BadInput("--crosstalk beside --method multisine, --out or --figures", "--json for its figures")
-    band_hz, mains_hz = _common_band(loop, channel), loop.display.mains_hz(mains_hz, MAINS_HZ)
-    wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else numbers(frequency_hz, "frequency_hz")
-    with opened(rig, loop.display, seed) as ready:
-        touching = put_on(ready, loop, load, None if crosstalk else channel)
-        options = MeasurementOptions(
-            level_db_sl, channel, touching, confidence_db, longest_s, coverage,
-            mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash,
-        )  # fmt: skip
-        ready.load(loop)
-        learnt = settle_weights(ready, loop, level_db_sl, np.random.default_rng(seed))
-        if crosstalk:
-            return _crosstalk(ready, wanted, options)
+    asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s, coverage)
+    with _prepared(rig, loop, asked, mains_hz, frequency_hz, channel, seed) as (ready, options, wanted, learnt):
         if method == "stepped":
             with working("response", wanted.size) as step:
                 played = stepped_sine(ready, wanted, options, progress=step)
@@ -416,12 +405,57 @@ def measure_response(
     return measured
 
 
-def _crosstalk(rig: Rig, frequency_hz: NDArray[np.float64], options: MeasurementOptions) -> CrosstalkResult:
+def crosstalk(
+    rig: RigOption,
+    controller: ControllerOption = None,
+    frequency_hz: Frequencies = None,
+    level_db_sl: LevelOption = MeasurementOptions.level_db_sl,
+    load: Load = "none",
+    mains_hz: MainsHz = None,
+    *,
+    display: DisplayOption = None,
+    channel: Channels = None,
+    confidence_db: Confidence = MeasurementOptions.confidence_db,
+    longest_s: Longest = MeasurementOptions.longest_s,
+    seed: Seed = 0,
+) -> CrosstalkResult:
+    """Drive one channel after the other, and measure what is felt on all the others. Exit status 1 if a finger may feel
+    another channel.
+
+    channel: to be driven. The other parameters are those of `measure_response`.
+    """
+    loop = chosen_controller(display, controller)
+    asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s)
     rows: list[Crosstalk] = []
-    for name in options.channels or rig.channels:
-        with working(f"driving {name}") as step:
-            rows += measure_crosstalk(rig, name, frequency_hz, options, progress=step)
-    return CrosstalkResult(options.level_db_sl, tuple(rows))
+    with _prepared(rig, loop, asked, mains_hz, frequency_hz, None, seed) as (ready, options, wanted, _):
+        for name in options.channels or ready.channels:
+            with working(f"driving {name}") as step:
+                rows += measure_crosstalk(ready, name, wanted, options, progress=step)
+    return CrosstalkResult(level_db_sl, tuple(rows))
+
+
+@contextmanager
+def _prepared(
+    rig: RigOption,
+    loop: Controller,
+    asked: MeasurementOptions,
+    mains_hz: float | None,
+    frequency_hz: Numbers,
+    touched: Sequence[str] | None,
+    seed: int,
+) -> Iterator[tuple[Rig, MeasurementOptions, NDArray[np.float64], tuple[Learnt, ...]]]:
+    """Open the rig, put the load on the channels `touched` (None: all), load the controller and let it learn.
+
+    Yield the rig, the options with what the display adds to them, the frequencies to measure, and what was learnt.
+    """
+    require_stable(loop, asked.load)
+    band_hz, mains_hz = _common_band(loop, asked.channels), loop.display.mains_hz(mains_hz, MAINS_HZ)
+    wanted = over_the_band(band_hz, mains_hz) if frequency_hz is None else numbers(frequency_hz, "frequency_hz")
+    with opened(rig, loop.display, seed) as ready:
+        touching = put_on(ready, loop, asked.load, touched)
+        options = replace(asked, load=touching, mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash)
+        ready.load(loop)
+        yield ready, options, wanted, settle_weights(ready, loop, asked.level_db_sl, np.random.default_rng(seed))
 
 
 def _common_band(controller: Controller, channels: Sequence[str] | None) -> tuple[float, float]:

@@ -49,6 +49,7 @@ _ROWS = (
     (_BOARD, "acknowledge", "api.board:acknowledge", "Tell a board that its sensor faults are known."),
     (_DISPLAY, "noise", "api.response:noise", "Compare felt hum and noise with the threshold."),
     (_DISPLAY, "measure", "api.response:measure_response", "Measure the response at a level, with confidence."),
+    (_DISPLAY, "crosstalk", "api.response:crosstalk", "Measure what the other fingers feel of one channel."),
     (_DISPLAY, "disturb", "api.response:disturb", "Test how the loop rejects presses and tremor."),
     (_DISPLAY, "finger", "api.response:finger", "Estimate the impedance of the touching finger."),
     (_SOUND, "sound devices", "api.sound:devices", "Show the sound cards."),
