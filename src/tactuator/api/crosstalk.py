@@ -1,4 +1,4 @@
-"""The result of `measure --crosstalk`."""
+"""The result of `crosstalk`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
