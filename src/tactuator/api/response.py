@@ -419,8 +419,8 @@ def crosstalk(
     longest_s: Longest = MeasurementOptions.longest_s,
     seed: Seed = 0,
 ) -> CrosstalkResult:
-    """Drive one channel after the other, and measure what is felt on all the others. Exit status 1 if a finger may feel
-    another channel.
+    """Measure what the other fingers feel of one channel. Channels are driven one after the other; exit status 1 if a
+    finger may feel another channel.
 
     channel: to be driven. The other parameters are those of `measure_response`.
     """
