@@ -59,7 +59,10 @@ def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlan
     path = beside / plant
     with within(where, "plant"):
         require_kind(path, "model", "response")
-    response = _response(path, path.stat().st_mtime_ns) if path.suffix.lower() != ".json" and path.is_file() else None
+    response = None
+    if path.suffix.lower() != ".json" and path.is_file():
+        with within(where, f"plant {path}"):
+            response = _response(path, path.stat().st_mtime_ns)
     return _of_model(path, where) if response is None else _of_response(response, path, where, looped)
 
 
