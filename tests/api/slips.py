@@ -312,7 +312,9 @@ class Said:
     @property
     def doubts(self) -> bool:
         """Tell whether it doubts the numbers of its files."""
-        return bool(re.search(r"numbers, |note: .*expected|not to be trusted|another reading|swapped", self.text))
+        return bool(
+            re.search(r"(met|judged), numbers: |note: .*expected|not to be trusted|another reading|swapped", self.text)
+        )
 
 
 def said_of(slip: Slip, folder: Path, measured: bool = False) -> Iterator[Said]:
@@ -323,7 +325,7 @@ def said_of(slip: Slip, folder: Path, measured: bool = False) -> Iterator[Said]:
     if written.pairs is not None:
         pairs = _run("calibrate", str(folder / "pairs.csv"))
         yield pairs
-        gain = re.search(r"gain \(V/mm\)\W+([\d.e+-]+)", pairs.text)
+        gain = re.search(r"gain: ([\d.e+-]+) ", pairs.text)
         if gain is not None:
             written = replace(written, gain=float(gain[1]) / setup.gain_v_per_mm)
             written.files(setup, folder)
@@ -347,7 +349,7 @@ def _run(*arguments: str) -> Said:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = tactuator(list(arguments))
-    return Said(arguments[0], status, out.getvalue() + err.getvalue())
+    return Said(arguments[0], status, " ".join((out.getvalue() + err.getvalue()).split()))
 
 
 def faults(slip: Slip, said: list[Said]) -> list[str]:

@@ -423,6 +423,9 @@ def crosstalk(
     finger may feel another channel.
 
     channel: to be driven. The other parameters are those of `measure_response`.
+
+    >>> tt.crosstalk(rig, controller, [30.0], channel=["index"], longest_s=2.0).columns()["channel"]
+    ['thumb', 'middle']
     """
     loop = chosen_controller(display, controller)
     asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s)

@@ -174,14 +174,19 @@ class Verdict(Result):
         return self.outcome is not Outcome.NOT_MET
 
     def told(self) -> list[Fact]:
-        """Return the verdict in words, and the worst finding of each objective that is not met."""
-        worst = [finding for objective in self.objectives for finding in objective.worst()]
-        missed = sorted((each for each in worst if each.outcome is Outcome.NOT_MET), key=lambda each: each.excess)
-        by_number = {finding.objective: finding for finding in missed}
-        return [
-            found("verdict", self.sentence),
-            *(found(f"not met, {number}", _in_words(finding)) for number, finding in sorted(by_number.items())),
-        ]
+        """Return the verdict in words, and what of each objective is not met or not judged: each quantity's worst.
+
+        Numbers that can hardly be come first: what follows from them is no better than they are.
+        """
+        each_open = []
+        for objective in sorted(self.objectives, key=lambda each: each.number != "numbers"):
+            open_ones = [each for each in objective.findings if each.outcome is objective.outcome is not Outcome.MET]
+            of = {each.quantity: each for each in sorted(open_ones, key=lambda each: (each.counts, each.excess))}
+            if of:
+                each_open.append(
+                    found(f"{objective.outcome}, {objective.number}", "; ".join(map(_in_words, of.values())))
+                )
+        return [found("verdict", self.sentence), *each_open]
 
     def facts(self) -> Sequence[Fact]:
         """Return the verdict in words and as a document."""
@@ -295,6 +300,8 @@ def remark_lines(findings: Iterable[Finding]) -> list[str]:
 
 
 def _in_words(finding: Finding) -> str:
+    if finding.objective == "numbers":  # its remark is a sentence, with the value and what was likely meant
+        return f"{finding.channel}: {finding.remark}"
     _, channel, _, value, allowed, at, load = finding_row(finding)
     words = f"{channel}, {load}: {value}{f' at {at}' if at else ''}{f' (allowed {allowed})' if allowed else ''}"
     return words if finding.value is not None else f"{words}: {finding.remark}"
