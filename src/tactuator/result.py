@@ -165,11 +165,6 @@ def finite(value: object) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def coefficients(values: Iterable[float]) -> str:
-    """Return the coefficients of a polynomial in a line."""
-    return "[" + ", ".join(f"{value:.5g}" for value in values) + "]"
-
-
 def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
     """Return the columns of a table from its rows."""
     cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]

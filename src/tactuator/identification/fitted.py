@@ -14,7 +14,7 @@ from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
-from tactuator.result import Fact, Result, coefficients, data, found
+from tactuator.result import Fact, Result, data, found
 from tactuator.table import Chart, ResultTable, picked, plain
 
 DELAY_SAYS = (
@@ -59,9 +59,7 @@ class Fitted(Result):
     def fitted(self, *fit: Fact) -> list[Fact]:
         """Return the facts that both share, with how well the model fits."""
         trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
-        num, den = coefficients(self.model.num), coefficients(self.model.den)
-        told = [found("num", num), found("den", den), *fit, found("trusted", trusted)]
-        return [*told, *data(self._document())]
+        return [*self.model.described(), *fit, found("trusted", trusted), *data(self._document())]
 
     def notices(self) -> Sequence[str]:
         """Return remarks, what the record cannot decide, and reasons not to trust the model."""

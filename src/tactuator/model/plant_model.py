@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Flag, Number, Numbers, table
-from tactuator.result import Fact, Result, coefficients, data, fields_of, found
+from tactuator.result import Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.table import FREQUENCY, Chart, ChartLine, brief
@@ -104,6 +104,20 @@ class Excess:
         return np.interp(place, known, self.magnitude), np.interp(place, known, self.phase_rad)
 
 
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def polynomial(coefficients: Sequence[float] | FloatArray) -> str:
+    """Return a polynomial in s in a line, four digits of each coefficient; coefficients: descending powers."""
+    line = ""
+    for power, value in zip(range(len(coefficients) - 1, -1, -1), coefficients, strict=True):
+        if value:
+            size = f"{abs(value):.4g}"
+            s = "" if power == 0 else f"s{'' if power == 1 else str(power).translate(_RAISED)}"
+            line += (" - " if value < 0 else " + ") + ("" if s and size == "1" else f"{size} " if s else size) + s
+    return line.removeprefix(" + ").replace(" - ", "-", line.startswith(" - ")) or "0"
+
+
 @table("model", eq=False)
 class PlantModel(Result):
     """An identified plant. It draws its magnitude with its 95 % band.
@@ -140,11 +154,20 @@ class PlantModel(Result):
         if self.covariance.shape != (size, size):
             raise BadInput(f"covariance has shape {self.covariance.shape}", f"({size}, {size})")
 
+    def described(self) -> list[Fact]:
+        """Return the transfer function in a line, four digits of each coefficient, and where it is valid."""
+        num, den = polynomial(self.num), polynomial(self.den)
+        above = f"({num})" if " " in num else num
+        valid = self.valid_hz
+        return [
+            found("model", f"{above}/({den})"),
+            *([] if valid is None else [found("valid", f"{valid[0]:.3g} to {valid[1]:.3g} Hz")]),
+        ]
+
     def facts(self) -> Sequence[Fact]:
         """Return polynomials, dead time and band, and the fields."""
         return [
-            found("num", coefficients(self.num)),
-            found("den", coefficients(self.den)),
+            *self.described(),
             found("dead time", 1e3 * self.delay_s, "ms"),
             found("band", f"{self.band_hz[0]:.3g} to {self.band_hz[1]:.3g} Hz"),
             *data(fields_of(self)),
