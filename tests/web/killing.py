@@ -62,7 +62,7 @@ class Client:
     def _trial(self, run: int, number: int) -> Any:
         position = self.runs.setdefault(run, self._positions[len(self.runs) % len(self._positions)])
         seed = run_seed(self.protocol, self.index, position, 0)
-        return self.protocol.paradigm.trial(number, Placement(0.0), seed)
+        return self.protocol.paradigm.trial(number, "index", Placement(0.0, 100.0), seed)
 
 
 def of_first(path: Path) -> list[tuple[Any, ...]]:

@@ -131,6 +131,7 @@ def test_stations__killed_with_their_server__lose_and_double_nothing(tmp_path, p
         for kill in range(kills):
             given = sum(len(client.acknowledged) for client in clients)
             while sum(len(client.acknowledged) for client in clients) <= given + count:
+                assert all(thread.is_alive() for thread in threads), "a client ended"
                 time.sleep(0.05)
             time.sleep(rng.uniform(0.0, 0.4))
             struck = postgres if kill % 8 == 5 else rng.choice(servers)
