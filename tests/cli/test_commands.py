@@ -84,6 +84,17 @@ def completed(shell: str, line: str) -> str:
     return subprocess.run(program, env={**os.environ, **said}, capture_output=True, text=True, check=False).stdout
 
 
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [("nowhere/x.h5", "nowhere is not a folder"), ("x.xyz", "ending '.xyz'; allowed: .h5, .hdf5, .csv")],
+)
+def test_measure__out_that_cannot_be_written__is_refused_before_all_else(run, tmp_path, out, words) -> None:
+    (controller := tmp_path / "controller.json").write_text("none")
+    status, _, err = run("measure", "--controller", str(controller), "--out", out)
+    assert status == 2
+    assert words in err
+
+
 def test_completion__of_a_verb_a_part_and_an_option__in_every_shell() -> None:
     assert "design" in completed("zsh", "tactuator des")
     assert "thresholds" in completed("fish", "tactuator experiment thr")

@@ -33,7 +33,7 @@ from tactuator.api.parameters import (
 from tactuator.api.progress import say, working
 from tactuator.errors import BadInput
 from tactuator.io.environment import write_environment
-from tactuator.io.response import write_responses
+from tactuator.io.response import check_response_path, write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
 from tactuator.measure.crosstalk import Crosstalk, measure_crosstalk
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
@@ -383,6 +383,8 @@ def measure_response(
     """
     if method not in METHODS:
         raise BadInput(f"method {method!r}", ", ".join(METHODS))
+    if out is not None:
+        check_response_path(Path(out))
     loop = chosen_controller(display, controller)
     asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s, coverage)
     with _prepared(rig, loop, asked, mains_hz, frequency_hz, channel, seed) as (ready, options, wanted, learnt):

@@ -23,6 +23,7 @@ from rich.text import Text
 from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
 from tactuator.api.progress import Step, watched
 from tactuator.errors import BadInput, Interrupted
+from tactuator.io.atomic import check_parent
 from tactuator.io.text import parse_toml, read_text
 from tactuator.result import Result, finite
 from tactuator.table import ResultTable
@@ -56,6 +57,9 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
                 _look_for(name, given[name])
         _keep_what_is_read(known, given)
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
+        for place in places:
+            if place.suffix:  # folders are made with those above them
+                check_parent(place)
         before = {place: _changed_ns(place) for place in places}
         try:
             with watched(Bars()):

@@ -24,7 +24,7 @@ def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterato
     store of subjects' answers would be replaced by anything else.
     """
     target = Path(path)
-    _check_parent(target)
+    check_parent(target)
     if target.exists():
         if not target.is_file():
             raise BadInput(f"{path} is a folder or a device", "the name of a file")
@@ -103,7 +103,7 @@ def _made_parents(target: Path) -> list[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{target} cannot be made: {error.strerror}", "a folder that can be written") from None
-    _check_parent(target)
+    check_parent(target)
     return missing
 
 
@@ -131,7 +131,8 @@ def _token() -> str:
     return uuid4().hex[:8]
 
 
-def _check_parent(target: Path) -> None:
+def check_parent(target: Path) -> None:
+    """Refuse a file whose folder is not there or cannot be written, before the work whose result it is to hold."""
     parent = target.parent
     if not parent.is_dir():
         raise BadInput(f"{parent} is not a folder", "a place in a folder that exists")

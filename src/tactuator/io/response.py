@@ -35,13 +35,18 @@ _HEAD = ("channel", "load", "level_db_sl", "method")
 _DERIVED = {"magnitude_v": "V", "phase_rad": "rad", "latency_s": "s"}
 
 
-def write_responses(path: str | Path, responses: Sequence[Response]) -> None:
-    """Write responses, one group each (.h5, .hdf5), or one row for each point (.csv); whole or not at all."""
+def check_response_path(path: str | Path) -> None:
+    """Refuse a path that responses cannot be written to, by its ending: a measurement may take an hour."""
     ending = Path(path).suffix.lower()
     if ending not in (".h5", ".hdf5", ".csv"):
         raise BadInput(f"response {path}: ending {ending!r}", ".h5, .hdf5, .csv")
+
+
+def write_responses(path: str | Path, responses: Sequence[Response]) -> None:
+    """Write responses, one group each (.h5, .hdf5), or one row for each point (.csv); whole or not at all."""
+    check_response_path(path)
     with atomic_path(path) as beside:
-        if ending == ".csv":
+        if Path(path).suffix.lower() == ".csv":
             _write_csv(beside, responses)
         else:
             _write_hdf5(beside, responses)

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, Protocol, get_args, get_type_hints
+from typing import Any, Protocol, get_args, get_type_hints, runtime_checkable
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -28,6 +28,7 @@ from tactuator.speech.options import CODING
 GROUP = "tactuator.codings"
 
 
+@runtime_checkable
 class Coding(Protocol):
     """A way from speech to signals, and from signals to fingers."""
 
@@ -69,7 +70,9 @@ def coding_of(name_or_path: str) -> Coding:
     """
     if name_or_path in plugins(GROUP):
         declared = plugin(GROUP, name_or_path)
-        coding: Coding = declared() if isinstance(declared, type) else declared
+        coding = declared() if isinstance(declared, type) else declared
+        if not isinstance(coding, Coding):
+            raise BadInput(f"{name_or_path!r} refers to {declared!r}", "a coding", where=(GROUP,))
         return coding
     if not name_or_path.endswith(".toml"):
         require_kind(Path(name_or_path), "coding")
