@@ -16,7 +16,7 @@ from tactuator.arrays import ComplexArray
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
-from tactuator.model.verdict import Outcome, Verdict
+from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.tables import design_rows, printed_factors
 from tactuator.result import Fact, Result, found, in_a_line
@@ -41,7 +41,7 @@ class ControllerResult(Result, Controller):
 
     @property
     def holds(self) -> bool:
-        return self.verdict.outcome is not Outcome.NOT_MET
+        return self.verdict.holds
 
     def notices(self) -> Sequence[str]:
         return [notice for channel in self.display.channels for notice in channel.contact_notices()]

@@ -90,7 +90,7 @@ class FeltLevels(Result):
 
     @property
     def holds(self) -> bool:
-        return self.verdict.outcome != "not met"
+        return self.verdict.holds
 
     def facts(self) -> Sequence[Fact]:
         runs = [
@@ -234,7 +234,7 @@ class MeasuredResponses(Result):
 
     @property
     def holds(self) -> bool:
-        return self.reached and self.verdict.outcome != "not met"
+        return self.reached and self.verdict.holds
 
     def notices(self) -> Sequence[str]:
         return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)

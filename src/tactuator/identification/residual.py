@@ -230,17 +230,9 @@ def _solutions(autocovariance: FloatArray, shared: FloatArray) -> Iterator[Float
 
 def mean_power(power: FloatArray) -> FloatArray:
     """Return the mean of power (m,) over 40 lines."""
-    sums = np.concatenate([[0.0], np.cumsum(power)])
-    count, half = power.size, _NEAR // 2
-    if count <= 2 * half:
-        place = np.arange(count)
-        low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, count)
-        return np.asarray((sums[high] - sums[low]) / (high - low))
-    mean, near = np.empty(count), np.arange(half + 1, 2 * half + 1)
-    mean[half : count - half] = (sums[2 * half + 1 :] - sums[: count - 2 * half]) / (2 * half + 1)
-    mean[:half] = sums[near] / near
-    mean[count - half :] = ((sums[count] - sums[count - near]) / near)[::-1]
-    return mean
+    sums, place, half = np.concatenate([[0.0], np.cumsum(power)]), np.arange(power.size), _NEAR // 2
+    low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, power.size)
+    return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
 def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
