@@ -162,6 +162,12 @@ class Loud:
 """
 
 
+def test_coding__of_another_package_that_is_none__refused(install):
+    install(GROUP, "three", "THREE = 3", "THREE")
+    with pytest.raises(BadInput, match="'three' refers to 3; allowed: a coding"):
+        coding_of("three")
+
+
 def test_coding__of_another_package__by_its_name_and_in_a_file_and_rendered(install, tmp_path, controller):
     install(GROUP, "loud", FOREIGN, "Loud")
     assert "loud" in coding_names()
