@@ -102,7 +102,7 @@ def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, r
         ({"runs": 10, "slope": (0.0, 1.0)}, "slope.0 is 0; allowed: .*above 0"),
         ({"runs": 10, "slope": (3.0, 2.0)}, "slope is 3 to 2"),
         ({"runs": 10, "lapse": 2.0}, "lapse is 2; allowed: 0 up to, not with, 0.2063"),
-        ({"runs": 10, "start_db": 500.0}, "start_db is 500; allowed: .*-40 to 60"),
+        ({"runs": 10, "start_db": 500.0}, "start_db is 500; allowed: .*-60 to 55"),
         ({"runs": 10, "guessed": 1.5}, "guessed is 1.5; allowed: .*0 to 1"),
         ({"runs": 10, "guessed": -0.1}, "guessed is -0.1"),
         ({"runs": 10, "drift_db": 100.0}, "drift_db is 100; allowed: .*-60 to 60"),
@@ -112,6 +112,19 @@ def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, r
 def test_setting__nonsense__is_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(BadInput, match=message):
         Setting(**settings)  # type: ignore[arg-type]
+
+
+def test_simulate__another_start__moves_the_first_trial_and_not_the_truth() -> None:
+    for procedure in (Imece2004(), UpDown(start_db_sl=30.0)):
+        near, usual, far = (tracks(procedure, Setting(300, seed=2, start_db=start))[0] for start in (8.0, 20.0, 40.0))
+        assert [float(done.truth_db_sl[0, 0]) for done in (near, usual, far)] == [procedure.start_db_sl - 20.0] * 3
+        assert [float(d.level_db_sl[0, 0] - d.truth_db_sl[0, 0]) for d in (near, usual, far)] == [8.0, 20.0, 40.0]
+        assert near.trials.mean() < usual.trials.mean() < far.trials.mean()
+    low, high = (tracks(QuestPlus(), Setting(50, seed=2, start_db=start))[0] for start in (5.0, 35.0))
+    assert np.array_equal(low.truth_db_sl, high.truth_db_sl)
+    assert low.level_db_sl[0, 0] < high.level_db_sl[0, 0]
+    with pytest.raises(BadInput, match="a start with curve; allowed: a procedure with start_db_sl"):
+        simulate(WholeCurve(kind="curve"), Setting(2, start_db=30.0))
 
 
 def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import product
 from typing import Any, ClassVar
 
@@ -101,6 +101,15 @@ class Procedure:
         if first is None:
             raise BadInput("a procedure that has no trial", "one with at least one")
         return first.level_db_sl - START_ABOVE_DB
+
+    def expecting(self, threshold_db_sl: float) -> Procedure:
+        """Return the procedure as it is set where that threshold is expected: by default its key `start_db_sl`.
+
+        Raises BadInput for a kind without that key.
+        """
+        if not hasattr(self, "start_db_sl"):
+            raise BadInput(f"a start with {self.kind}", "a procedure with start_db_sl")
+        return replace(self, start_db_sl=threshold_db_sl + START_ABOVE_DB)  # type: ignore[call-arg]
 
     def below(self, ceiling_db_sl: float) -> Procedure:
         """Return the procedure with no level above the ceiling, where it has one of its own."""

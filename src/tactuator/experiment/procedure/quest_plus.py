@@ -8,6 +8,7 @@ and needs about 15 % fewer. Both are matrix products, for any number of runs at 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -60,6 +61,10 @@ class QuestPlus(Procedure):
     def expected_threshold(self) -> float:
         """Return the mean of the prior."""
         return self.expected_db_sl
+
+    def expecting(self, threshold_db_sl: float) -> QuestPlus:
+        """Return the procedure with that mean of the prior."""
+        return replace(self, expected_db_sl=threshold_db_sl)
 
 
 class Tables:

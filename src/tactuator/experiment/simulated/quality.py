@@ -23,7 +23,7 @@ from tactuator.experiment.procedure.run_flags import run_flags
 from tactuator.experiment.protocol.detection import CatchTrials, LoudShare
 from tactuator.experiment.result.played import inattentive
 from tactuator.parameters import Number, Positive, Share, Whole, table
-from tactuator.perception.curve import COMFORT_DB_SL, RelativeCurve
+from tactuator.perception.curve import COMFORT_DB_SL, Level, RelativeCurve
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, Psychometric, Weibull, weibull_rise
 
 NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5, wave_db=2.0, wave_decades=0.35)
@@ -37,7 +37,7 @@ class Setting:
     runs: Annotated[Whole, Field(ge=2, description="number of runs")]
     slope: Annotated[tuple[Positive, Positive], Field(description="lowest and highest Weibull slope")] = (2.5, 2.5)
     lapse: Annotated[Number, Field(description="lapse rate")] = 0.0
-    start_db: Annotated[Number, Field(ge=-40.0, le=60.0, description="first trial above the truth")] = 20.0
+    start_db: Annotated[Level, Field(description="first trial above the expected truth")] = START_ABOVE_DB
     seed: Annotated[Whole, Field(ge=0, description="of all that is drawn")] = 0
     guessed: Annotated[Share, Field(description="share of trials that are guessed outright")] = 0.0
     drift_db: Annotated[Number, Field(ge=-60.0, le=60.0, description="rise of thresholds over a typical run")] = 0.0
@@ -187,9 +187,7 @@ class Observers:
                 self.truth_db_sl = np.broadcast_to(people.level_db_sl_at(hertz), (count, hertz.size))
         self._slope = rng.uniform(*setting.slope, count)
         if not procedure.chooses_frequency:
-            # who starts start_db above the threshold expects it START_ABOVE_DB below that start
-            expected = procedure.expected_threshold() + START_ABOVE_DB - setting.start_db
-            self.truth_db_sl = np.full((count, 1), expected)
+            self.truth_db_sl = np.full((count, 1), procedure.expected_threshold())
             if procedure.scatter_db:
                 self.truth_db_sl = self.truth_db_sl + rng.normal(0.0, procedure.scatter_db, (count, 1))
 
@@ -215,6 +213,8 @@ def simulated(
 ) -> Simulated:  # fmt: skip
     """Run the procedure with so many observers to the end, and put loud trials among its own."""
     observers = Observers(procedure, setting, people, count, rng)
+    if setting.start_db != START_ABOVE_DB:
+        procedure = procedure.expecting(procedure.expected_threshold() + setting.start_db - START_ABOVE_DB)
     runs = procedure.begin(count=count)
     levels, places, answers = list[FloatArray](), list[NDArray[np.intp]](), list[NDArray[np.bool_]]()
     while not (over := runs.over).all():
@@ -245,8 +245,8 @@ def simulate(
 ) -> Quality | CurveQuality:
     """Run the procedure `setting.runs` times and judge its estimates, or its curves.
 
-    people: everybody's curve where the procedure measures one; None: drawn from NORMAL_PEOPLE, and setting.start_db has
-    no meaning. progress: called with the share that is done. Raises BadInput where no run comes to its end.
+    people: everybody's curve where the procedure measures one; None: drawn from NORMAL_PEOPLE. progress: called with
+    the share that is done. Raises BadInput where no run comes to its end, and for a start that the procedure lacks.
     """
     rng, judged = np.random.default_rng(setting.seed), []
     for first in range(0, setting.runs, procedure.runs_at_once):
