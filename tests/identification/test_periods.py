@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
-from tactuator.report.device import identification_figure
+from tactuator.report.device_figures import identification_figure
 from tactuator.signals.multisine import Periods, odd_lines, periods_of
 from tactuator.signals.record import Record
 

@@ -17,7 +17,7 @@ import tactuator as tt
 from tactuator.errors import BadInput
 from tactuator.model.verdict import Finding, Outcome, finding_row, load_words, remark_lines
 from tactuator.report.chart import chart_figure, draw
-from tactuator.report.controller import design_figures, resolution_figure, save_design_figures
+from tactuator.report.design_figures import design_figures, resolution_figure, save_design_figures
 from tactuator.report.figure import ReportFigure
 from tactuator.report.nichols import hull, nichols_figure
 from tactuator.report.tables import design_rows, printed_factors, printed_polynomial

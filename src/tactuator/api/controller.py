@@ -61,7 +61,7 @@ def design(
     with working("designing"):
         controller = ControllerResult.of(design_controller(described, poles, error_db))
     if figures is not None:
-        report.controller.save_design_figures(controller, Path(figures))
+        report.design_figures.save_design_figures(controller, Path(figures))
     if out is not None:
         _keep_met(Path(out), controller)
         controller.write(out)
@@ -190,7 +190,7 @@ def wordlength(
         bands = [channel.threshold.band_hz for channel in judged.display.channels]
         band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
         report.figure.save_figures(
-            [report.controller.resolution_figure(bits, "this controller (the most of any channel)", band)],
+            [report.design_figures.resolution_figure(bits, "this controller (the most of any channel)", band)],
             Path(figures),
         )
     return WordlengthResult(judged.rate_hz, bits, check, None if figures is None else Path(figures))

@@ -408,9 +408,9 @@ def thresholds(
         folder = Path(figures)
         new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
-        report.felt.thresholds_figure(results.people, results.reference, new, others).save(folder)
+        report.felt_figures.thresholds_figure(results.people, results.reference, new, others).save(folder)
         for subject, trials in results.psychometric.items():
-            report.felt.psychometric_figure(subject, trials).save(folder)
+            report.felt_figures.psychometric_figure(subject, trials).save(folder)
     return StoreThresholds(results, curve_out is not None)
 
 

@@ -305,7 +305,7 @@ def identify(
         fit = replace(fit, out=Path(out))
         fit.write(out)
     if figures is not None and isinstance(fit, Identification):
-        report.device.save_identification(fit, Path(figures))
+        report.device_figures.save_identification(fit, Path(figures))
     return fit
 
 

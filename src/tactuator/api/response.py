@@ -403,7 +403,7 @@ def measure_response(
     if out is not None:
         measured.write(out)
     if figures is not None:
-        report.device.save_measured(responses, loop, Path(figures))
+        report.device_figures.save_measured(responses, loop, Path(figures))
     return measured
 
 

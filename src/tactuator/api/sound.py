@@ -205,7 +205,7 @@ class EqualisedResult(Result):
             spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
             rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
         columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
-        files = (f"written: {self.out / name}" for name in report.open_loop.FILES)
+        files = (f"written: {self.out / name}" for name in report.calibrated.FILES)
         return [ResultTable("", columns, tuple(rows)), *files]
 
 
@@ -258,12 +258,12 @@ def _equalised(described: Display, rig: str, out: Path, asked: CalibrationReques
         except NoEqualiser as reached:
             raise _kept(reached, rig, out) from None
         gaps = card.gaps
-    report.open_loop.write_calibrated(out, calibrated, asked, rig, _now(), gaps)
+    report.calibrated.write_calibrated(out, calibrated, asked, rig, _now(), gaps)
     return EqualisedResult(calibrated, out, gaps)
 
 
 def _kept(reached: NoEqualiser, rig: str, out: Path) -> NoDesign:
-    names = ", ".join(report.open_loop.write_measured(out, reached, rig, _now()))
+    names = ", ".join(report.calibrated.write_measured(out, reached, rig, _now()))
     return NoDesign(
         f"{reached}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
         "from there, with a narrower band_hz or other poles"

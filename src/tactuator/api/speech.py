@@ -255,7 +255,7 @@ def _draw(result: RenderResult, folder: Path, caption: str) -> None:
     figure = (
         report.chart.chart_figure(result.chart(), result.source.stem)
         if felt is None
-        else report.felt.spectrogram_figure(felt, caption)
+        else report.felt_figures.spectrogram_figure(felt, caption)
     )
     report.figure.save_figures([figure], folder)
 

@@ -26,7 +26,7 @@ from tactuator.measure.finger import (
     plan_play,
 )
 from tactuator.model.controller import Controller
-from tactuator.report.controller import landing_figure
+from tactuator.report.design_figures import landing_figure
 from tactuator.rig.rig import Trace, WrappedRig
 from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import RATE_HZ, controller, display

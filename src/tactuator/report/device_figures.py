@@ -72,32 +72,14 @@ def identification_figure(fit: Identification) -> ReportFigure:
     frequency = fit.frequency_hz()
     value, band = fit.model.response(frequency), fit.model.band_db(frequency)
     level, phase = db(value), phase_deg(value)
-    seen_hz, seen, relative = fit.shown()
-    own, errors = "record's own in bands", [("its standard error, a slope within a band included",
-                                             np.abs(seen) * relative, "-", ORANGE)]  # fmt: skip
-    if (lines := fit.distortion) is not None:
-        own, inside = "record's own lines", np.isin(lines.frequency_hz, seen_hz)
-        least = 0.1 * float(np.min(lines.noise[lines.noise > 0.0], initial=np.inf))
-        errors = [
-            ("noise", lines.noise[inside], "-", ORANGE),
-            ("noise and distortion", lines.total[inside], "-", RED),
-            ("distortion, odd lines", lines.odd[inside], ":", RED),
-            ("distortion, even lines", lines.even[inside], ":", GREEN),
-        ]
-        if np.isfinite(least):
-            errors = [
-                (label, np.where(part > least, part, np.nan), style, colour) for label, part, style, colour in errors
-            ]
+    seen_hz, seen, _ = fit.shown()
     beside = np.degrees(np.angle(seen / fit.model.response(seen_hz)))
+    own = f"record's own {'in bands' if fit.distortion is None else 'lines'}"
     unit = f"{fit.model.position_unit or 'unit'}/{fit.model.command_unit or 'unit'}"
     magnitudes = [
         ChartLine(own, seen_hz, db(seen), ".", colour=FAINT),
         ChartLine("model, with its 95 % band", frequency, level, half=band, colour=BLUE),
-        *(
-            ChartLine(label, seen_hz, 20.0 * np.log10(part), style, colour=colour)
-            for label, part, style, colour in errors
-            if np.any(part > 0.0)
-        ),
+        *(ChartLine(label, seen_hz, db(part), style, colour=colour) for label, part, style, colour in _errors(fit)),
     ]
     phases = [
         ChartLine("", seen_hz, np.interp(seen_hz, frequency, phase) + beside, ".", colour=FAINT),
@@ -117,6 +99,24 @@ def identification_figure(fit: Identification) -> ReportFigure:
     names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     table = table_of(names, labelled((), frequency, level, phase, band))
     return ReportFigure("identification", "Identified response", caption, panels(charts, 6.4), table)
+
+
+def _errors(fit: Identification) -> list[tuple[str, FloatArray, str, str]]:
+    """Return what may be wrong with the record's own response at its frequencies: words, size, style and colour."""
+    seen_hz, seen, relative = fit.shown()
+    if (lines := fit.distortion) is None:
+        return [("its standard error, a slope within a band included", np.abs(seen) * relative, "-", ORANGE)]
+    inside = np.isin(lines.frequency_hz, seen_hz)
+    parts = [
+        ("noise", lines.noise[inside], "-", ORANGE),
+        ("noise and distortion", lines.total[inside], "-", RED),
+        ("distortion, odd lines", lines.odd[inside], ":", RED),
+        ("distortion, even lines", lines.even[inside], ":", GREEN),
+    ]
+    least = 0.1 * float(np.min(lines.noise[lines.noise > 0.0], initial=np.inf))
+    if np.isfinite(least):  # what is far below the noise is nothing, and would take most of the axis
+        parts = [(words, np.where(part > least, part, np.nan), style, colour) for words, part, style, colour in parts]
+    return [part for part in parts if np.any(part[1] > 0.0)]
 
 
 def residual_figure(fit: Identification, rate_hz: float) -> ReportFigure:

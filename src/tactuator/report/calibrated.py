@@ -36,7 +36,7 @@ def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, 
     """Return the page as Markdown."""
     controller = calibrated.controller
     display = controller.display
-    template = Template(files("tactuator.report").joinpath("open_loop.md").read_text("utf-8"))
+    template = Template(files("tactuator.report").joinpath("calibrated.md").read_text("utf-8"))
     told = f"The card told of {gaps} gaps; every run with one was repeated." if gaps else "The card told of no gap."
     return template.substitute(
         display=display.name,

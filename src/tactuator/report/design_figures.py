@@ -17,7 +17,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.model.verdict import load_words
 from tactuator.report.chart import panels
-from tactuator.report.felt import equality_figure
+from tactuator.report.felt_figures import equality_figure
 from tactuator.report.figure import (
     BLUE,
     GREEN,
