@@ -23,7 +23,13 @@ from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.report.configuration import loop_figure, mechanism_figure, processor_figure
 from tactuator.report.design_figures import prefilter_figure, resolution_figure
-from tactuator.report.device_figures import LevelResponse, calibration_figure, motor_figure, noise_figure, response_figure
+from tactuator.report.device_figures import (
+    LevelResponse,
+    calibration_figure,
+    motor_figure,
+    noise_figure,
+    response_figure,
+)
 from tactuator.report.felt_figures import equality_figure, felt_figure, threshold_figure, thresholds_figure
 from tactuator.report.figure import ReportFigure
 from tactuator.report.nichols import nichols_figure
