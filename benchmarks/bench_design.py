@@ -19,7 +19,7 @@ from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
@@ -68,8 +68,8 @@ def family(members: int) -> Display:
 
 def peer(channel: Channel) -> float:
     """Greatest error (dB) of least squares on real corners, from one start."""
-    plant = zero_order_hold(channel.plant, RATE_HZ, 1)
-    goal = prefilter_goal(channel, bare_loop(bilinear(paper.FEEDBACK, RATE_HZ), plant), RATE_HZ)
+    plant = discretise(channel.plant, RATE_HZ, "zoh", 1)
+    goal = prefilter_goal(channel, bare_loop(discretise(paper.FEEDBACK, RATE_HZ, "bilinear"), plant), RATE_HZ)
     inside = goal.allowance_db == 0.0
     frequency, level = goal.frequency_hz[inside], goal.level_db[inside]
 
@@ -87,7 +87,7 @@ def run() -> dict[str, object]:
     shown = display()
     design_s, controller = best_cpu_s(lambda: design_controller(shown, POLES), 3)
     index = shown.channels[0]
-    feedback = bilinear(paper.FEEDBACK, RATE_HZ)
+    feedback = discretise(paper.FEEDBACK, RATE_HZ, "bilinear")
     prefilter_s, fit = best_cpu_s(lambda: fit_prefilter(index, feedback, RATE_HZ, 1, POLES), 3)
     peer_s, peer_db = best_cpu_s(lambda: peer(index), 1)
     alone_s, _ = best_cpu_s(lambda: design_controller(family(1), POLES), 2)

@@ -7,7 +7,7 @@ import numpy as np
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.curve import curve
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
@@ -20,7 +20,7 @@ PREFILTER = ContinuousSystem.from_polynomials(
 
 
 def paper_controller(display: Display) -> Controller:
-    sections = (bilinear(PREFILTER, RATE_HZ).sections(), bilinear(FEEDBACK, RATE_HZ).sections())
+    sections = [discretise(system, RATE_HZ, "bilinear").sections() for system in (PREFILTER, FEEDBACK)]
     channel = ChannelController("index", THRESHOLD_V, *sections, AntiWindup((0.01, 0.001)), Limits(10.0, 2.4))
     return Controller(display, (channel,))
 

@@ -12,14 +12,14 @@ from tactuator.console.loop_chart import channel_plants, frame, ground
 from tactuator.console.loop_shape import FACTORS_MAX, Factor, LoopShape, shape_of, taken_apart, with_point_at
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
 from tests.three_fingers import three_finger_display
 
 RATE_HZ = 4000.0
 FREQUENCIES_HZ = np.geomspace(0.2, 1500.0, 60)
-PLANT = zero_order_hold(ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), RATE_HZ)
+PLANT = discretise(ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), RATE_HZ, "zoh")
 
 HZ = st.floats(0.5, 1500.0)
 DAMPING = st.floats(0.05, 0.95) | st.floats(1.05, 5.0)  # at 1 a pair's roots meet, and lie by chance

@@ -23,7 +23,7 @@ from tactuator.io.controller import controller_text, read_controller
 from tactuator.io.shipped import EXAMPLES
 from tactuator.model.verdict import finding_row
 from tactuator.report.tables import design_rows
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.verdict import whole_verdict
 from tests.console.pages import ONE, TOKEN, dropped
@@ -73,7 +73,7 @@ def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain
     assert (tmp_path / "personal.json").read_text() == found["text"]
     made = read_controller(tmp_path / "personal.json")
     channel, own = made.display.channels[0], made.channels[0]
-    plant = zero_order_hold(channel.plant, made.rate_hz, made.display.delay_samples)
+    plant = discretise(channel.plant, made.rate_hz, "zoh", made.display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(made.rate_hz), own.feedback(made.rate_hz), plant)
     given_um = 1e3 * np.abs(loop.position_response([20.0])) / channel.sensor_gain_v_per_mm
     wanted_db = dict(plain["curve"]["points"])[20.0] + 1.5

@@ -7,7 +7,7 @@ import numpy as np
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display, Environment
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tests.runtime import paper_display
 from tests.runtime.paper_display import RATE_HZ, controller
 
@@ -28,7 +28,7 @@ def loop_response(made: Controller, frequency_hz):
     """(H, S), sampled, with one sample of delay."""
     feedback = made.channels[0].feedback(RATE_HZ)
     late = np.exp(-2j * np.pi * frequency_hz / RATE_HZ)
-    loop = feedback.response(frequency_hz) * late * zero_order_hold(PLANT, RATE_HZ).response(frequency_hz)
+    loop = feedback.response(frequency_hz) * late * discretise(PLANT, RATE_HZ, "zoh").response(frequency_hz)
     sensitivity = 1.0 / (1.0 + loop)
     return made.channels[0].prefilter(RATE_HZ).response(frequency_hz) * loop * sensitivity, sensitivity
 

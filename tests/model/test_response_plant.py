@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.record import FrequencyResponse
 from tests.model.beams import Beam, drawn
 
@@ -44,7 +44,7 @@ def test_plant_of_response__notch_at_the_end__not_filled_by_images() -> None:
     beam = Beam(67.0, 0.147, 519.0, 0.2)
     plant = plant_of_response(measured(beam, 80, 0.1)).system
     held = np.abs(plant.response(BAND) * np.sinc(BAND / 8000.0))
-    assert np.max(np.abs(db(np.abs(zero_order_hold(plant, 8000.0, 1).response(BAND)) / held))) < 0.1
+    assert np.max(np.abs(db(np.abs(discretise(plant, 8000.0, "zoh", 1).response(BAND)) / held))) < 0.1
 
 
 def test_plant_of_response__noise_of_a_tenth_db__no_more_poles_than_it_bears() -> None:

@@ -21,7 +21,7 @@ from tactuator.report.design_figures import design_figures, resolution_figure, s
 from tactuator.report.figure import ReportFigure
 from tactuator.report.nichols import hull, nichols_figure
 from tactuator.report.tables import design_rows, printed_factors, printed_polynomial
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.record import Record
 from tactuator.signals.systems import ContinuousSystem
@@ -37,7 +37,7 @@ from tests.synthesis.displays import channel, paper_controller, three_finger_con
 @cache
 def paper_chart() -> ReportFigure:
     family = plant_family(channel(), 4000.0, 1)
-    c = bilinear(paper.FEEDBACK, 4000.0)
+    c = discretise(paper.FEEDBACK, 4000.0, "bilinear")
     loops = [FeedbackLoop(c, one.sampled) for one in family]
     continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
     return nichols_figure(loops[0], paper.PLANT, continuous, loops[1:], name="fig07")

@@ -9,7 +9,7 @@ from tactuator.model.controller import AntiWindup, ChannelController, Controller
 from tactuator.model.description import Channel, Display, Environment, Threshold
 from tactuator.model.plant import Load
 from tactuator.perception.curve import curve
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
@@ -54,12 +54,12 @@ def display(*channels: Channel, rate_hz: float = RATE_HZ, delay_samples: int = 1
 
 def feedback_sections(rate_hz: float = RATE_HZ) -> NDArray[np.float64]:
     """The paper's C, bilinear."""
-    return bilinear(PAPER_C, rate_hz).sections()
+    return discretise(PAPER_C, rate_hz, "bilinear").sections()
 
 
 def prefilter_sections(threshold_voltage_dc: float, rate_hz: float = RATE_HZ) -> NDArray[np.float64]:
     """The paper's F, bilinear, times the volts per threshold unit at low frequency."""
-    sections = bilinear(PAPER_F, rate_hz).sections()
+    sections = discretise(PAPER_F, rate_hz, "bilinear").sections()
     sections[0, :3] *= threshold_voltage_dc
     return sections
 

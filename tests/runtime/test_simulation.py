@@ -16,7 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter, Environment
 from tactuator.model.plant import Load
 from tactuator.runtime.simulation import Simulation
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tests.runtime import paper_display
@@ -31,7 +31,7 @@ def loop_response(
 ) -> NDArray[np.complex128]:
     """y/r of the paper's design, from the transfer functions."""
     of = channel(finger)
-    plant = zero_order_hold(of.plant, RATE_HZ).response(frequency_hz)
+    plant = discretise(of.plant, RATE_HZ, "zoh").response(frequency_hz)
     c = SampledSystem.from_sections(paper_display.feedback_sections(), RATE_HZ, delay_samples).response(frequency_hz)
     f = sections_response(paper_display.prefilter_sections(float(of.threshold_voltage(0.4))), frequency_hz, RATE_HZ)
     return np.asarray(f * c * plant / (1.0 + c * plant))
@@ -57,7 +57,7 @@ def test_closed_loop__sensor_noise_or_a_force_alone__is_felt_as_the_loop_says() 
     simulation.load(controller(of, command_v=90.0))
     loop = FeedbackLoop(
         SampledSystem.from_sections(paper_display.feedback_sections(), RATE_HZ, 1),
-        zero_order_hold(of.channels[0].plant, RATE_HZ),
+        discretise(of.channels[0].plant, RATE_HZ, "zoh"),
     )
     block = simulation.play(np.zeros((400_000, 1)))
     grid = (np.arange(20_000) + 0.5) * RATE_HZ / 40_000

@@ -12,7 +12,7 @@ from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, Controller
 from tactuator.model.description import Converter, Recorded
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design as module
@@ -29,14 +29,16 @@ RATE_HZ = 4000.0
 
 def paper_loop() -> TwoDegreeLoop:
     own = paper_controller().channels[0]
-    plant = zero_order_hold(paper.PLANT, RATE_HZ, 1)
+    plant = discretise(paper.PLANT, RATE_HZ, "zoh", 1)
     return TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), plant)
 
 
 def test_design__paper_structure__is_the_papers_c() -> None:
     system = paper_controller().channels[0].feedback(RATE_HZ)
     frequency = np.geomspace(0.1, 1900.0, 40)
-    assert np.allclose(system.response(frequency), bilinear(paper.FEEDBACK, RATE_HZ).response(frequency), rtol=1e-9)
+    assert np.allclose(
+        system.response(frequency), discretise(paper.FEEDBACK, RATE_HZ, "bilinear").response(frequency), rtol=1e-9
+    )
 
 
 def test_design__given_controller__taken_as_given() -> None:
@@ -73,7 +75,7 @@ def test_feedback_sections__any_shape__same_response_and_integrator_last(zeros, 
 
 def test_anti_windup__rule__poles_of_the_saturated_section() -> None:
     """d^2 + (a1 + g1) d + g2 has its roots at the section's own pole and at exp(-2 pi crossover / rate) - 1."""
-    sections = feedback_sections(bilinear(paper.FEEDBACK, RATE_HZ))
+    sections = feedback_sections(discretise(paper.FEEDBACK, RATE_HZ, "bilinear"))
     g1, g2 = anti_windup(sections, 20.48, RATE_HZ).gains
     own = 2.0 + sections[-1, 4]
     wanted = sorted([-own, np.expm1(-2.0 * np.pi * 20.48 / RATE_HZ)])
@@ -144,7 +146,9 @@ def test_design__no_loop__prefilter_to_volts_of_command() -> None:
     own = design_controller(display, 8).channels[0]
     assert own.feedback_sos is None
     frequency = np.geomspace(0.4, 300.0, 50)
-    response = own.prefilter(RATE_HZ).response(frequency) * zero_order_hold(paper.PLANT, RATE_HZ, 1).response(frequency)
+    response = own.prefilter(RATE_HZ).response(frequency) * discretise(paper.PLANT, RATE_HZ, "zoh", 1).response(
+        frequency
+    )
     error = 20.0 * np.log10(np.abs(response) / display.channels[0].threshold_voltage(frequency))
     assert np.abs(error).max() <= 0.5
     assert "margins" not in own.report
@@ -210,7 +214,7 @@ def test_to_control__continuous__same_response_and_back(system: ContinuousSystem
 def test_to_control__sampled_with_delay__same_response_and_back() -> None:
     own = three_finger_controller().channels[0]
     feedback = own.feedback(RATE_HZ)
-    for system in (own.prefilter(RATE_HZ), feedback, zero_order_hold(paper.PLANT, RATE_HZ, 1)):
+    for system in (own.prefilter(RATE_HZ), feedback, discretise(paper.PLANT, RATE_HZ, "zoh", 1)):
         made = to_control(system)
         assert made.dt == pytest.approx(1.0 / RATE_HZ)
         response = np.array([made(np.exp(2j * np.pi * f / RATE_HZ)) for f in FREQUENCY])

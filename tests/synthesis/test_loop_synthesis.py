@@ -12,7 +12,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop, UnstableLoop
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
@@ -74,7 +74,7 @@ def test_assess__paper_c__keeps_its_own_limits_with_the_mean_of_the_facts() -> N
     """facts, section 1: mean |S| of -22.51 dB over 0.4-10 Hz, noise gain 12, every limit of paper.toml kept."""
     one = paper_alone().channels[0]
     band_hz = one.feedback.rejection_band_hz
-    (assessment,) = assess(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1), band_hz)
+    (assessment,) = assess(discretise(paper.FEEDBACK, RATE_HZ, "bilinear"), plant_family(one, RATE_HZ, 1), band_hz)
     assert assessment.mean_rejection_db == pytest.approx(-22.51, abs=0.005)
     assert assessment.noise_gain == pytest.approx(12.0, abs=0.3)
     assert all_kept((assessment,), loop_limits(one.feedback))
@@ -166,7 +166,7 @@ def test_loop_problem__slopes__are_those_of_finite_differences() -> None:
 def test_command_noise_gain__simulated_white_noise__agrees() -> None:
     """Against the impulse response of C S: the root of the sum of its squares."""
     one = channel()
-    loop = FeedbackLoop(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1)[0].sampled)
+    loop = FeedbackLoop(discretise(paper.FEEDBACK, RATE_HZ, "bilinear"), plant_family(one, RATE_HZ, 1)[0].sampled)
     frequency = np.arange(0, 2**15 + 1) * RATE_HZ / 2**16
     frequency[0] = 1e-6
     impulse = np.fft.irfft(loop.command_sensitivity(frequency))
@@ -200,7 +200,7 @@ MORIOKA = Threshold(curve("morioka-griffin-2006"), (8.0, 315.0))
 
 
 def fitted(one: Channel, poles: int, rate_hz: float = 4000.0) -> PrefilterFit:
-    return fit_prefilter(one, bilinear(paper.FEEDBACK, rate_hz), rate_hz, 1, poles)
+    return fit_prefilter(one, discretise(paper.FEEDBACK, rate_hz, "bilinear"), rate_hz, 1, poles)
 
 
 LIBRARY = Threshold(curve("bolanowski-1988"))
@@ -234,9 +234,9 @@ def is_modest(fit: PrefilterFit, threshold: Threshold, most: float) -> bool:
 def test_fit_prefilter__report__is_what_the_sections_do() -> None:
     """The error told is that of the sections on the sampled loop, at frequencies of its own."""
     one = channel()
-    c = bilinear(paper.FEEDBACK, 4000.0)
+    c = discretise(paper.FEEDBACK, 4000.0, "bilinear")
     fit = fit_prefilter(one, c, 4000.0, 1, 8)
-    loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, 4000.0), c, zero_order_hold(one.plant, 4000.0, 1))
+    loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, 4000.0), c, discretise(one.plant, 4000.0, "zoh", 1))
     error = response_error_db(one, loop, np.geomspace(0.4, 300.0, 777))
     assert np.abs(error).max() <= fit.max_error_db + 1e-3  # other frequencies than those of the report
     assert np.abs(error).max() >= fit.max_error_db - 0.02
@@ -244,18 +244,25 @@ def test_fit_prefilter__report__is_what_the_sections_do() -> None:
 
 
 def test_fit_prefilter__no_poles_given__fewest_that_keep_the_tolerance() -> None:
-    assert fit_prefilter(channel(), bilinear(paper.FEEDBACK, 4000.0), 4000.0, 1, None, tolerance_db=0.35).poles == 6
+    assert (
+        fit_prefilter(
+            channel(), discretise(paper.FEEDBACK, 4000.0, "bilinear"), 4000.0, 1, None, tolerance_db=0.35
+        ).poles
+        == 6
+    )
 
 
 def test_fit_prefilter__tolerance_beyond_reach__says_what_is_possible(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "MOST_POLES", 6)
     rough = ThresholdCurve("rough", [0.4, 3, 5, 20, 30, 60, 90, 300], [0, 0, 15, 15, 0, 0, 15, 0], "synthetic", "test")
     with pytest.raises(BadInput, match="6 poles leave a prefilter error of"):
-        fit_prefilter(channel(threshold=Threshold(rough)), bilinear(paper.FEEDBACK, 4e3), 4e3, 1, None, 0.05)
+        fit_prefilter(
+            channel(threshold=Threshold(rough)), discretise(paper.FEEDBACK, 4e3, "bilinear"), 4e3, 1, None, 0.05
+        )
 
 
 def test_fit_prefilter__unstable_loop_or_undamped_zero_in_the_band__refused() -> None:
-    c = bilinear(paper.FEEDBACK, 4000.0)
+    c = discretise(paper.FEEDBACK, 4000.0, "bilinear")
     with pytest.raises(UnstableLoop):
         fit_prefilter(channel(), SampledSystem(c.zeros, c.poles, 50.0 * c.gain, 4000.0), 4000.0, 1, 4)
     plant = ContinuousSystem([100j, -100j], [-10.0, -2000.0, -30.0], 1e5)

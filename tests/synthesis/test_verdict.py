@@ -13,7 +13,7 @@ from tactuator.model.description import Channel, Converter, Display, Environment
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
@@ -280,7 +280,7 @@ def test_judge__another_display__refused() -> None:
 def test_felt_noise__white_noise_through_the_loop__simulated_agrees() -> None:
     """Sensor noise and the A/D's steps filtered by T, in two bands, against the band powers of a long simulation."""
     own, one = paper_controller().channels[0], paper_alone().channels[0]
-    loop = TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), zero_order_hold(one.plant, RATE_HZ, 1))
+    loop = TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), discretise(one.plant, RATE_HZ, "zoh", 1))
     edges = np.array([[2.0, 20.0], [20.0, 80.0]])
     found = felt_noise_rms_v(one, loop, RATE_HZ, edges)
     rng = np.random.default_rng(1)

@@ -11,7 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import ImageRefusal, build_image, check_image
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import is_stable as loop_is_stable
 from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis import paper
@@ -77,7 +77,7 @@ def multiplied(one: list[Fraction], other: np.ndarray) -> list[Fraction]:
 
 @pytest.mark.parametrize("gain", [0.2, 4.0, 20.0, 60.0])
 def test_is_stable__loop__is_the_verdict_on_the_unrounded_loop(gain: float) -> None:
-    plant = zero_order_hold(paper.PLANT, 4000.0) * SampledSystem(np.empty(0), np.empty(0), 1.0, 4000.0, 1)
+    plant = discretise(paper.PLANT, 4000.0, "zoh") * SampledSystem(np.empty(0), np.empty(0), 1.0, 4000.0, 1)
     sos = feedback_sections()
     sos[0, :3] *= gain
     loop = SampledSystem.from_sections(sos, 4000.0) * plant
@@ -112,7 +112,7 @@ def test_filter_bits__slow_poles__are_what_they_need_or_one_above_the_most() -> 
 @pytest.mark.parametrize("form", F_BITS)
 def test_filter_bits__papers_prefilter__are_facts_within_what_pairing_moves(form: str) -> None:
     for rate_hz, (stable, accurate) in zip(RATES_HZ, F_BITS[form], strict=True):
-        found = filter_bits(bilinear(paper.PREFILTER, rate_hz), form)  # type: ignore[arg-type]
+        found = filter_bits(discretise(paper.PREFILTER, rate_hz, "bilinear"), form)  # type: ignore[arg-type]
         assert found.stable == pytest.approx(stable, abs=3)
         assert found.accurate == pytest.approx(accurate, abs=4)
 

@@ -13,7 +13,7 @@ from tactuator.model.controller import Controller, Limits
 from tactuator.model.description import Display
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import build_image
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.wordlength.bits import at_rate, rows_response
 from tactuator.wordlength.float32_check import (
     Float32Check,
@@ -99,7 +99,7 @@ def test_response_error__any_rate__is_that_of_the_images_own_words(rate_hz: floa
 
 
 def sampled(of: Display) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
-    plant = zero_order_hold(of.channels[0].plant, of.rate_hz)
+    plant = discretise(of.channels[0].plant, of.rate_hz, "zoh")
     return replace(plant, delay_samples=plant.delay_samples + of.delay_samples).response
 
 

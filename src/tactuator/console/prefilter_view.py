@@ -17,7 +17,7 @@ from tactuator.io.controller import controller_text
 from tactuator.io.csv_tables import curve_text, read_curve
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.processors import single_threaded
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
@@ -64,7 +64,7 @@ def fit(
         fit = fit_prefilter(described, feedback, opened.rate_hz, opened.delay_samples, used)
     frequency = np.geomspace(*described.threshold.band_hz, _LINES)
     wanted = described.threshold.curve.level_db_re_1um_at(frequency)
-    plant = zero_order_hold(described.plant, opened.rate_hz, opened.delay_samples)
+    plant = discretise(described.plant, opened.rate_hz, "zoh", opened.delay_samples)
     loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, opened.rate_hz), feedback, plant)
     error = response_error_db(described, loop, frequency)
     return {

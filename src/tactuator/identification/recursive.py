@@ -33,6 +33,7 @@ from tactuator.identification.likelihood import likelihood_step
 from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model, log_slopes
 from tactuator.model.plant import DERIVATIVES
+from tactuator.signals.discretise import held_matrices
 from tactuator.signals.systems import ContinuousSystem
 
 _PASSES = 3
@@ -219,18 +220,14 @@ def companion_states(
 
     denominator: A, descending powers, monic, length n + 1, in rad/s.
     """
-    n, ramp = denominator.size - 1, float(hold == "first-order")
-    # [A b 0; 0 0 1; 0 0 0]: the state, the command and its slope over a period
-    block = np.zeros((n + 2, n + 2))
-    block[:n, :n] = np.eye(n, k=1)
-    block[n - 1, : n + 1] = np.append(-denominator[:0:-1], 1.0)
-    block[:n] /= rate_hz
-    block[n, n + 1] = ramp
-    step = scipy.linalg.expm(block)
+    n, ramp = denominator.size - 1, hold == "first-order"
+    a, b = np.eye(n, k=1), np.eye(n)[-1]
+    a[-1] = -denominator[:0:-1]
+    ad, driven = held_matrices(a, b, 1.0 / rate_hz, ramp=ramp)
     # triangular, so that state after state is a filter of first order, however close the poles are
-    triangle, turn = scipy.linalg.schur(step[:n, :n], output="complex")
-    change = np.diff(driver, append=driver[-1])
-    pushed = turn.conj().T @ (step[:n, n:] @ np.stack([driver, change]))
+    triangle, turn = scipy.linalg.schur(ad, output="complex")
+    inputs = np.stack([driver, np.diff(driver, append=driver[-1])])[: 1 + ramp]
+    pushed = turn.conj().T @ (driven.reshape(n, -1) @ inputs)
     states = np.zeros((n, driver.size), dtype=np.complex128)
     for k in reversed(range(n)):
         states[k] = scipy.signal.lfilter([0.0, 1.0], [1.0, -triangle[k, k]], pushed[k] + triangle[k] @ states)

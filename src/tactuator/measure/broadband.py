@@ -20,7 +20,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.model.response_plant import plant_of_response
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.spectra import frequency_response, mean_over_frequency, nearest_mains
@@ -246,7 +246,7 @@ def _held_well(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, floa
     frequency = heard.wave.frequency_hz
     inside = frequency[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
     rate_hz = heard.wave.rate_hz
-    held = zero_order_hold(replace(plant, delay_s=plant.delay_s % (1.0 / rate_hz)), rate_hz)
+    held = discretise(replace(plant, delay_s=plant.delay_s % (1.0 / rate_hz)), rate_hz, "zoh")
     return bool(np.median(np.abs(db(np.abs(held.response(inside) / plant.response(inside))))) <= _HELD_DB)
 
 

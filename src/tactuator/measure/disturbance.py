@@ -20,7 +20,7 @@ from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.rig.rig import Finger, Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, mean_of_blocks, off_mains
 from tactuator.signals.systems import SampledSystem
@@ -98,7 +98,7 @@ def disturbance(
     if excursion_mm <= 0.0:
         raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
     check_frequencies(rig, frequency_hz)
-    plant = zero_order_hold(described.plant, rig.rate_hz)
+    plant = discretise(described.plant, rig.rate_hz, "zoh")
     feedback = ChannelPrediction.of(controller, channel).loop.feedback
 
     def sensitivity(hertz: FloatArray) -> NDArray[np.complex128]:

@@ -21,7 +21,7 @@ from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome, Verdict,
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.record import Response
 from tactuator.synthesis.design import headroom
@@ -43,7 +43,7 @@ class ChannelPrediction:
         channel, designed = controller.display.channel(name), controller.channel(name)
         rate = controller.rate_hz
         loaded = channel.loaded_plant(None if load is None else channel.load(load))
-        plant = zero_order_hold(loaded, rate, controller.delay_samples)
+        plant = discretise(loaded, rate, "zoh", controller.delay_samples)
         return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant))
 
     def command(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -105,7 +105,7 @@ def images_db(display: Display, name: str, frequency_hz: FloatArray) -> FloatArr
     """Return by how much, dB, (m,), images of the held command change what the sensor of a channel reads: of an
     accelerometer, which nothing filters ahead of its A/D for all we know. Sound cards have such filters.
     """
-    plant = zero_order_hold(display.channel(name).plant, display.rate_hz, display.delay_samples)
+    plant = discretise(display.channel(name).plant, display.rate_hz, "zoh", display.delay_samples)
     if plant.held is None or display.sound is not None:
         return np.zeros(frequency_hz.shape)
     return np.abs(db(plant.response(frequency_hz) / plant.moved_response(frequency_hz)))

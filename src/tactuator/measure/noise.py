@@ -25,7 +25,7 @@ from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict
 from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.spectra import (
     Band,
@@ -94,7 +94,7 @@ def sensor_noise(
     if lines.size == 0:
         return SensorNoise(lines, lines, noise_v_rms)
     still = np.zeros(lines.shape)
-    moved = beside_friction(channel.environment, zero_order_hold(plant, rate_hz).response(lines), still)
+    moved = beside_friction(channel.environment, discretise(plant, rate_hz, "zoh").response(lines), still)
     hum = np.abs(lock_in(position_v, lines, rate_hz) - moved * lock_in(command_v, lines, rate_hz))
     seen = hum > _SEEN * np.sqrt(2.0 * power / position_v.size)
     return SensorNoise(lines[seen], hum[seen], noise_v_rms)
@@ -264,7 +264,7 @@ def _as_motion(
             shown_v = np.abs(lock_in(position_v, hertz, rate_hz)[0])
             lines[felt.line_hz == hertz] = db(shown_v / channel.threshold_voltage(hertz))
     frequency = np.maximum(np.fft.rfftfreq(position_v.size, 1.0 / rate_hz), 1e-3)
-    held = beside_friction(known, zero_order_hold(plant, rate_hz).response(frequency), np.zeros(1))
+    held = beside_friction(known, discretise(plant, rate_hz, "zoh").response(frequency), np.zeros(1))
     moved_v = np.fft.irfft(np.fft.rfft(command_v) * held, position_v.size)
     beside, reading = (power_spectrum(values, rate_hz, 1.0) for values in (position_v - moved_v, position_v))
     white = (sensor.noise_v_rms**2 + channel.converter.step_v**2 / 12.0) / (0.5 * rate_hz)

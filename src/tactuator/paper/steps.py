@@ -21,7 +21,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins
 from tactuator.signals.systems import SampledSystem
 from tactuator.speech.limiter import FingerLimiting
@@ -70,9 +70,9 @@ class Prefilters:
 def judge_prefilters(display: Display) -> Prefilters:
     """Judge the paper's F on its own motor, and a prefilter of the same order fitted to H/T for every channel."""
     index = display.channels[0]
-    c = bilinear(paper.FEEDBACK, display.rate_hz)
+    c = discretise(paper.FEEDBACK, display.rate_hz, "bilinear")
     plant = sampled_loop(display, index).plant
-    sampled = TwoDegreeLoop(bilinear(paper.PREFILTER, display.rate_hz), c, plant)
+    sampled = TwoDegreeLoop(discretise(paper.PREFILTER, display.rate_hz, "bilinear"), c, plant)
     fitted = {
         channel.name: fit_prefilter(channel, c, display.rate_hz, display.delay_samples, poles=paper.PREFILTER_POLES)
         for channel in display.channels
@@ -103,11 +103,11 @@ def bits_needed() -> Needed:
     c: dict[str, dict[float, BitsNeeded]] = {form: {} for form in FORMS if form != "direct"}
     for rate_hz in RATES_HZ:
         late = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, 1)
-        plant = zero_order_hold(paper.PLANT, rate_hz) * late
+        plant = discretise(paper.PLANT, rate_hz, "zoh") * late
         for form in FORMS:
-            f[form][rate_hz] = filter_bits(bilinear(paper.PREFILTER, rate_hz), form)
+            f[form][rate_hz] = filter_bits(discretise(paper.PREFILTER, rate_hz, "bilinear"), form)
             if form in c:
-                c[form][rate_hz] = loop_bits(bilinear(paper.FEEDBACK, rate_hz), plant, form)
+                c[form][rate_hz] = loop_bits(discretise(paper.FEEDBACK, rate_hz, "bilinear"), plant, form)
     return {"prefilter F": f, "feedback C": c}
 
 
@@ -130,8 +130,8 @@ def paper_loop(display: Display) -> PaperLoop:
 
 def sampled_loop(display: Display, channel: Channel) -> FeedbackLoop:
     """Return the paper's C on one of the display's channels, as it runs."""
-    plant = zero_order_hold(channel.plant, display.rate_hz, display.delay_samples)
-    return FeedbackLoop(bilinear(paper.FEEDBACK, display.rate_hz), plant)
+    plant = discretise(channel.plant, display.rate_hz, "zoh", display.delay_samples)
+    return FeedbackLoop(discretise(paper.FEEDBACK, display.rate_hz, "bilinear"), plant)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from tactuator.report.figure import (
     table_of,
 )
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import power_spectrum
 from tactuator.signals.systems import ContinuousSystem
@@ -159,7 +159,7 @@ def motor_figure(
     frequency_hz: FloatArray, measured: ComplexArray, continuous: ContinuousSystem, rate_hz: float, channel: str
 ) -> ReportFigure:
     """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model, continuous and sampled."""
-    sampled = zero_order_hold(continuous, rate_hz)
+    sampled = discretise(continuous, rate_hz, "zoh")
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
     fine = np.geomspace(low, high, 400)
     models = ((continuous, BLUE, "-", "continuous model"), (sampled, RED, "--", "sampled model (zero-order hold)"))

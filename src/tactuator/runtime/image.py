@@ -263,6 +263,6 @@ def _poles(model: FeedForward, period_s: float) -> list[FloatArray]:
 def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
     """Return b1, b1 + b0, a1', a2' of the held plant (b1 z + b0)/(d^2 + a1' d + a2') with d = z - 1, shape (4,)."""
     a, b = np.array([[0.0, 1.0], [-model.stiffness, -model.damping]]), np.array([0.0, model.gain])
-    held, b, _ = held_matrices(a, b, period_s)
+    held, b = held_matrices(a, b, period_s)
     m = held - np.eye(2)
     return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])

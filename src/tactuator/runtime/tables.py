@@ -24,7 +24,7 @@ from tactuator.model.description import Channel, Converter, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import ImageRefusal, channel_bytes, sealed
-from tactuator.signals.discretise import held_matrices
+from tactuator.signals.discretise import held_matrices, late_input
 from tactuator.signals.systems import ContinuousSystem
 
 
@@ -120,7 +120,7 @@ def _hold(
     a[-1] -= form.den[:-1] * scale ** (np.arange(order_held) - order_held + 1.0)
     b = np.zeros(order_held)
     b[-1] = gain * scale ** (1.0 - order_held)
-    ad, bd, late = held_matrices(a, b, 1.0 / rate_hz, fraction)
+    (ad, bd), late = held_matrices(a, b, 1.0 / rate_hz), late_input(a, b, 1.0 / rate_hz, fraction)
     sensor, sensor_direct = _row(reference_gain * form.sensor, form, gain, scale)
     displacement, displacement_direct = _row(reference_gain * form.displacement, form, gain, scale)
     held = HeldPlant(ad, bd, late, sensor, displacement, sensor_direct, displacement_direct)

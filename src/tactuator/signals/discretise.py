@@ -1,6 +1,14 @@
-"""Continuous systems seen through converters: zero-order hold for plants, bilinear for controllers.
+"""Continuous systems as a processor sees them: plants through a zero-order hold, controllers by the bilinear transform.
 
-Both keep zeros and poles: no polynomial in z is expanded, so that nothing is lost at high rates.
+Systems keep zeros and poles: no polynomial in z is expanded, so that nothing is lost at high rates. Every held command,
+here and elsewhere, is one matrix exponential (Van Loan 1978, IEEE Trans. Automatic Control 23). For x' = a x + b u over
+the period t, u rising by r,
+
+        [a t  b t   0 ]   [Ad  B0  B1]
+    exp [ 0    0    1 ] = [ 0   1   1],     x(k+1) = Ad x + B0 u(k) + B1 r,
+        [ 0    0    0 ]   [ 0   0   1]
+
+with r = 0 for a zero-order hold and r = u(k+1) - u(k) for a first-order one.
 """
 
 from __future__ import annotations
@@ -8,6 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -16,106 +25,97 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
+_WHOLE = 1e-9
+"""Samples by which dead time may miss a whole number of them: rounding of delay times rate."""
+
 
 @lru_cache(maxsize=32)  # of a display's plants: an experiment asks for them after every interval
-def zero_order_hold(system: ContinuousSystem, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
-    """Return the sampled equivalent of a plant driven through a zero-order hold, `delay_samples` late. Of one with
-    fewer than two poles more than zeros it keeps the plant itself (`held`); of others, images of the hold are below
-    0.02 dB.
+def discretise(
+    system: ContinuousSystem, rate_hz: float, method: Literal["zoh", "bilinear"], delay_samples: int = 0
+) -> SampledSystem:
+    """Return the sampled equivalent of `system` at `rate_hz`, `delay_samples` late.
 
-    Dead time may be any: whole samples become `delay_samples`, what is left splits the held input in two (Franklin,
-    Powell & Workman 1990, section 4.3) and adds a pole at z = 0. Poles are exp(p T); zeros are those of the held state
-    space. Raises BadInput for an improper system.
+    method: "zoh", exact for a command that is held between samples and any dead time; or "bilinear", Tustin's transform
+    s = 2 rate (z - 1)/(z + 1) without prewarping, for dead time of whole samples.
+
+    Raises BadInput for an improper system; for a bilinear transform also where a root lies at s = 2 rate or the dead
+    time is not whole.
     """
     if not system.is_proper:
-        raise BadInput(f"plant has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles")
-    samples = system.delay_s * rate_hz
-    whole = math.floor(samples + 1e-9)
-    fraction = max(0.0, samples - whole)
-    late = whole + delay_samples
-    step = 1.0 / rate_hz
-    late_s = system.delay_s + delay_samples * step
-    held = replace(system, delay_s=late_s) if system.poles.size - system.zeros.size < 2 else None
-    poles = np.exp(system.poles * step)
-    if system.poles.size == 0:
-        return SampledSystem(np.empty(0), np.empty(0), system.gain, rate_hz, late + (fraction > 1e-9), held)
-    ad, bd, c, d = held_state_space(system, step, fraction if fraction > 1e-9 else 0.0)
-    if ad.shape[0] > system.poles.size:
-        poles = np.append(poles, 0.0)
-    zeros = _zeros(ad, bd, c, d)
-    return SampledSystem(zeros, poles, _answer(ad, bd, c, d, ad.shape[0] - zeros.size), rate_hz, late, held)
+        raise BadInput(
+            f"system has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles"
+        )
+    sampled = _held(system, rate_hz) if method == "zoh" else _bilinear(system, rate_hz)
+    # of a plant with fewer than two poles more than zeros, samples show images of the steps; of others < 0.02 dB
+    shows_images = method == "zoh" and system.poles.size - system.zeros.size < 2
+    late_s = system.delay_s + delay_samples / rate_hz
+    held = replace(system, delay_s=late_s) if shows_images else None
+    return replace(sampled, delay_samples=sampled.delay_samples + delay_samples, held=held)
 
 
-def _answer(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float, after: int) -> float:
-    """Return the impulse response `after` samples: the gain, where there are so many more poles than zeros."""
-    return d if after == 0 else float(c @ np.linalg.matrix_power(ad, after - 1) @ bd)
+def held_matrices(a: FloatArray, b: FloatArray, step: float, *, ramp: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Return Ad, (n, n), and B0, (n,), of x' = a x + b u over `step`; with `ramp` B0 and B1, (n, 2)."""
+    order = b.size
+    block = np.zeros((order + 1 + ramp, order + 1 + ramp))
+    # the input's column weighs as much as the rest: the exponential's error is relative to the norm
+    weight = np.linalg.norm(b * step) or 1.0
+    block[:order, :order], block[:order, order] = a * step, b * step / weight
+    if ramp:
+        block[order, order + 1] = 1.0
+    exponential = scipy.linalg.expm(block)
+    driven = exponential[:order, order:] * weight
+    return exponential[:order, :order], driven if ramp else driven[:, 0]
 
 
-def state_space(system: ContinuousSystem, step: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return the controller canonical form in time units of `step`: states (xi, T xi', T^2 xi'', ...), y = num(xi).
+def late_input(a: FloatArray, b: FloatArray, step: float, fraction: float) -> FloatArray:
+    """Return what `fraction` of a sample of dead time adds to a held step, (n,): x(k+1) = Ad x + B0 u(k) +
+    late (u(k-1) - u(k)) (Franklin, Powell & Workman 1990, section 4.3)."""
+    if fraction == 0.0:
+        return np.zeros_like(b)
+    after, _ = held_matrices(a, b, (1.0 - fraction) * step)
+    return np.asarray(after @ held_matrices(a, b, fraction * step)[1])
 
-    Returns A * step (n, n), B * step (n,), C (n,), D. A load that only changes the denominator leaves the meaning of
-    the states as it is, so it may be put on and taken off with position and velocity continuous.
+
+def held_state_space(system: ContinuousSystem, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, float, int]:
+    """Return Ad, Bd, C, D and the whole samples of dead time of x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order
+    hold; a fraction of a sample adds the last input as a state.
+
+    The others are those of the controller canonical form in units of the period, (xi, T xi', T^2 xi'', ...), y =
+    num(xi): a load that only changes the denominator may be put on with position and velocity continuous.
     """
+    whole = math.floor(system.delay_s * rate_hz + _WHOLE)
+    fraction = max(0.0, system.delay_s * rate_hz - whole)
+    a, b, c, d = _canonical(system, 1.0 / rate_hz)
+    ad, bd = held_matrices(a, b, 1.0)
+    if fraction <= _WHOLE:
+        return ad, bd, c, d, whole
+    late, order = late_input(a, b, 1.0, fraction), b.size
+    held = np.zeros((order + 1, order + 1))
+    held[:order, :order], held[:order, order] = ad, late
+    return held, np.append(bd - late, 1.0), np.append(c, d), 0.0, whole
+
+
+def _canonical(system: ContinuousSystem, step: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return A * step (n, n), B * step (n,), C (n,) and D in time units of `step`."""
     order = system.poles.size
-    denominator = np.real(np.poly(system.poles * step))
+    denominator = np.atleast_1d(np.real(np.poly(system.poles * step)))
     numerator = np.zeros(order + 1)
     scaled = np.real(np.poly(system.zeros * step)) * step ** float(order - system.zeros.size)
     numerator[order - system.zeros.size :] = system.gain * scaled
     direct = float(numerator[0])
-    a = np.eye(order, k=1)
-    a[-1] = -denominator[:0:-1]
-    b = np.zeros(order)
-    b[-1] = 1.0
-    c = (numerator[1:] - direct * denominator[1:])[::-1]
-    return a, b, c, direct
+    a, b = np.eye(order, k=1), np.zeros(order)
+    a[-1:], b[-1:] = -denominator[:0:-1], 1.0
+    return a, b, (numerator[1:] - direct * denominator[1:])[::-1], direct
 
 
-def held_state_space(
-    system: ContinuousSystem, step: float, fraction: float
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return the matrices of x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order hold; `fraction` of a sample of
-    dead time adds the last input as a state.
-
-    The states are those of `state_space`.
-    """
-    a, b, c, d = state_space(system, step)
-    ad, bd, late = held_matrices(a, b, 1.0, fraction)
-    if fraction == 0.0:
-        return ad, bd, c, d
-    order = a.shape[0]
-    held = np.zeros((order + 1, order + 1))
-    held[:order, :order], held[:order, order] = ad, late
-    return held, np.append(bd - late, 1.0), np.append(c, d), 0.0
-
-
-def held_matrices(
-    a: FloatArray, b: FloatArray, step: float, fraction: float = 0.0
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Ad (n, n), Bd (n,) and late (n,) of x' = a x + b u under a zero-order hold and `fraction` of a sample of
-    dead time: x(k+1) = Ad x + Bd u(k) + late (u(k-1) - u(k))."""
-    ad, bd = _integrated(a, b, step)
-    if fraction == 0.0:
-        return ad, bd, np.zeros_like(bd)
-    after, _ = _integrated(a, b, (1.0 - fraction) * step)
-    return ad, bd, after @ _integrated(a, b, fraction * step)[1]
-
-
-def _integrated(a: FloatArray, b: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
-    """Return exp(a t) and its integral over [0, t] times b, t the duration.
-
-        exp [a t  b t] = [exp(a t)  integral b]
-            [ 0    0 ]   [   0          1     ]
-
-    (Van Loan 1978, IEEE Trans. Automatic Control 23). The input's column weighs as much as the rest: the exponential's
-    error is relative to the norm.
-    """
-    order = b.size
-    block = np.zeros((order + 1, order + 1))
-    weight = np.linalg.norm(b * duration) or 1.0
-    block[:order, :order], block[:order, order] = a * duration, b * duration / weight
-    exponential = scipy.linalg.expm(block)
-    return exponential[:order, :order], exponential[:order, order] * weight
+def _held(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
+    """Return the poles exp(p T), 0 for a fraction of a sample of dead time, and the zeros of the held state space."""
+    ad, bd, c, d, late = held_state_space(system, rate_hz)
+    poles = np.append(np.exp(system.poles / rate_hz), np.zeros(bd.size - system.poles.size))
+    zeros = _zeros(ad, bd, c, d)
+    after = poles.size - zeros.size  # the first sample of the impulse response that is not zero is the gain
+    gain = d if after == 0 else float(c @ np.linalg.matrix_power(ad, after - 1) @ bd)
+    return SampledSystem(zeros, poles, gain, rate_hz, late)
 
 
 def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexArray:
@@ -141,19 +141,10 @@ def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexAr
     return np.asarray(1.0 + np.where(np.abs(roots.imag) < 1e-13, roots.real, roots), dtype=np.complex128)
 
 
-def bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
-    """Return Tustin's transform s = 2 rate (z - 1)/(z + 1), without prewarping, root by root.
-
-    Raises BadInput for an improper system, a root at s = 2 rate, or dead time that is not a whole number of samples.
-    """
-    delay = system.delay_s * rate_hz
-    if abs(delay - round(delay)) > 1e-9:
+def _bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
+    delay, twice = system.delay_s * rate_hz, 2.0 * rate_hz
+    if abs(delay - round(delay)) > _WHOLE:
         raise BadInput(f"dead time is {delay:g} samples; allowed for a bilinear transform: a whole number of them")
-    if not system.is_proper:
-        raise BadInput(
-            f"system has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles"
-        )
-    twice = 2.0 * rate_hz
     if np.any(system.poles == twice) or np.any(system.zeros == twice):
         raise BadInput(f"a root lies at s = {twice:g} rad/s, twice the rate", "any other place")
     zeros = (twice + system.zeros) / (twice - system.zeros)

@@ -21,7 +21,7 @@ from tactuator.model.plausibility import channel_reasons
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.processors import single_threaded
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -133,7 +133,7 @@ def feedback_candidates(
     if requirements.structure == "none":
         yield 0.0, None
     elif requirements.structure == "paper":
-        yield 0.0, bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
+        yield 0.0, discretise(requirements.controller or paper.FEEDBACK, rate_hz, "bilinear")
     else:
         require_consistent(channel, rate_hz)
         task = Task.of(family, requirements, rate_hz, resonance_peak)

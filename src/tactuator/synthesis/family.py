@@ -9,7 +9,7 @@ import numpy as np
 
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 UNLOADED = "none"
@@ -42,7 +42,7 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
     for model, (name, plant) in enumerate(zip(names, (channel.plant, *channel.family), strict=True)):
         for load in loads:
             loaded = plant if load is None else load.applied_to(plant, channel.quantity)
-            sampled = zero_order_hold(loaded, rate_hz, delay_samples)
+            sampled = discretise(loaded, rate_hz, "zoh", delay_samples)
             on = UNLOADED if load is None else load.name
             members.append(Member(on, model, loaded, sampled, name, model - names.index(name)))
     return tuple(members)

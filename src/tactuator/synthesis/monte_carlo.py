@@ -22,7 +22,7 @@ from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES, Load
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.loop_figures import LoopFigures, around_modes_hz
 from tactuator.synthesis.candidates import LIGHT_DAMPING
@@ -150,7 +150,7 @@ class _Grids:
         self._asked_v = channel.prefilter_voltage(self.frequency_hz[self._band])
         self._push: ComplexArray | float = 0.0
         if controller.feed_forward is not None and load is not None:
-            plant = zero_order_hold(channel.plant, rate_hz, display.delay_samples)
+            plant = discretise(channel.plant, rate_hz, "zoh", display.delay_samples)
             free = TwoDegreeLoop(controller.prefilter(rate_hz), feedback, plant)
             self._push = fed_push(controller.feed_forward, free, load, self.frequency_hz, rate_hz)
 

@@ -22,7 +22,7 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel
 from tactuator.model.requirements import MOST_POLES
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.loop_figures import around_modes_hz
 from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
@@ -65,7 +65,7 @@ def fit_prefilter(
     Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
     plant gives nothing somewhere in the band.
     """
-    loop = bare_loop(feedback, zero_order_hold(channel.plant, rate_hz, delay_samples))
+    loop = bare_loop(feedback, discretise(channel.plant, rate_hz, "zoh", delay_samples))
     goal = prefilter_goal(channel, loop, rate_hz)
     raised = raised_db(goal.frequency_hz)
     floor_db = None if goal.floor_db is None else goal.floor_db - raised

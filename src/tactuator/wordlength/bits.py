@@ -27,7 +27,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import closed_roots, is_inside
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference, check_sections
 
@@ -155,9 +155,9 @@ def _section_at(section: FloatArray, old_hz: float, new_hz: float) -> FloatArray
     zeros = 2.0 * old_hz * (finite - 1.0) / (finite + 1.0)
     poles = 2.0 * old_hz * (sampled.poles - 1.0) / (sampled.poles + 1.0)
     shape = ContinuousSystem(zeros, poles, 1.0)
-    before, unit = (system.response(np.array([_MATCH_HZ])) for system in (sampled, bilinear(shape, old_hz)))
-    gain = float(np.real(before[0] / unit[0]))
-    moved = bilinear(ContinuousSystem(zeros, poles, gain), new_hz)
+    before, unit = sampled.response(_MATCH_HZ), discretise(shape, old_hz, "bilinear").response(_MATCH_HZ)
+    gain = float(np.real(before / unit))
+    moved = discretise(ContinuousSystem(zeros, poles, gain), new_hz, "bilinear")
     row: FloatArray = moved.sections()[0]
     if np.any(poles == 0.0):
         row[4:] = _with_integrator(float(row[5]))
@@ -229,7 +229,7 @@ def controller_bits(controller: Controller, rates_hz: Sequence[float]) -> Needed
         moved = at_rate(controller, rate_hz)
         for channel, filters in zip(moved.display.channels, moved.channels, strict=True):
             band = np.geomspace(*channel.threshold.band_hz, 120)
-            plant = zero_order_hold(channel.plant, rate_hz, moved.delay_samples)
+            plant = discretise(channel.plant, rate_hz, "zoh", moved.delay_samples)
             feedback = filters.feedback(rate_hz)
             prefilter = filters.prefilter(rate_hz)
             unity = replace(prefilter, gain=prefilter.gain / float(abs(prefilter.response(band[0]))))

@@ -14,7 +14,7 @@ from tactuator.model.verdict import Finding, Outcome
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import CHANNELS_MAX, build_image
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import SampledSystem
 from tactuator.wordlength.bits import is_stable, rows_response
 from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop, single_step
@@ -122,7 +122,7 @@ def response_error_db(controller: Controller, index: int) -> float:
 
 
 def _loop_plant(display: Display, index: int) -> SampledSystem:
-    return zero_order_hold(display.channels[index].plant, display.rate_hz, display.delay_samples)
+    return discretise(display.channels[index].plant, display.rate_hz, "zoh", display.delay_samples)
 
 
 def _response(

@@ -63,10 +63,7 @@ def run_loop(channel: Channel, display: Display, step: Step, reference: FloatArr
     """Return position and command (n,), V, of the sampled plant with `step` around it; the display's delay and the
     plant's dead time between them.
     """
-    samples = channel.plant.delay_s * display.rate_hz
-    whole = int(samples + 1e-9)
-    fraction = max(0.0, samples - whole) if samples - whole > 1e-9 else 0.0
-    a, b, c, through = held_state_space(channel.plant, 1.0 / display.rate_hz, fraction)
+    a, b, c, through, whole = held_state_space(channel.plant, display.rate_hz)
     rows, drive, seen = a.tolist(), b.tolist(), c.tolist()
     state, queue = [0.0] * len(drive), deque([0.0] * (display.delay_samples + whole))
     positions, commands = [], []

@@ -16,7 +16,7 @@ from tactuator.model.controller import Controller
 from tactuator.rig.rig import require_sensors
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 from tests.measure.open_loop import exciters
 from tests.measure.open_loop.exciters import RATE_HZ, exciter_card, exciter_display, exciter_rig
@@ -128,8 +128,8 @@ def test_near_band__pole_beyond_the_sampling_rate__answers_as_the_plant_did():
     def off_db(system) -> float:
         return float(np.max(np.abs(db(np.abs(system.response(frequency) / plant.response(frequency))))))
 
-    assert off_db(zero_order_hold(plant, RATE_HZ)) > 3.0
-    assert off_db(zero_order_hold(near, RATE_HZ)) < 0.1
+    assert off_db(discretise(plant, RATE_HZ, "zoh")) > 3.0
+    assert off_db(discretise(near, RATE_HZ, "zoh")) < 0.1
     assert off_db(near) < 0.05
     modest = ContinuousSystem(np.zeros(2), -np.array([30.0, 400.0]), 1.0)
     assert near_band(modest, (10.0, 400.0)) is modest

@@ -9,7 +9,7 @@ from tactuator.model.description import Display, Environment
 from tactuator.rig.board.link import Mode
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
-from tactuator.signals.discretise import bilinear
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 from tests.rig.guard.guarded import Guarded, designed, spoilt
 from tests.runtime.paper_display import changed, controller
@@ -135,7 +135,7 @@ def falls_over():
     is -5."""
     own = {"plant": ContinuousSystem([], [60.0, -60.0], 4000.0), "environment": Environment(friction_v=0.0)}
     channels = tuple(finger(name, loads=(), **own) for name in ("index", "thumb", "middle"))
-    sections = bilinear(ContinuousSystem([-60.0], [-3000.0], 225.0), 4000.0).sections()
+    sections = discretise(ContinuousSystem([-60.0], [-3000.0], 225.0), 4000.0, "bilinear").sections()
     return changed(controller(Display("magnets", 4000.0, 1, channels)), feedback_sos=sections)
 
 

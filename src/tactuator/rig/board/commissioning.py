@@ -23,7 +23,7 @@ from tactuator.runtime.safety_table import (
     StateObserver,
 )
 from tactuator.signals.decibels import from_db
-from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.synthesis.prefilter import weighting_sections
 
 LATENESS_MAX = 0.25
@@ -142,7 +142,7 @@ def observer(channel: Channel, rate_hz: float) -> tuple[StateObserver, float]:
     In d = z - 1 the plant's denominator is d^2 + a1 d + a2: spring = a2, damp = a1 - a2; the drive acts on the mean of
     two inputs, which puts the zero of the held plant at -1 (it lies at -0.99).
     """
-    sampled = zero_order_hold(channel.plant, rate_hz)
+    sampled = discretise(channel.plant, rate_hz, "zoh")
     differences = 1.0 - sampled.poles
     spring = float(np.real(np.prod(differences)))
     damp = float(np.real(np.sum(differences))) - spring

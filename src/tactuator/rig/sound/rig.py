@@ -24,7 +24,7 @@ from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 
 CLIPPED = 0.9999
@@ -376,9 +376,9 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
             "a stable plant",
         )
     still = ContinuousSystem(plant.zeros, plant.poles, plant.gain / channel.sensor_gain_v_per_mm)
-    held = zero_order_hold(still, rate_hz).sections()
+    held = discretise(still, rate_hz, "zoh").sections()
     slowest = 2.0 * np.pi * _SLOWEST * channel.threshold.band_hz[0]
     let_go = ContinuousSystem(np.zeros(1), np.array([-slowest, -slowest]), 1.0 + _SLOWEST**2)
-    integral = bilinear(let_go, rate_hz).sections()
+    integral = discretise(let_go, rate_hz, "bilinear").sections()
     cascades = (held, *[integral] * DERIVATIVES[channel.quantity])
     return tuple(np.asarray(sections / sections[:, 3:4]) for sections in cascades)
