@@ -20,8 +20,8 @@ PREFILTER = ContinuousSystem.from_polynomials(
 
 
 def paper_controller(display: Display) -> Controller:
-    sections = [discretise(system, RATE_HZ, "bilinear").sections() for system in (PREFILTER, FEEDBACK)]
-    channel = ChannelController("index", THRESHOLD_V, *sections, AntiWindup((0.01, 0.001)), Limits(10.0, 2.4))
+    prefilter, feedback = (discretise(system, RATE_HZ, "bilinear").sections() for system in (PREFILTER, FEEDBACK))
+    channel = ChannelController("index", THRESHOLD_V, prefilter, feedback, AntiWindup((0.01, 0.001)), Limits(10.0, 2.4))
     return Controller(display, (channel,))
 
 
