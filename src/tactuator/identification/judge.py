@@ -51,8 +51,6 @@ _TABLE = 120
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
-_BENT_TELLS = 3.0
-"""Evidence for a hold over what is enough, from which on it is told beside a distortion, which counts as evidence."""
 _DEGREES = 14.0
 """Time scales by which a residual is tested."""
 _UNRESOLVED = 5.0
@@ -81,8 +79,9 @@ def identification(
     )
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
-    if bent[0] > 0.0 and estimate.advantage < _BENT_TELLS * estimate.enough:  # no form here has what bends it
-        estimate = replace(estimate, certain=False, enough=_BENT_TELLS * estimate.enough)
+    if (friction_fit is not None or bent[0] > 0.0) and estimate.advantage < BENT * estimate.enough:
+        # what no form here has, one hold's half sample may pass for
+        estimate = replace(estimate, certain=False, enough=BENT * estimate.enough)
     between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
     remarks = list(common.remarks)
     rows = list[QualityCheck]()
